@@ -1,0 +1,1 @@
+"""Launch files and Zenoh configurations, installed as `tfbus.configs`."""

@@ -1,0 +1,1 @@
+"""The supplied processes: one file, one process; installed as `tfbus.nodes`."""

@@ -1,0 +1,1 @@
+"""The turtle: its world, its window; parts of the simulator."""

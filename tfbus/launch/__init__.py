@@ -1,0 +1,1 @@
+"""Launch files: processes described in YAML, started and stopped together."""

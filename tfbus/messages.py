@@ -1,0 +1,217 @@
+"""Topics, services and goals of the supplied nodes; meanings and names are turtlesim's.
+
+Lengths are metres, angles radians (counter-clockwise, zero along x), times nanoseconds since the
+Unix epoch. A value that no node could use (not finite, out of range) cannot be made: ValueError,
+and on the bus a message that is counted and dropped.
+"""
+
+from dataclasses import dataclass, field
+from math import isfinite
+
+
+@dataclass(frozen=True, slots=True)
+class Vector3:
+    """Three components along x, y and z."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_finite("x", self.x)
+        _check_finite("y", self.y)
+        _check_finite("z", self.z)
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Velocities in the frame of the body: `linear` in m/s, `angular` in rad/s about each axis.
+
+    A turtle drives forward by linear.x, turns by angular.z, and moves left by linear.y where the
+    simulator is holonomic.
+    """
+
+    linear: Vector3 = field(default_factory=Vector3)
+    angular: Vector3 = field(default_factory=Vector3)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a turtle was at stamp_ns, on a field whose origin is the lower left corner.
+
+    x and y in m, theta in rad in [-pi, pi). The velocities are the commanded ones, in m/s and
+    rad/s; linear_velocity is a magnitude and never negative.
+    """
+
+    stamp_ns: int
+    x: float
+    y: float
+    theta: float
+    linear_velocity: float
+    angular_velocity: float
+
+
+@dataclass(frozen=True, slots=True)
+class Color:
+    """A colour; each part from 0 to 255."""
+
+    r: int
+    g: int
+    b: int
+
+    def __post_init__(self) -> None:
+        _check_byte("r", self.r)
+        _check_byte("g", self.g)
+        _check_byte("b", self.b)
+
+
+class Empty:
+    """A service that is only asked to act: clear, reset."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """Nothing to say."""
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Done."""
+
+
+class Spawn:
+    """Puts another turtle on the field."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """Where it starts, in m and rad; an empty name asks for the next free turtleN."""
+
+        x: float
+        y: float
+        theta: float = 0.0
+        name: str = ""
+
+        def __post_init__(self) -> None:
+            _check_finite("x", self.x)
+            _check_finite("y", self.y)
+            _check_finite("theta", self.theta)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """The name of the new turtle."""
+
+        name: str
+
+
+class Kill:
+    """Takes a turtle off the field."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The turtle to take."""
+
+        name: str
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Done."""
+
+
+class SetPen:
+    """Changes the pen that a turtle draws its trail with."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """Colour parts and width (pixels) from 0 to 255; width 0 draws as 1.
+
+        `off` lifts the pen, which then keeps its colour and width.
+        """
+
+        r: int = 179
+        g: int = 184
+        b: int = 255
+        width: int = 3
+        off: bool = False
+
+        def __post_init__(self) -> None:
+            _check_byte("r", self.r)
+            _check_byte("g", self.g)
+            _check_byte("b", self.b)
+            _check_byte("width", self.width)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Done."""
+
+
+class TeleportAbsolute:
+    """Moves a turtle to a place; the pen draws the way as a straight line."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The new pose, in m and rad."""
+
+        x: float
+        y: float
+        theta: float = 0.0
+
+        def __post_init__(self) -> None:
+            _check_finite("x", self.x)
+            _check_finite("y", self.y)
+            _check_finite("theta", self.theta)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Accepted; it happens on the next tick."""
+
+
+class TeleportRelative:
+    """Turns a turtle, then moves it straight ahead; the pen draws the way."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """`angular` rad to turn, then `linear` m to move in the new direction."""
+
+        linear: float
+        angular: float
+
+        def __post_init__(self) -> None:
+            _check_finite("linear", self.linear)
+            _check_finite("angular", self.angular)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Accepted; it happens on the next tick."""
+
+
+class RotateAbsolute:
+    """A goal: turn on the spot to a heading, by the shorter way, at 1 rad/s."""
+
+    @dataclass(frozen=True, slots=True)
+    class Goal:
+        """The heading wanted, in rad."""
+
+        theta: float
+
+        def __post_init__(self) -> None:
+            _check_finite("theta", self.theta)
+
+    @dataclass(frozen=True, slots=True)
+    class Result:
+        """Heading at the start minus heading at the end, in rad in [-pi, pi)."""
+
+        delta: float
+
+    @dataclass(frozen=True, slots=True)
+    class Feedback:
+        """What is left to turn, in rad in [-pi, pi)."""
+
+        remaining: float
+
+
+def _check_finite(name: str, value: float) -> None:
+    if not isfinite(value):
+        raise ValueError(f"{name} is {value}; a finite number is wanted")
+
+
+def _check_byte(name: str, value: int) -> None:
+    if not 0 <= value <= 255:
+        raise ValueError(f"{name} is {value}; a number from 0 to 255 is wanted")

@@ -1,0 +1,151 @@
+"""`tfbus launch`: start the processes of a launch file, and stop them together."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tfbus.errors import TfbusError
+from tfbus.launch.arguments import show_arguments
+from tfbus.launch.find import find_launch_file
+from tfbus.launch.place import LaunchArgumentError
+from tfbus.launch.program import Program, check_startable, dry_run_line, program_of
+from tfbus.launch.reader import read_arguments, read_launch_file
+from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
+
+if TYPE_CHECKING:
+    from tfbus.launch.supervisor import Presence
+
+_SECONDS = click.FloatRange(min=0)
+
+
+@click.command(
+    "launch",
+    epilog="Example: tfbus launch turtle turtlename:=turtle1",
+)
+@click.argument("file")
+@click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
+@click.option("-s", "--show-args", is_flag=True, help="Print the arguments FILE takes, and end.")
+@click.option("-n", "--dry-run", is_flag=True, help="Print the command lines, and start nothing.")
+@click.option("--namespace", metavar="PATH", help="Put everything into this namespace: robot7.")
+@click.option("--mode", type=click.Choice(MODES), help="How all nodes join the bus.")
+@click.option("--connect", multiple=True, metavar="ENDPOINT", help="Connect all nodes to this.")
+@click.option(
+    "--listen",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Where launch itself listens, for its own look at the bus; nodes do not.",
+)
+@click.option("--config", metavar="FILE", help="Zenoh's configuration for all nodes, JSON5.")
+@click.option("--log-level", type=click.Choice(LOG_LEVELS), help="Of all nodes; info by default.")
+@click.option(
+    "--sigterm-timeout",
+    type=_SECONDS,
+    default=5.0,
+    show_default=True,
+    help="Seconds between SIGINT and SIGTERM.",
+)
+@click.option(
+    "--sigkill-timeout",
+    type=_SECONDS,
+    default=5.0,
+    show_default=True,
+    help="Seconds between SIGTERM and SIGKILL.",
+)
+def command(
+    file: str,
+    arguments: tuple[str, ...],
+    show_args: bool,
+    dry_run: bool,
+    sigterm_timeout: float,
+    sigkill_timeout: float,
+    **bus: Any,
+) -> None:
+    """Start the processes of a launch file, and stop them together.
+
+    FILE is the name of a launch file that comes with tfbus, such as turtle, or the path of one.
+    Ctrl-C stops all processes; a second one hurries it.
+    """
+    with _told_as_click_does():
+        path = find_launch_file(file)
+        if show_args:
+            click.echo(show_arguments(read_arguments(path)))
+            return
+        settings = _settings(bus)
+        processes = read_launch_file(path, _given(arguments), namespace=settings.namespace)
+        for process in processes:
+            check_startable(process, _node_names())
+        programs = [program_of(process, settings) for process in processes]
+        if dry_run:
+            click.echo("\n".join(map(dry_run_line, programs)))
+            return
+        raise SystemExit(_run(programs, settings, sigterm_timeout, sigkill_timeout))
+
+
+@contextmanager
+def _told_as_click_does() -> Iterator[None]:
+    """One sentence and exit code 2 for a wrong argument, 1 for all else that cannot be."""
+    try:
+        yield
+    except LaunchArgumentError as error:
+        raise click.UsageError(f"{error}. Arguments are given as NAME:=VALUE") from error
+    except TfbusError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _settings(bus: Mapping[str, Any]) -> NodeSettings:
+    """What the options say; what they do not say comes from the environment."""
+    try:
+        return NodeSettings(name="launch", **{name: value for name, value in bus.items() if value})
+    except TfbusError as error:
+        raise click.UsageError(str(error)) from error
+
+
+def _given(arguments: Sequence[str]) -> dict[str, str]:
+    given = {}
+    for text in arguments:
+        name, found, value = text.partition(":=")
+        if not found or not name:
+            raise click.UsageError(f"{text!r} is not of the form NAME:=VALUE")
+        given[name] = value
+    return given
+
+
+def _node_names() -> set[str]:
+    from tfbus.cli import NODE_GROUP, NODES
+
+    return {*NODES, *(point.name for point in entry_points(group=NODE_GROUP))}
+
+
+def _run(
+    programs: Sequence[Program],
+    settings: NodeSettings,
+    sigterm_timeout: float,
+    sigkill_timeout: float,
+) -> int:
+    from tfbus.launch.run import run_programs
+    from tfbus.launch.supervisor import Patience
+
+    patience = Patience(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+    if not any(program.after for program in programs):
+        return run_programs(programs, presence=None, patience=patience)
+    with _presence(settings) as presence:
+        return run_programs(programs, presence=presence, patience=patience)
+
+
+@contextmanager
+def _presence(settings: NodeSettings) -> "Iterator[Presence]":
+    """A look at the whole bus: nodes are awaited by their full names."""
+    from dataclasses import replace
+
+    from tfbus.log import open_log
+    from tfbus.presence import NodeWatch
+    from tfbus.session import Session  # Zenoh, which a launch without `after:` does not need
+
+    log = open_log("/launch", "launch", settings.log_level)
+    with Session(replace(settings, namespace=""), log) as session:
+        watch = NodeWatch(session)
+        yield watch
+        watch.close()

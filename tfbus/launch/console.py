@@ -1,0 +1,152 @@
+"""The two streams that a launch writes to: whole lines, each with the name of its process.
+
+Children write at any time and in pieces; a terminal that is stopped (Ctrl-S) or a slow reader
+must not keep Ctrl-C from being served. So each stream has a thread that writes: output of
+processes waits for it, what launch itself says never does.
+"""
+
+import os
+import threading
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator
+
+_LONGEST_LINE = 65536
+_MOST_LINES_WAITING = 1000
+_COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
+
+
+class Lines:
+    """Cuts what a process writes into whole lines, without their ends.
+
+    A line longer than 64 KiB comes in parts of that size: nothing grows without bound.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, chunk: bytes) -> Iterator[bytes]:
+        """The lines that are whole after this chunk."""
+        *whole, self._rest = (self._rest + chunk).split(b"\n")
+        for line in whole:
+            yield line.removesuffix(b"\r")
+        while len(self._rest) >= _LONGEST_LINE:
+            yield self._rest[:_LONGEST_LINE]
+            self._rest = self._rest[_LONGEST_LINE:]
+
+    def end(self) -> Iterator[bytes]:
+        """The last line if it had no end."""
+        if self._rest:
+            yield self._rest
+        self._rest = b""
+
+
+class Stream:
+    """One file descriptor to which many threads write whole lines.
+
+    `on_gone` is called once, from the writing thread, when nobody can read it any more; lines
+    are dropped from then on.
+    """
+
+    def __init__(self, descriptor: int, on_gone: Callable[[], None] = lambda: None) -> None:
+        self.descriptor = descriptor
+        self.on_gone = on_gone
+        self._waiting: deque[bytes] = deque()
+        self._changed = threading.Condition()
+        self._is_closed = self._is_gone = self._is_writing = False
+        self._thread = threading.Thread(target=self._write_all, daemon=True)
+        self._thread.start()
+
+    @property
+    def is_terminal(self) -> bool:
+        return os.isatty(self.descriptor)
+
+    def write(self, line: bytes, *, wait: bool = True) -> None:
+        """Write a line, after waiting (if `wait`) until there is room for it."""
+        with self._changed:
+            if wait:
+                self._changed.wait_for(self._has_room)
+            if not self._is_gone:
+                self._waiting.append(line + b"\n")
+                self._changed.notify_all()
+
+    def close(self, timeout_s: float) -> None:
+        """Write what is waiting, at most for so long, and then nothing more."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._waiting and not self._is_writing, timeout_s)
+            self._is_closed = True
+            self._changed.notify_all()
+
+    def _has_room(self) -> bool:
+        return len(self._waiting) < _MOST_LINES_WAITING or self._is_gone or self._is_closed
+
+    def _write_all(self) -> None:
+        while lines := self._next_lines():
+            try:
+                _write_whole(self.descriptor, lines)
+            except OSError:
+                self._lose_reader()
+                return
+
+    def _next_lines(self) -> bytes:
+        with self._changed:
+            self._is_writing = False
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            if self._is_closed:
+                return b""
+            lines = b"".join(self._waiting)
+            self._waiting.clear()
+            self._is_writing = True
+            self._changed.notify_all()
+            return lines
+
+    def _lose_reader(self) -> None:
+        with self._changed:
+            self._is_gone, self._is_writing = True, False
+            self._waiting.clear()
+            self._changed.notify_all()
+        self.on_gone()
+
+
+class Console:
+    """Standard output and standard error of a launch."""
+
+    def __init__(self, output: Stream, errors: Stream) -> None:
+        self.output = output
+        self.errors = errors
+        in_colour = "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+        self._coloured = {stream: stream.is_terminal and in_colour for stream in (output, errors)}
+
+    def relay(self, name: str, source: int, stream: Stream) -> None:
+        """Copy what comes from the file descriptor `source` until it ends, and close that."""
+        prefix = self._prefix(name, stream)
+        lines = Lines()
+        with open(source, "rb", buffering=0) as pipe:
+            while chunk := pipe.read(65536):
+                for line in lines.feed(chunk):
+                    stream.write(prefix + line)
+        for line in lines.end():
+            stream.write(prefix + line)
+
+    def say(self, level: str, name: str, text: str) -> None:
+        """Tell an event on standard error, `[INFO] [sim]: text`; never waits."""
+        prefix = self._prefix(name, self.errors).decode()
+        self.errors.write(f"[{level}] {prefix.strip()}: {text}".encode(), wait=False)
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        """Write what is waiting, as far as anybody reads it."""
+        for stream in (self.output, self.errors):
+            stream.close(timeout_s)
+
+    def _prefix(self, name: str, stream: Stream) -> bytes:
+        if not self._coloured[stream]:
+            return f"[{name}] ".encode()
+        # Not hash(): the colour of a name is the same each time.
+        colour = _COLOURS[zlib.crc32(name.encode()) % len(_COLOURS)]
+        return f"\x1b[{colour}m[{name}]\x1b[0m ".encode()
+
+
+def _write_whole(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]

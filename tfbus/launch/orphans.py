@@ -1,0 +1,69 @@
+"""Descendants that left the process group they were started in (daemons, `setsid`).
+
+On Linux a process can ask to be the parent of its orphaned descendants. Launch does, so that
+even those are found and ended with it. Elsewhere they are not found.
+"""
+
+import asyncio
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from pathlib import Path
+
+_PR_SET_CHILD_SUBREAPER = 36  # from linux/prctl.h
+_POLL_S = 0.02
+
+
+def adopt_orphans() -> None:
+    """Make this process the parent of its descendants whose own parent ends. Linux only."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+class Orphans:
+    """The adopted children of this process: those that it did not start itself.
+
+    `started` answers the pids of the children that it did start; they are left alone.
+    """
+
+    def __init__(self, started: Callable[[], Collection[int]]) -> None:
+        self._started = started
+
+    def bury_dead(self) -> None:
+        """Take note of the ends of adopted children; without that they stay as zombies."""
+        for pid in self._adopted():
+            with suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
+
+    async def end_all(self, grace_s: float) -> None:
+        """End the adopted children and their orphans: SIGTERM, and after `grace_s` SIGKILL."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + grace_s
+        asked: set[int] = set()
+        while pids := self._living():
+            for pid in pids:
+                if loop.time() >= deadline_s:
+                    _send(pid, signal.SIGKILL)
+                elif pid not in asked:
+                    _send(pid, signal.SIGTERM)
+            asked |= pids
+            await asyncio.sleep(_POLL_S)
+
+    def _living(self) -> set[int]:
+        self.bury_dead()
+        return self._adopted()
+
+    def _adopted(self) -> set[int]:
+        children: set[int] = set()
+        for task in Path("/proc/self/task").glob("*/children"):
+            with suppress(OSError):  # the thread has just ended
+                children.update(int(pid) for pid in task.read_text().split())
+        return children - set(self._started())
+
+
+def _send(pid: int, number: signal.Signals) -> None:
+    with suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, number)

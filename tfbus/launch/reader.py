@@ -1,0 +1,175 @@
+"""From a launch file to its description: arguments, includes, nodes and what binds them.
+
+The format is described in docs/launch.md.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tfbus.keys import check_namespace
+from tfbus.launch.arguments import argument_values, declared_arguments
+from tfbus.launch.description import Argument, Process
+from tfbus.launch.document import Value, read_document
+from tfbus.launch.fields import Fields
+from tfbus.launch.find import find_launch_file
+from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, nearest
+from tfbus.launch.process_entry import ProcessEntry, joined, read_process
+from tfbus.launch.substitution import Scope
+
+_FILE_KEYS = ("description", "arguments", "includes", "nodes")
+_INCLUDE_KEYS = ("file", "namespace", "arguments")
+
+
+def read_arguments(path: Path) -> tuple[Argument, ...]:
+    """The arguments that a launch file takes, in its order (not those of files it includes)."""
+    return _Document(path).arguments
+
+
+def read_launch_file(
+    path: Path,
+    given: Mapping[str, str] | None = None,
+    *,
+    namespace: str = "",
+    environment: Mapping[str, str] | None = None,
+) -> tuple[Process, ...]:
+    """The processes that a launch file describes with the given arguments, all in `namespace`.
+
+    Conditions, includes and substitutions are worked in; `environment` (`os.environ` if None)
+    is where `${env:...}` looks. Raises LaunchArgumentError for an argument that is unknown,
+    missing or not allowed, LaunchFileError for a mistake in the file or one that it includes,
+    LaunchError for a file that cannot be read.
+    """
+    variables = os.environ if environment is None else environment
+    reading = _Reading(variables, check_namespace(namespace), (path.resolve(),))
+    entries = list(reading.entries(_Document(path), given or {}))
+    _check_names_differ([entry.process for entry in entries if entry.is_on])
+    declared = {entry.process.full_name for entry in entries}
+    processes = tuple(_with_after(entry, declared) for entry in entries if entry.is_on)
+    _check_no_circle(processes)
+    return processes
+
+
+class _Document:
+    """One launch file in its parts, with nothing worked out yet."""
+
+    def __init__(self, path: Path) -> None:
+        whole = read_document(path, str(path))
+        fields = whole.fields(_FILE_KEYS)
+        if "description" in fields:
+            fields["description"].text()
+        self.path = path
+        self.arguments = tuple(
+            declared_arguments(fields["arguments"]) if "arguments" in fields else ()
+        )
+        self.includes = fields["includes"].items() if "includes" in fields else []
+        self.nodes = fields["nodes"].items() if "nodes" in fields else []
+        if not self.includes and not self.nodes:
+            raise whole.place.mistake("starts nothing; list something under 'nodes' or 'includes'")
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """Where a file is read: in which namespace, and through which files that include it."""
+
+    environment: Mapping[str, str]
+    namespace: str
+    chain: tuple[Path, ...]  # the outermost file first, the one being read last
+
+    def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
+        """Every process, those of included files first."""
+        folder = document.path.parent
+        values = argument_values(document.arguments, given, str(document.path))
+        scope = Scope(values, self.environment, str(folder.resolve()))
+        for include in document.includes:
+            yield from self._include(include, scope, folder)
+        for node in document.nodes:
+            yield read_process(node, scope, self.namespace, folder)
+
+    def _include(self, value: Value, scope: Scope, folder: Path) -> Iterator[ProcessEntry]:
+        if not value.is_mapping:
+            raise value.place.mistake("must be a mapping with 'file', as in `- file: turtle`")
+        fields = Fields(value, _INCLUDE_KEYS, scope)
+        if "file" not in fields:
+            raise value.place.mistake("needs 'file': a name such as turtle, or a path")
+        given = dict(fields.pairs("arguments"))
+        if not fields.is_on:
+            return
+        path = self._included_path(fields, folder)
+        namespace = joined(self.namespace, fields.text("namespace", check_namespace))
+        inner = _Reading(self.environment, namespace, (*self.chain, path.resolve()))
+        try:
+            yield from inner.entries(_Document(path), given)
+        except LaunchArgumentError as error:
+            # The mistake is in this file, at its include: nobody can mend it from outside.
+            argument = fields.entries("arguments").get(error.argument)
+            place = argument.place if argument else fields.place_of("arguments")
+            raise place.mistake(str(error)) from error
+
+    def _included_path(self, fields: Fields, folder: Path) -> Path:
+        place = fields.place_of("file")
+        try:
+            path = find_launch_file(fields.text("file"), folder)
+        except LaunchFileError:
+            raise
+        except LaunchError as error:
+            raise place.mistake(str(error)) from error
+        if path.resolve() in self.chain:
+            names = [file.name for file in self.chain]
+            circle = " includes ".join([*names[self.chain.index(path.resolve()) :], path.name])
+            raise place.mistake(f"closes a circle: {circle}")
+        return path
+
+
+def _check_names_differ(processes: Sequence[Process]) -> None:
+    taken: dict[str, Process] = {}
+    for process in processes:
+        if process.full_name in taken:
+            raise process.place.mistake(
+                f"the name {process.full_name!r} is taken by {taken[process.full_name].place}; "
+                "give one of the two another 'name' or 'namespace'"
+            )
+        taken[process.full_name] = process
+
+
+def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
+    """The process with full names in `after`.
+
+    A name is looked for in the namespace of the process, then in that of its file. One that
+    begins with a slash is full already and may be of a node that something else starts.
+    """
+    after = []
+    for name, place in entry.after:
+        namespaces = (entry.process.namespace, entry.file_namespace)
+        candidates = [f"/{joined(namespace, name.strip('/'))}" for namespace in namespaces]
+        if name.startswith("/"):
+            candidates = [name]
+        elif not declared.intersection(candidates):
+            raise place.mistake(
+                f"nobody here is called {name!r}{nearest(candidates[-1], declared)} "
+                f"To wait for a node that is started elsewhere, write its full name, '/{name}'"
+            )
+        full_name = next((name for name in candidates if name in declared), candidates[0])
+        if full_name == entry.process.full_name:
+            raise place.mistake(f"{full_name!r} would wait for itself")
+        after.append(full_name)
+    return replace(entry.process, after=tuple(after))
+
+
+def _check_no_circle(processes: Sequence[Process]) -> None:
+    by_name = {process.full_name: process for process in processes}
+    done: set[str] = set()
+
+    def visit(name: str, chain: tuple[str, ...]) -> None:
+        if name in chain:
+            circle = " after ".join((*chain[chain.index(name) :], name))
+            raise by_name[name].place.mistake(f"waits for itself in a circle: {circle}")
+        if name in done or name not in by_name:
+            return
+        for awaited in by_name[name].after:
+            visit(awaited, (*chain, name))
+        done.add(name)
+
+    for name in by_name:
+        visit(name, ())

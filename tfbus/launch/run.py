@@ -1,0 +1,80 @@
+"""A supervisor with everything around it: signals, orphans, guard and output."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Sequence
+
+from tfbus.launch.console import Console, Stream
+from tfbus.launch.guard import Guard
+from tfbus.launch.orphans import Orphans, adopt_orphans
+from tfbus.launch.program import Program
+from tfbus.launch.supervisor import Patience, Presence, Supervisor
+
+_REASONS = {
+    signal.SIGINT: "user interrupted with ctrl-c (SIGINT)",
+    signal.SIGTERM: "asked to end (SIGTERM)",
+    signal.SIGHUP: "the terminal was closed (SIGHUP)",
+    signal.SIGQUIT: "user pressed ctrl-\\ (SIGQUIT): killing all",
+}
+# `timeout`, `make` and shells send one signal twice, to a process and to its group.
+_ONE_WISH_S = 0.1
+
+
+def run_programs(
+    programs: Sequence[Program], *, presence: Presence | None, patience: Patience
+) -> int:
+    """Run the programs until they have ended or the user ends them; the exit code.
+
+    For the main thread of a process that does nothing else: it takes the signals, and leaves
+    Ctrl-C and SIGTERM ignored, since nothing is left to be stopped.
+    """
+    adopt_orphans()
+    with Guard(patience.after_sigterm_s) as guard:
+        return asyncio.run(_run(programs, presence, patience, guard))
+
+
+async def _run(
+    programs: Sequence[Program], presence: Presence | None, patience: Patience, guard: Guard
+) -> int:
+    loop = asyncio.get_running_loop()
+    console = Console(Stream(1), Stream(2))
+    supervisor = Supervisor(programs, console, presence=presence, guard=guard, patience=patience)
+    orphans = Orphans(lambda: supervisor.pids | {guard.pid})
+
+    def stop_unread() -> None:
+        loop.call_soon_threadsafe(supervisor.stop, "nobody reads the output any more")
+
+    console.output.on_gone = console.errors.on_gone = stop_unread
+    _take_signals(supervisor)
+    loop.add_signal_handler(signal.SIGCHLD, orphans.bury_dead)
+    try:
+        return await supervisor.run()
+    finally:
+        await orphans.end_all(patience.after_sigterm_s)
+        console.close()
+        for number in (signal.SIGCHLD, *_REASONS):
+            loop.remove_signal_handler(number)
+        for number in _REASONS:
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _take_signals(supervisor: Supervisor) -> None:
+    """Let Ctrl-C and its kin stop the supervisor, and hurry it when they come again."""
+    loop = asyncio.get_running_loop()
+    last_s = -_ONE_WISH_S
+
+    def on_signal(number: signal.Signals) -> None:
+        nonlocal last_s
+        now_s = time.monotonic()
+        is_news = now_s - last_s >= _ONE_WISH_S
+        last_s = now_s
+        if number == signal.SIGQUIT:
+            supervisor.hurry(_REASONS[number], at_least=signal.SIGKILL)
+        elif is_news:
+            supervisor.hurry(_REASONS[number])
+
+    for number in _REASONS:
+        # nohup ignores SIGHUP so that its program goes on without the terminal.
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            loop.add_signal_handler(number, on_signal, number)

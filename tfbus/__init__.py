@@ -9,32 +9,72 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tfbus.batch import TransformBatch as TransformBatch
+    from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
+    from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
+    from tfbus.buffer import FrameInfo as FrameInfo
+    from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
+    from tfbus.errors import DecodeError as DecodeError
     from tfbus.errors import ExtrapolationException as ExtrapolationException
+    from tfbus.errors import FutureExtrapolationException as FutureExtrapolationException
     from tfbus.errors import InvalidArgumentException as InvalidArgumentException
+    from tfbus.errors import InvalidNameError as InvalidNameError
     from tfbus.errors import LookupException as LookupException
+    from tfbus.errors import NoDataException as NoDataException
+    from tfbus.errors import ParameterError as ParameterError
+    from tfbus.errors import PastExtrapolationException as PastExtrapolationException
+    from tfbus.errors import ServiceError as ServiceError
+    from tfbus.errors import SettingsError as SettingsError
+    from tfbus.errors import SingleSampleException as SingleSampleException
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
+    from tfbus.goal import GoalHandle as GoalHandle
+    from tfbus.goal import GoalResult as GoalResult
+    from tfbus.listener import TransformListener as TransformListener
+    from tfbus.node import Node as Node
+    from tfbus.options import node_options as node_options
+    from tfbus.parameters import Parameter as Parameter
+    from tfbus.settings import NodeSettings as NodeSettings
     from tfbus.transform import Transform as Transform
     from tfbus.transform import TransformStamped as TransformStamped
 
 _MODULE_OF = {
     "Buffer": "buffer",
+    "BusError": "errors",
     "ConnectivityException": "errors",
+    "DecodeError": "errors",
     "ExtrapolationException": "errors",
+    "FrameInfo": "buffer",
+    "FutureExtrapolationException": "errors",
+    "GoalHandle": "goal",
+    "GoalResult": "goal",
     "InvalidArgumentException": "errors",
+    "InvalidNameError": "errors",
     "LookupException": "errors",
+    "NoDataException": "errors",
+    "Node": "node",
+    "NodeSettings": "settings",
+    "Parameter": "parameters",
+    "ParameterError": "errors",
+    "PastExtrapolationException": "errors",
+    "ServiceError": "errors",
+    "SettingsError": "errors",
+    "SingleSampleException": "errors",
+    "StaticTransformBroadcaster": "broadcaster",
     "TfbusError": "errors",
     "TimeoutException": "errors",
     "Transform": "transform",
     "TransformBatch": "batch",
+    "TransformBroadcaster": "broadcaster",
     "TransformException": "errors",
+    "TransformListener": "listener",
     "TransformStamped": "transform",
+    "node_options": "options",
 }
 
-__all__ = sorted(_MODULE_OF)  # noqa: PLE0605 - one list of names, not two
+__all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:

@@ -1,1 +1,113 @@
-"""The `tfbus` command."""
+"""The `tfbus` command: finds the subcommand and imports only that one.
+
+Subcommands are the tools listed here, and every node of the entry-point group `tfbus.nodes`, ours
+and those of other packages.
+"""
+
+import difflib
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import click
+
+NODE_GROUP = "tfbus.nodes"
+
+# One line each, said here too because importing the subcommands for `--help` would take long;
+# a test compares them.
+TOOLS = {
+    "call": "Call a service, or send a goal and follow it.",
+    "create": "Write a small package with a node of your own.",
+    "launch": "Start the processes of a launch file, and stop them together.",
+    "node": "List nodes, or show what one of them does.",
+    "param": "List, read and set the parameters of nodes.",
+    "router": "Run a Zenoh router, where nodes of several networks meet.",
+}
+NODES = {
+    "broadcaster": "Broadcast a turtle's frame and its drone's, from the turtle's pose.",
+    "carrot": "Broadcast a carrot frame that hangs near a turtle.",
+    "draw_square": "Drive a turtle along a square.",
+    "echo": "Print the pose of the frame TARGET seen from the frame SOURCE.",
+    "follow": "Spawn a turtle that follows another by looking its frame up.",
+    "simulator": "Simulate turtles that drive on a field.",
+    "static": "Publish transforms that never change.",
+    "teleop": "Drive a turtle with the keyboard.",
+}
+
+
+class Commands(click.Group):
+    """Subcommands by name, imported when one is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted({*TOOLS, *NODES, *_entry_points()})
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name in TOOLS:
+            return _tool(name)
+        if name in NODES:
+            return _as_command(name, import_module(f"tfbus.nodes.{name}").main)
+        found = _entry_points().get(name)
+        return _as_command(name, found.load()) if found else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            known = self.list_commands(ctx)
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"
+            ctx.fail(f"there is no command {name!r}; {hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        own = NODES.keys()
+        others = {
+            name: f"A node of the package {point.dist.name if point.dist else '?'}."
+            for name, point in _entry_points().items()
+            if name not in own
+        }
+        for title, commands in (("Tools", TOOLS), ("Nodes", NODES), ("Nodes of others", others)):
+            if commands:
+                with formatter.section(title):
+                    formatter.write_dl(sorted(commands.items()))
+
+
+@click.command(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Begin with: tfbus launch turtle",
+)
+@click.version_option(package_name="tfbus", message="%(package)s %(version)s")
+def main() -> None:
+    """Coordinate frames for distributed robots, without ROS."""
+
+
+def _entry_points() -> dict[str, Any]:
+    from importlib.metadata import entry_points  # 10 ms that most commands do not need
+
+    return {point.name: point for point in entry_points(group=NODE_GROUP)}
+
+
+def _tool(name: str) -> click.Command:
+    command: click.Command = import_module(f"tfbus.cli.{name}").command
+    return command
+
+
+def _as_command(name: str, target: Callable[..., Any]) -> click.Command:
+    """A node's entry point as a subcommand: a click command, or a function of a list of
+    arguments.
+    """
+    if isinstance(target, click.Command):
+        return target
+
+    @click.command(
+        name,
+        context_settings={"ignore_unknown_options": True, "help_option_names": []},
+        add_help_option=False,
+    )
+    @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+    def command(arguments: tuple[str, ...]) -> None:
+        raise SystemExit(target(list(arguments)))
+
+    return command

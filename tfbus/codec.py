@@ -1,0 +1,175 @@
+"""Messages of topics and services: small dataclasses on the wire as msgpack maps.
+
+A field is an int, float, bool, str, bytes, another dataclass, or a list of one of these. An int
+stands for a float where a float is wanted; nothing else is converted.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import msgpack
+
+from tfbus.errors import DecodeError
+
+M = TypeVar("M")
+Reader = Callable[[object, str], Any]
+
+
+def encode_map(value: Mapping[str, Any]) -> bytes:
+    """The bytes of a plain map, where the type of the message is not known here."""
+    return cast(bytes, msgpack.packb(dict(value)))
+
+
+def decode_map(data: bytes) -> dict[str, Any]:
+    """The map in the bytes. Raises DecodeError where they are not one msgpack map."""
+    try:
+        value = msgpack.unpackb(data)
+    except (ValueError, TypeError, msgpack.UnpackException) as error:
+        raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error
+    if not isinstance(value, dict):
+        raise DecodeError(f"a msgpack map is wanted, this is {_kind(value)}")
+    return value
+
+
+def encode_message(message: object) -> bytes:
+    """The bytes of a message, an instance of a dataclass."""
+    return encode_map(as_map(message))
+
+
+def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool = True) -> M:
+    """The message of this type in the bytes.
+
+    Fields that the type does not know are ignored, or refused where `unknown_fields` is False.
+    Raises DecodeError, naming the field, where one is missing or of the wrong type.
+    """
+    return from_map(message_type, decode_map(data), unknown_fields=unknown_fields)
+
+
+def as_map(message: Any) -> dict[str, Any]:
+    """The fields of a message by name, all the way down."""
+    return {name: _plain(getattr(message, name)) for name in _shape(type(message))}
+
+
+def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields: bool = True) -> M:
+    """The message of this type with these fields; errors as `decode_message`."""
+    return cast(M, _read_fields(message_type, values, "", unknown_fields))
+
+
+def type_name(message_type: type) -> str:
+    """The name of a message type as people read it: `Pose`, `Spawn.Request`."""
+    return message_type.__qualname__
+
+
+@dataclass(frozen=True)
+class _Field:
+    read: Reader
+    required: bool
+
+
+@cache
+def _shape(message_type: type) -> dict[str, _Field]:
+    if not is_dataclass(message_type):
+        raise TypeError(f"{message_type!r} is not a message: make it a dataclass")
+    hints = get_type_hints(message_type)
+    return {
+        entry.name: _Field(
+            _reader(hints[entry.name]),
+            required=entry.default is MISSING and entry.default_factory is MISSING,
+        )
+        for entry in fields(message_type)
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return as_map(value) if is_dataclass(value) else value
+
+
+def _read_fields(
+    message_type: type, values: Mapping[Any, Any], path: str, unknown_fields: bool
+) -> Any:
+    shape = _shape(message_type)
+    if not unknown_fields:
+        for name in values:
+            if name not in shape:
+                raise DecodeError(
+                    f"there is no field {path + str(name)!r}; "
+                    f"{type_name(message_type)} has {', '.join(shape) or 'no fields'}"
+                )
+    read = {}
+    for name, entry in shape.items():
+        if name in values:
+            read[name] = entry.read(values[name], path + name)
+        elif entry.required:
+            raise DecodeError(f"field {path + name!r} is missing")
+    try:
+        return message_type(**read)
+    except ValueError as error:
+        raise DecodeError(str(error)) from error
+
+
+def _reader(wanted: Any) -> Reader:
+    if is_dataclass(wanted):
+        return _nested_reader(cast(type, wanted))
+    if get_origin(wanted) in (list, tuple):
+        return _list_reader(wanted)
+    if wanted is float:
+        return _read_float
+    if wanted in (int, bool, str, bytes):
+        return _scalar_reader(wanted)
+    raise TypeError(f"a message cannot have a field of type {wanted!r}")
+
+
+def _nested_reader(message_type: type) -> Reader:
+    def read(value: object, path: str) -> Any:
+        if not isinstance(value, dict):
+            raise DecodeError(f"field {path!r} is {_kind(value)}, a map is wanted")
+        return _read_fields(message_type, value, f"{path}.", True)
+
+    return read
+
+
+def _list_reader(wanted: Any) -> Reader:
+    read_item = _reader(get_args(wanted)[0])
+    make = get_origin(wanted)
+
+    def read(value: object, path: str) -> Any:
+        if not isinstance(value, list):
+            raise DecodeError(f"field {path!r} is {_kind(value)}, a list is wanted")
+        return make(read_item(item, f"{path}[{at}]") for at, item in enumerate(value))
+
+    return read
+
+
+def _read_float(value: object, path: str) -> float:
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return float(value)
+    raise DecodeError(f"field {path!r} is {_kind(value)}, a number is wanted")
+
+
+def _scalar_reader(wanted: type) -> Reader:
+    def read(value: object, path: str) -> object:
+        if type(value) is wanted:
+            return value
+        raise DecodeError(f"field {path!r} is {_kind(value)}, {_KINDS[wanted]} is wanted")
+
+    return read
+
+
+_KINDS = {
+    bool: "a boolean",
+    bytes: "bytes",
+    dict: "a map",
+    float: "a number",
+    int: "an integer",
+    list: "a list",
+    str: "a text",
+    type(None): "nothing",
+}
+
+
+def _kind(value: object) -> str:
+    return _KINDS.get(type(value), type(value).__name__)

@@ -1,0 +1,128 @@
+"""One thread that runs a node's callbacks one at a time, so that they need no locks."""
+
+import heapq
+import itertools
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+Callback = Callable[[], None]
+
+
+class Timer:
+    """A callback that runs every `period_s` seconds until it is cancelled.
+
+    A tick that comes late because another callback took long is not made up for: the next one
+    is a whole number of periods after the first.
+    """
+
+    def __init__(self, period_s: float, callback: Callback):
+        self.period_s = period_s
+        self.callback = callback
+        self.cancelled = False
+
+    def cancel(self) -> None:
+        """Run no more; twice is fine."""
+        self.cancelled = True
+
+
+class Executor:
+    """Runs callbacks in the order in which they came, timers when they are due.
+
+    The thread starts with the first callback. An exception in a callback is logged with its
+    traceback, once for each callback, and the thread goes on.
+    """
+
+    def __init__(self, name: str, log: logging.Logger):
+        self._name = name
+        self._log = log
+        self._changed = threading.Condition()
+        self._waiting: deque[tuple[str, Callback]] = deque()
+        self._due: list[tuple[float, int, Timer]] = []
+        self._order = itertools.count()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+        self._reported: set[str] = set()
+
+    def submit(self, what: str, callback: Callback) -> None:
+        """Run `callback` after those that came before; `what` names it in the log."""
+        with self._changed:
+            if not self._closed:
+                self._waiting.append((what, callback))
+                self._wake()
+
+    def every(self, period_s: float, callback: Callback) -> Timer:
+        """Run `callback` every `period_s` seconds, the first time after one period."""
+        if not period_s > 0:
+            raise ValueError(f"a timer's period is more than 0 seconds, not {period_s}")
+        timer = Timer(period_s, callback)
+        with self._changed:
+            self._schedule(time.monotonic() + period_s, timer)
+            self._wake()
+        return timer
+
+    def after(self, delay_s: float, callback: Callback) -> Timer:
+        """Run `callback` once, `delay_s` seconds from now."""
+
+        def once() -> None:
+            timer.cancel()
+            callback()
+
+        timer = self.every(delay_s, once)
+        return timer
+
+    def close(self) -> None:
+        """Finish the callback that runs now and run no more."""
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._changed.notify_all()
+            thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def _wake(self) -> None:
+        if self._thread is None and not self._closed:
+            self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+            self._thread.start()
+        self._changed.notify_all()
+
+    def _schedule(self, when: float, timer: Timer) -> None:
+        heapq.heappush(self._due, (when, next(self._order), timer))
+
+    def _run(self) -> None:
+        while (task := self._next()) is not None:
+            self._call(*task)
+
+    def _next(self) -> tuple[str, Callback] | None:
+        """The next callback to run, waited for; None when closed."""
+        with self._changed:
+            while not self._closed:
+                now = time.monotonic()
+                if self._due and self._due[0][0] <= now:
+                    task = self._take_timer(now)
+                    if task is not None:
+                        return task
+                elif self._waiting:
+                    return self._waiting.popleft()
+                else:
+                    self._changed.wait(self._due[0][0] - now if self._due else None)
+            return None
+
+    def _take_timer(self, now: float) -> tuple[str, Callback] | None:
+        when, _, timer = heapq.heappop(self._due)
+        if timer.cancelled:
+            return None
+        late_periods = int((now - when) / timer.period_s)
+        self._schedule(when + (late_periods + 1) * timer.period_s, timer)
+        return f"timer of {timer.period_s:g} s", timer.callback
+
+    def _call(self, what: str, callback: Callback) -> None:
+        try:
+            callback()
+        except Exception:
+            if what not in self._reported:
+                self._reported.add(what)
+                self._log.exception("A callback failed (%s); this is said once", what)

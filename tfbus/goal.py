@@ -1,0 +1,259 @@
+"""Goals: work that takes a while, with feedback on the way, a result, and a way to cancel.
+
+A goal type is a class that holds three dataclasses, `Goal`, `Feedback` and `Result`. On the bus
+a goal is one query: its answers are `{"accepted": id}`, any number of `{"feedback": {...}}`, and
+at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. It is cancelled
+by a query of `<name>/cancel` with `{"id": id}`, or with `{"id": ""}` for every goal under way.
+"""
+
+import logging
+import threading
+import uuid
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from tfbus.codec import (
+    as_map,
+    decode_map,
+    decode_message,
+    encode_map,
+    encode_message,
+    from_map,
+)
+from tfbus.errors import BusError, DecodeError, ServiceError
+from tfbus.executor import Executor
+from tfbus.service import Service
+from tfbus.session import Answer, Query, Session
+
+GoalStatus = Literal["succeeded", "canceled", "aborted"]
+
+# How long a goal may take before its sender gives up on it.
+GOAL_TIMEOUT_S = 3600.0
+
+
+class GoalType(Protocol):
+    """What a goal type has: the types of the goal, of feedback, and of the result."""
+
+    Goal: type[Any]
+    Feedback: type[Any]
+    Result: type[Any]
+
+
+@dataclass(frozen=True)
+class GoalResult:
+    """How a goal ended, and the Result that its server gave."""
+
+    status: GoalStatus
+    result: Any
+    reason: str = ""
+
+
+class CancelGoal:
+    """Cancels one goal by its id, or all goals of a server where the id is empty."""
+
+    @dataclass(frozen=True)
+    class Request:
+        """Which goal."""
+
+        id: str = ""
+
+    @dataclass(frozen=True)
+    class Response:
+        """How many goals were asked to end."""
+
+        canceled: int
+
+
+class GoalHandle:
+    """A goal under way, as its server sees it; exactly one of its endings is called."""
+
+    def __init__(
+        self, name: str, request: Any, query: Query, on_end: Callable[["GoalHandle"], None]
+    ):
+        self.id = uuid.uuid4().hex
+        self.request = request
+        self.active = True
+        self._name = name
+        self._query = query
+        self._on_cancel: Callable[[], None] = lambda: None
+        self._on_end = on_end
+
+    def on_cancel(self, callback: Callable[[], None]) -> None:
+        """Call `callback()` when the goal is asked to end; it calls `cancel` when it has."""
+        self._on_cancel = callback
+
+    def feedback(self, message: Any) -> None:
+        """Tell the sender how far it is, in a Feedback."""
+        self._answer({"feedback": as_map(message)})
+
+    def succeed(self, result: Any) -> None:
+        """End: it is done."""
+        self._end("succeeded", result)
+
+    def cancel(self, result: Any) -> None:
+        """End: it was cancelled, and this is how far it came."""
+        self._end("canceled", result)
+
+    def abort(self, result: Any, reason: str) -> None:
+        """End: it could not be finished, and why."""
+        self._end("aborted", result, reason)
+
+    def _end(self, status: GoalStatus, result: Any, reason: str = "") -> None:
+        if self.active:
+            self.active = False
+            self._on_end(self)
+            ending = {"status": status, "result": as_map(result)}
+            self._answer(ending | ({"reason": reason} if reason else {}))
+            self._query.close()
+
+    def _answer(self, answer: dict[str, Any]) -> None:
+        # Where the sender is gone or has given up, the goal itself goes on.
+        with suppress(BusError):
+            self._query.answer(self._name, encode_map(answer))
+
+
+class GoalServer:
+    """Takes goals by calling `handler(handle)` once for each, on the node's thread.
+
+    The handler raises ServiceError to refuse a goal; otherwise it returns soon, and the handle
+    is ended later, from any callback of the node.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+        goal_type: type[GoalType],
+        name: str,
+        handler: Callable[[GoalHandle], None],
+    ):
+        self.goal_type = goal_type
+        self.name = name
+        self._executor = executor
+        self._handler = handler
+        self._active: dict[str, GoalHandle] = {}
+        self._queryable = session.queryable(name, self._on_query)
+        self._cancel_service = Service(
+            session, executor, log, CancelGoal, f"{name}/cancel", self._cancel
+        )
+
+    def close(self) -> None:
+        """Take no more goals."""
+        self._queryable.undeclare()
+        self._cancel_service.close()
+
+    def _on_query(self, query: Query) -> None:
+        self._executor.submit(f"goal {self.name}", lambda: self._accept(query))
+
+    def _accept(self, query: Query) -> None:
+        try:
+            request = decode_message(self.goal_type.Goal, query.payload, unknown_fields=False)
+            handle = GoalHandle(self.name, request, query, self._forget)
+            self._active[handle.id] = handle
+            query.answer(self.name, encode_map({"accepted": handle.id}))
+            self._handler(handle)
+        except (DecodeError, ServiceError) as error:
+            query.refuse(str(error))
+            query.close()
+
+    def _forget(self, handle: GoalHandle) -> None:
+        self._active.pop(handle.id, None)
+
+    def _cancel(self, request: CancelGoal.Request) -> CancelGoal.Response:
+        handles = [h for h in self._active.values() if request.id in ("", h.id)]
+        for handle in handles:
+            handle._on_cancel()
+        return CancelGoal.Response(len(handles))
+
+
+class SentGoal:
+    """A goal under way, as its sender sees it."""
+
+    def __init__(
+        self,
+        session: Session,
+        goal_type: type[GoalType],
+        name: str,
+        goal: Any,
+        on_feedback: Callable[[Any], None],
+        on_result: Callable[[GoalResult], None],
+    ):
+        self._session = session
+        self._goal_type = goal_type
+        self._name = name
+        self._on_feedback = on_feedback
+        self._on_result = on_result
+        self._id = ""
+        self._accepted = threading.Event()
+        self._ended = threading.Event()
+        self._outcome: GoalResult | ServiceError = ServiceError(f"nobody serves {name!r}")
+        session.ask_later(
+            name, encode_message(goal), self._on_answer, self._on_end, timeout_s=GOAL_TIMEOUT_S
+        )
+
+    def cancel(self, *, timeout_s: float = 1.0) -> None:
+        """Ask the server to end this goal; its result then tells how far it came."""
+        if self._accepted.wait(timeout_s) and not self._ended.is_set():
+            request = encode_message(CancelGoal.Request(self._id))
+            for _ in self._session.ask(f"{self._name}/cancel", request, timeout_s=timeout_s):
+                pass
+
+    @property
+    def ended(self) -> bool:
+        """Whether the goal has ended, in whatever way."""
+        return self._ended.is_set()
+
+    def result(self, *, timeout_s: float | None = None) -> GoalResult:
+        """How the goal ended, waited for at most `timeout_s` (None: for ever).
+
+        Raises ServiceError where it was refused, nobody serves it, its server has gone, or it
+        has not ended in time.
+        """
+        if not self._ended.wait(timeout_s):
+            raise ServiceError(f"the goal {self._name!r} has not ended within {timeout_s:g} s")
+        if isinstance(self._outcome, ServiceError):
+            raise self._outcome
+        return self._outcome
+
+    def _on_answer(self, answer: Answer) -> None:
+        if answer.refusal is not None:
+            self._outcome = ServiceError(answer.refusal)
+            return
+        values = decode_map(answer.payload)
+        if "accepted" in values:
+            self._id = values["accepted"]
+            self._outcome = ServiceError(f"the server of {self._name!r} has gone")
+            self._accepted.set()
+        elif "feedback" in values:
+            self._on_feedback(from_map(self._goal_type.Feedback, values["feedback"]))
+        else:
+            result = from_map(self._goal_type.Result, values.get("result", {}))
+            self._outcome = GoalResult(values["status"], result, values.get("reason", ""))
+
+    def _on_end(self) -> None:
+        self._ended.set()
+        self._accepted.set()
+        if isinstance(self._outcome, GoalResult):
+            self._on_result(self._outcome)
+
+
+class GoalClient:
+    """Sends goals of one type to their server."""
+
+    def __init__(self, session: Session, goal_type: type[GoalType], name: str):
+        self.goal_type = goal_type
+        self.name = name
+        self._session = session
+
+    def send(
+        self,
+        goal: Any,
+        *,
+        on_feedback: Callable[[Any], None] = lambda feedback: None,
+        on_result: Callable[[GoalResult], None] = lambda result: None,
+    ) -> SentGoal:
+        """Send a Goal and return at once; the callbacks come on a thread of the bus."""
+        return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

@@ -1,0 +1,133 @@
+"""The names of things on the bus: which key carries what, and which names are allowed.
+
+A name that comes from a user (a stream, a node, a parameter) is one chunk of a key; characters
+that mean something to Zenoh are percent-escaped there. Topics and services are paths of chunks.
+The namespace is not part of any key here: Zenoh puts it in front (its `namespace` setting).
+"""
+
+import re
+from urllib.parse import unquote
+
+from tfbus.errors import InvalidNameError
+
+TRANSFORMS = "tf"
+STATIC_TRANSFORMS = "tf_static"
+
+ALL_TRANSFORMS = "tf/**"
+ALL_STATIC_TRANSFORMS = "tf_static/**"
+ALL_STREAMS = "@tfbus/stream/*"
+ALL_NODES = "@tfbus/node/*"
+
+_ESCAPES = str.maketrans({char: f"%{ord(char):02X}" for char in "%*$?#/@"})
+_NODE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+_RESERVED = re.compile(r"[*$?#\s]")
+
+
+def escape(name: str) -> str:
+    """One chunk of a key that stands for `name`; `unescape` gives `name` back."""
+    return name.translate(_ESCAPES)
+
+
+def unescape(chunk: str) -> str:
+    """The name that a chunk made by `escape` stands for."""
+    return unquote(chunk)
+
+
+def transforms_key(stream: str) -> str:
+    """The key that carries the dynamic transforms of a stream."""
+    return f"tf/{escape(stream)}"
+
+
+def static_transforms_key(stream: str) -> str:
+    """The key that carries the whole set of static transforms of a stream."""
+    return f"tf_static/{escape(stream)}"
+
+
+def stream_key(stream: str) -> str:
+    """The key of a stream's liveliness token and of its description."""
+    return f"@tfbus/stream/{escape(stream)}"
+
+
+def node_key(node: str) -> str:
+    """The key of a node's liveliness token and of what it tells about itself."""
+    return f"@tfbus/node/{escape(node)}"
+
+
+def parameter_key(node: str, parameter: str) -> str:
+    """The key under which one parameter of a node is read and set."""
+    return f"@tfbus/param/{escape(node)}/{escape(parameter)}"
+
+
+def node_parameters_key(node: str) -> str:
+    """The key expression of all parameters of a node."""
+    return f"@tfbus/param/{escape(node)}/*"
+
+
+def last_name(key: str) -> str:
+    """The name in the last chunk of a key: the stream, the node or the parameter."""
+    return unescape(key.rsplit("/", 1)[-1])
+
+
+def stream_of(key: str) -> str:
+    """The stream of a key made by `transforms_key` or `static_transforms_key`.
+
+    Any namespace in front stays part of the answer: `robot7/tf/sim` is of stream `robot7/sim`.
+    """
+    chunks = key.split("/")
+    for kind in (TRANSFORMS, STATIC_TRANSFORMS):
+        if kind in chunks:
+            at = chunks.index(kind)
+            return "/".join([*chunks[:at], *map(unescape, chunks[at + 1 : at + 2])])
+    return key
+
+
+def full_name(key: str, namespace: str = "") -> str:
+    """The full name of the node whose `node_key` is seen as `key` from within `namespace`.
+
+    `robot7/@tfbus/node/sim` is the node `/robot7/sim`.
+    """
+    prefix = key.partition("@tfbus/")[0].strip("/")
+    return "/" + "/".join(part for part in (namespace, prefix, last_name(key)) if part)
+
+
+def check_node_name(name: str) -> str:
+    """The name itself if a node may be called so.
+
+    Raises InvalidNameError: a node's name is letters, digits, `_`, `-` and `.`.
+    """
+    if _NODE_NAME.fullmatch(name):
+        return name
+    hint = ": the namespace is an option of its own (--namespace)" if "/" in name else ""
+    raise InvalidNameError(
+        f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
+        f"and begin with a letter, a digit or '_'{hint}"
+    )
+
+
+def check_namespace(namespace: str) -> str:
+    """The namespace without slashes around it; "" for none.
+
+    Raises InvalidNameError where a part is empty or has a character that Zenoh reserves.
+    """
+    namespace = namespace.strip("/")
+    return check_topic(namespace, kind="namespace") if namespace else ""
+
+
+def check_topic(name: str, *, kind: str = "topic") -> str:
+    """The name itself if a topic or service may be called so.
+
+    Raises InvalidNameError: names are relative paths such as `turtle1/pose`; no part is empty,
+    begins with `@` or has white space or one of `* $ ? #`.
+    """
+    if name.startswith("/"):
+        raise InvalidNameError(
+            f"{kind} {name!r} begins with '/': names are relative to the node's namespace, "
+            f"write {name.lstrip('/')!r}"
+        )
+    parts = name.split("/")
+    if not all(parts) or _RESERVED.search(name) or any(part.startswith("@") for part in parts):
+        raise InvalidNameError(
+            f"{name!r} cannot be the name of a {kind}: use parts joined by '/', none of them "
+            "empty or beginning with '@', without white space or any of * $ ? #"
+        )
+    return name

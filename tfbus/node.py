@@ -1,0 +1,298 @@
+"""A node: one process's name on the bus, and all that it says and hears there."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, TypeVar
+
+from tfbus.codec import decode_map, encode_map, type_name
+from tfbus.errors import TfbusError
+from tfbus.executor import Executor, Timer
+from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
+from tfbus.keys import check_topic, node_key
+from tfbus.log import open_log
+from tfbus.parameters import Bounds, Parameter, Parameters, Value
+from tfbus.service import Client, Service, ServiceType
+from tfbus.session import Query, Session
+from tfbus.settings import NodeSettings
+from tfbus.signals import StopSignals
+from tfbus.stream import Stream
+from tfbus.topic import Publisher, Subscription
+from tfbus.version import VERSION
+
+M = TypeVar("M")
+
+# After a link to another process has opened, its declarations take a moment to arrive.
+_NAMESAKE_CHECK_AFTER_S = 0.3
+
+
+class Node:
+    """A named member of the bus, from its construction until `close()` or the end of its `with`.
+
+    All callbacks of a node (topics, services, goals, timers, parameters) run one at a time on a
+    thread of its own: they need no locks among them, there is nothing to spin, and one of them
+    may wait for a lookup or a service without stopping the others' messages from arriving.
+
+    Ctrl-C and SIGTERM end `spin()` and `wait()`; elsewhere in the main thread they raise
+    KeyboardInterrupt, which the node's `with` ends quietly.
+
+    `settings` says how to join the bus; without it, `name`, `namespace`, `parameters` and the
+    environment do (see NodeSettings). Raises BusError where the bus cannot be joined.
+    """
+
+    def __init__(
+        self,
+        name: str = "",
+        *,
+        namespace: str | None = None,
+        parameters: Mapping[str, Any] | None = None,
+        settings: NodeSettings | None = None,
+    ):
+        if settings is None:
+            given = {"namespace": namespace, "parameters": parameters}
+            settings = NodeSettings(
+                name, **{key: value for key, value in given.items() if value is not None}
+            )
+        self.settings = settings
+        self.name = settings.name
+        self.namespace = settings.namespace
+        self.full_name = "/" + "/".join(filter(None, (self.namespace, self.name)))
+        self.log = open_log(self.full_name, self.name, settings.log_level)
+        self.started_ns = time.time_ns()
+        self._stopped = threading.Event()
+        self._closed = False
+        self._is_ready = False
+        self._streams: dict[str, Stream] = {}
+        self._interfaces: dict[str, dict[str, str]] = {
+            kind: {} for kind in ("publishes", "subscribes", "serves", "calls")
+        }
+        self._signals = StopSignals(self.shutdown)
+        try:
+            self.session = Session(settings, self.log)
+        except BaseException:
+            self._signals.uninstall()
+            raise
+        self._executor = Executor(self.full_name, self.log)
+        self._parameters = Parameters(
+            self.name, settings.parameters, self.session, self._executor, self.log
+        )
+        self.session.queryable(node_key(self.name), self._on_info_query)
+        self._token = self.session.token(node_key(self.name))
+        self._namesakes: set[str] = set()
+        self._namesake_check: Timer | None = None
+        self.session.watch_links(self._check_namesakes_soon)
+        self._check_namesakes_soon()
+
+    @classmethod
+    def from_settings(cls, settings: NodeSettings) -> "Node":
+        """The node that the settings describe."""
+        return cls(settings=settings)
+
+    @classmethod
+    def from_args(cls, name: str, argv: Sequence[str] | None = None) -> "Node":
+        """The node that a command line describes, by the options that every process takes.
+
+        `name` is its name where the command line has no `--name`; `argv` is `sys.argv[1:]`
+        where it is None. A mistake in it is told on stderr and exits with 2; a bus that cannot
+        be joined exits with 1.
+        """
+        from tfbus.options import settings_from_args
+
+        settings = settings_from_args(name, argv)
+        try:
+            return cls(settings=settings)
+        except TfbusError as error:
+            raise SystemExit(f"Error: {error}") from error
+
+    def __enter__(self) -> "Node":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> bool:
+        stopped_by_signal = kind is KeyboardInterrupt and not self.ok
+        self.close()
+        return stopped_by_signal
+
+    # How long it lives
+
+    @property
+    def ok(self) -> bool:
+        """Whether the node goes on: False after Ctrl-C, SIGTERM, `shutdown()` or `close()`."""
+        return not self._stopped.is_set()
+
+    def shutdown(self) -> None:
+        """Make `spin()` and `wait()` return; from any thread, twice is fine."""
+        self._stopped.set()
+
+    def ready(self, text: str = "ready") -> None:
+        """Say in one line of the log that the node works now; only the first call does."""
+        if not self._is_ready:
+            self._is_ready = True
+            for name in self._parameters.unknown():
+                known = ", ".join(parameter.name for parameter in self._parameters) or "none"
+                self.log.warning(
+                    "Parameter %r was given, but this node has none of that name; it has: %s",
+                    name,
+                    known,
+                )
+            self.log.info("%s", text)
+
+    def spin(self) -> None:
+        """Say that the node is ready and wait until it is shut down."""
+        self.ready()
+        self.wait(None)
+
+    def wait(self, timeout_s: float | None) -> bool:
+        """Wait for `timeout_s` seconds (None: for ever), less where the node is shut down.
+
+        Returns whether the node goes on, so that `while node.wait(1.0):` is a loop at 1 Hz.
+        """
+        self._signals.main_thread_waits = True
+        try:
+            return not self._stopped.wait(timeout_s)
+        finally:
+            self._signals.main_thread_waits = False
+
+    def close(self) -> None:
+        """Leave the bus; everything that was created from the node ends. Twice is fine."""
+        if not self._closed:
+            self._closed = True
+            self.shutdown()
+            self._signals.main_thread_waits = True
+            self._executor.close()
+            self.session.close()
+            self._signals.uninstall()
+
+    def now_ns(self) -> int:
+        """The time now, in nanoseconds since the Unix epoch."""
+        return time.time_ns()
+
+    # What it says and hears
+
+    def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
+        """A publisher of messages of this type, a dataclass."""
+        topic = self._resolve(topic)
+        self._interfaces["publishes"][topic] = type_name(message_type)
+        return Publisher(self.session, message_type, topic)
+
+    def create_subscription(
+        self, message_type: type[M], topic: str, callback: Callable[[M], Any]
+    ) -> Subscription[M]:
+        """Call `callback(message)` for each message on the topic."""
+        topic = self._resolve(topic)
+        self._interfaces["subscribes"][topic] = type_name(message_type)
+        return Subscription(self.session, self._executor, self.log, message_type, topic, callback)
+
+    def create_service(
+        self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
+    ) -> Service:
+        """Serve requests: `handler(request)` returns a Response or raises ServiceError."""
+        name = self._resolve(name)
+        self._interfaces["serves"][name] = type_name(service_type)
+        return Service(self.session, self._executor, self.log, service_type, name, handler)
+
+    def create_client(self, service_type: type[ServiceType], name: str) -> Client:
+        """A client that calls a service."""
+        name = self._resolve(name)
+        self._interfaces["calls"][name] = type_name(service_type)
+        return Client(self.session, service_type, name)
+
+    def create_goal_server(
+        self, goal_type: type[GoalType], name: str, handler: Callable[[GoalHandle], None]
+    ) -> GoalServer:
+        """Take goals: `handler(handle)` is called once for each and ends the handle later."""
+        name = self._resolve(name)
+        self._interfaces["serves"][name] = type_name(goal_type)
+        return GoalServer(self.session, self._executor, self.log, goal_type, name, handler)
+
+    def create_goal_client(self, goal_type: type[GoalType], name: str) -> GoalClient:
+        """A client that sends goals."""
+        name = self._resolve(name)
+        self._interfaces["calls"][name] = type_name(goal_type)
+        return GoalClient(self.session, goal_type, name)
+
+    def create_timer(self, period_s: float, callback: Callable[[], Any]) -> Timer:
+        """Call `callback()` every `period_s` seconds, the first time after one period."""
+        return self._executor.every(period_s, callback)
+
+    def declare_parameter(
+        self,
+        name: str,
+        default: Value,
+        *,
+        description: str = "",
+        minimum: float | None = None,
+        maximum: float | None = None,
+        on_change: Callable[[Any], object] = lambda value: None,
+    ) -> Parameter:
+        """A parameter of the type of its default; `.value` is what it is now.
+
+        `on_change(value)` is called before a value that came over the bus is taken, and may
+        raise ParameterError to refuse it. Raises ParameterError where the value that the node
+        was started with is impossible.
+        """
+        bounds = Bounds(minimum, maximum)
+        return self._parameters.declare(Parameter(name, default, description, bounds, on_change))
+
+    def stream(self, name: str | None = None) -> Stream:
+        """The stream of this name that the node publishes; the node's own where it is None."""
+        name = name or self.name
+        if name not in self._streams:
+            self._streams[name] = Stream(
+                name, self.full_name, self.started_ns, self.session, self._executor
+            )
+        return self._streams[name]
+
+    # What it tells about itself
+
+    def describe(self) -> dict[str, Any]:
+        """What the node tells those who ask for it: who, where, and its interfaces."""
+        return {
+            "name": self.full_name,
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "version": VERSION,
+            "session": self.session.id,
+            "started_ns": self.started_ns,
+            "streams": sorted(self._streams),
+            "parameters": [parameter.describe() for parameter in self._parameters],
+            **self._interfaces,
+        }
+
+    def _resolve(self, name: str) -> str:
+        return self.settings.remappings.get(name, check_topic(name))
+
+    def _on_info_query(self, query: Query) -> None:
+        query.answer(node_key(self.name), encode_map(self.describe()))
+        query.close()
+
+    def _check_namesakes_soon(self) -> None:
+        if self._namesake_check is None or self._namesake_check.cancelled:
+            self._namesake_check = self._executor.after(
+                _NAMESAKE_CHECK_AFTER_S, self._check_namesakes
+            )
+
+    def _check_namesakes(self) -> None:
+        """Warn where another node has this node's name: its parameters and services are mixed
+        with ours.
+        """
+        for answer in self.session.ask(node_key(self.name), timeout_s=1.0):
+            other = decode_map(answer.payload) if answer.refusal is None else {}
+            session = other.get("session", self.session.id)
+            newer = (self.started_ns, self.session.id) > (other.get("started_ns", 0), session)
+            if session != self.session.id and session not in self._namesakes and newer:
+                self._namesakes.add(session)
+                self.log.warning(
+                    "There is another node %s, on %s with pid %s: give this one a name of its "
+                    "own (--name), or a namespace (--namespace)",
+                    self.full_name,
+                    other["host"],
+                    other["pid"],
+                )

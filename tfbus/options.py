@@ -1,0 +1,131 @@
+"""The command-line options that every process takes, as one frozen value of settings."""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import click
+
+from tfbus.errors import SettingsError, TfbusError
+from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def node_options(default_name: str) -> Callable[[F], F]:
+    """Give a click command the options of a node; its first argument is then their value,
+    NodeSettings.
+
+    `default_name` is the node's name without `--name`. A TfbusError that the command raises is
+    told as one sentence, with exit code 1 (2 where the settings themselves are wrong).
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def command(*args: Any, **options: Any) -> Any:
+            given = {name: options.pop(name) for name in _OPTION_NAMES}
+            try:
+                settings = _settings(default_name, given)
+            except TfbusError as error:
+                raise click.UsageError(str(error)) from error
+            try:
+                return function(settings, *args, **options)
+            except TfbusError as error:
+                raise click.ClickException(str(error)) from error
+
+        decorated: Any = command
+        for option in reversed(_OPTIONS):
+            decorated = option(decorated)
+        return decorated  # type: ignore[no-any-return]  # click's decorators keep no type
+
+    return decorate
+
+
+def settings_from_args(default_name: str, argv: Sequence[str] | None = None) -> NodeSettings:
+    """The settings that a command line gives, where it has the options of a node and no others.
+
+    A mistake in it is told on stderr and exits with 2; `--help` prints the options and exits.
+    """
+
+    @click.command(help=f"The node {default_name}.")
+    @node_options(default_name)
+    def command(settings: NodeSettings) -> NodeSettings:
+        return settings
+
+    with _click_exits():
+        settings = command.main(None if argv is None else list(argv), standalone_mode=False)
+    if not isinstance(settings, NodeSettings):
+        raise SystemExit(0)  # --help was printed
+    return settings
+
+
+class _click_exits:
+    """Ends the process as click does in its own main, for a command that returns a value."""
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        if isinstance(error, click.ClickException):
+            error.show()
+            raise SystemExit(error.exit_code)
+
+
+def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
+    values = {name: value for name, value in given.items() if value}
+    values["parameters"] = _pairs(given["parameters"], "=", "--param name=value")
+    values["remappings"] = _pairs(given["remappings"], ":=", "--remap from:=to")
+    return NodeSettings(**({"name": default_name} | values))
+
+
+def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
+    pairs = {}
+    for text in texts:
+        name, found, value = text.partition(separator)
+        if not found or not name:
+            raise SettingsError(f"{text!r} is not of the form {form}")
+        pairs[name.strip()] = value.strip()
+    return pairs
+
+
+_OPTIONS = (
+    click.option("--name", metavar="NAME", help="The node's name."),
+    click.option("--namespace", metavar="PATH", help="Put before all names of the node: robot7."),
+    click.option("--mode", type=click.Choice(MODES), help="How to join the bus; peer by default."),
+    click.option(
+        "--connect", multiple=True, metavar="ENDPOINT", help="Connect to tcp/host:7447; repeatable."
+    ),
+    click.option(
+        "--listen",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Listen on tcp/[::]:7447; repeatable.",
+    ),
+    click.option("--config", metavar="FILE", help="Zenoh's configuration, JSON5."),
+    click.option("--log-level", type=click.Choice(LOG_LEVELS), help="info by default."),
+    click.option(
+        "--param",
+        "parameters",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Set a parameter of the node; repeatable.",
+    ),
+    click.option(
+        "--remap",
+        "remappings",
+        multiple=True,
+        metavar="FROM:=TO",
+        help="Use another topic or service; repeatable.",
+    ),
+)
+_OPTION_NAMES = (
+    "name",
+    "namespace",
+    "mode",
+    "connect",
+    "listen",
+    "config",
+    "log_level",
+    "parameters",
+    "remappings",
+)

@@ -1,0 +1,180 @@
+"""Parameters of a node: values with a type and bounds, changed while the node runs.
+
+A parameter is given when its node starts (`--param name=value`, or a launch file) and read and
+set on the bus at `@tfbus/param/<node>/<name>`: a query without payload reads it, one with
+`{"value": ...}` sets it, and the answer is its description after that.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tfbus.codec import decode_map, encode_map
+from tfbus.errors import DecodeError, ParameterError
+from tfbus.executor import Executor
+from tfbus.keys import check_topic, last_name, node_parameters_key, parameter_key
+from tfbus.session import Query, Session, within
+
+Value = bool | int | float | str | list[Any]
+
+_TYPE_NAMES: dict[type, str] = {
+    bool: "boolean",
+    int: "integer",
+    float: "number",
+    str: "text",
+    list: "list",
+}
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The least and the greatest value that a number may have; None where there is none."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def check(self, name: str, value: Value) -> None:
+        """Raise ParameterError where the value lies outside."""
+        if not isinstance(value, int | float):
+            return
+        if self.minimum is not None and value < self.minimum:
+            raise ParameterError(f"{name!r} is at least {self.minimum:g}, not {value:g}")
+        if self.maximum is not None and value > self.maximum:
+            raise ParameterError(f"{name!r} is at most {self.maximum:g}, not {value:g}")
+
+
+class Parameter:
+    """One parameter of a node; `value` is what it is now."""
+
+    def __init__(
+        self,
+        name: str,
+        default: Value,
+        description: str,
+        bounds: Bounds,
+        on_change: Callable[[Any], object],
+    ):
+        if type(default) not in _TYPE_NAMES:
+            raise ParameterError(f"a parameter cannot be of type {type(default).__name__}")
+        self.name = check_topic(name, kind="parameter")
+        self.value: Any = default
+        self.description = description
+        self._type: type = type(default)
+        self._bounds = bounds
+        self._on_change = on_change
+
+    def set(self, value: object) -> None:
+        """Change the value. Raises ParameterError where its type or size is wrong, or the node
+        refuses it; then nothing has changed.
+        """
+        checked = self.checked(value)
+        self._on_change(checked)
+        self.value = checked
+
+    def checked(self, value: object) -> Any:
+        """The value as this parameter's type; a text is read as such. Raises ParameterError."""
+        if isinstance(value, str) and self._type is not str:
+            value = _read_text(value)
+        if isinstance(value, int) and not isinstance(value, bool) and self._type is float:
+            value = float(value)
+        if type(value) is not self._type:
+            raise ParameterError(
+                f"{self.name!r} is {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
+            )
+        self._bounds.check(self.name, value)
+        return value
+
+    def describe(self) -> dict[str, Any]:
+        """What is told about it on the bus."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "type": _TYPE_NAMES[self._type],
+            "description": self.description,
+            "minimum": self._bounds.minimum,
+            "maximum": self._bounds.maximum,
+        }
+
+
+class Parameters:
+    """The parameters of one node, served on the bus."""
+
+    def __init__(
+        self,
+        node: str,
+        given: Mapping[str, Any],
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+    ):
+        self._node = node
+        self._given = given
+        self._executor = executor
+        self._log = log
+        self._parameters: dict[str, Parameter] = {}
+        session.queryable(node_parameters_key(node), self._on_query)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(sorted(self._parameters.values(), key=lambda parameter: parameter.name))
+
+    def declare(self, parameter: Parameter) -> Parameter:
+        """Add a parameter, with the value given at the start if there is one.
+
+        Raises ParameterError where there is one of that name, or the given value is impossible.
+        """
+        if parameter.name in self._parameters:
+            raise ParameterError(f"parameter {parameter.name!r} is declared already")
+        if parameter.name in self._given:
+            parameter.value = parameter.checked(self._given[parameter.name])
+        self._parameters[parameter.name] = parameter
+        return parameter
+
+    def unknown(self) -> list[str]:
+        """The names that were given at the start and that the node has not declared."""
+        return sorted(set(self._given) - set(self._parameters))
+
+    def _on_query(self, query: Query) -> None:
+        self._executor.submit("parameters", lambda: self._serve(query))
+
+    def _serve(self, query: Query) -> None:
+        try:
+            asked = self._asked_for(query.key)
+            if query.payload:
+                for parameter in asked:
+                    self._set(parameter, decode_map(query.payload))
+            for parameter in asked:
+                key = parameter_key(self._node, parameter.name)
+                query.answer(key, encode_map(parameter.describe()))
+        except (DecodeError, ParameterError) as error:
+            query.refuse(str(error))
+        finally:
+            query.close()
+
+    def _asked_for(self, key: str) -> list[Parameter]:
+        asked = [p for p in self if within(parameter_key(self._node, p.name), key)]
+        if not asked and "*" not in key:
+            known = ", ".join(sorted(self._parameters)) or "none"
+            raise ParameterError(
+                f"{self._node} has no parameter {last_name(key)!r}; it has: {known}"
+            )
+        return asked
+
+    def _set(self, parameter: Parameter, values: dict[str, Any]) -> None:
+        if "value" not in values:
+            raise ParameterError("a parameter is set by a map with 'value'")
+        parameter.set(values["value"])
+        self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
+
+
+def _read_text(text: str) -> object:
+    import yaml  # only where a value comes as text
+
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{text!r} is not a value: it is not YAML") from error
+
+
+def _with_article(noun: str) -> str:
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"

@@ -1,0 +1,89 @@
+"""Who is there: the nodes on the bus, and what each tells about itself."""
+
+import difflib
+import threading
+from typing import Any
+
+from tfbus.codec import decode_map
+from tfbus.errors import BusError
+from tfbus.keys import full_name, node_key
+from tfbus.session import Session
+
+# The nodes of this namespace and of those below it.
+_ALL_NODES = "**/@tfbus/node/*"
+
+
+def list_nodes(session: Session) -> list[str]:
+    """The full names of the nodes that are alive, sorted: `/sim`, `/robot7/sim`."""
+    namespace = session.settings.namespace
+    return sorted(full_name(key, namespace) for key in session.living(_ALL_NODES))
+
+
+def describe_nodes(session: Session, name: str) -> list[dict[str, Any]]:
+    """What the nodes of a full name tell about themselves: one map a node, several where nodes
+    share the name. Raises BusError where there is none, with the nearest names.
+    """
+    key = _key_of(name, session.settings.namespace)
+    answers = session.ask(key, timeout_s=2.0)
+    described = [decode_map(answer.payload) for answer in answers if answer.refusal is None]
+    if not described:
+        raise BusError(_absent(name, list_nodes(session)))
+    return described
+
+
+class NodeWatch:
+    """Knows at any time which nodes are there; closed by `close()` or the session's end."""
+
+    def __init__(self, session: Session):
+        self._namespace = session.settings.namespace
+        self._present: set[str] = set()
+        self._changed = threading.Condition()
+        self._subscriber = session.watch_living(_ALL_NODES, self._on_token)
+
+    def close(self) -> None:
+        """Watch no more."""
+        self._subscriber.undeclare()
+
+    def is_present(self, name: str) -> bool:
+        """Whether the node of this full name is there."""
+        with self._changed:
+            return name in self._present
+
+    def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
+        """Whether the node of this full name is there, waited for at most `timeout_s`."""
+        with self._changed:
+            return self._changed.wait_for(lambda: name in self._present, timeout_s)
+
+    def _on_token(self, key: str, alive: bool) -> None:
+        name = full_name(key, self._namespace)
+        with self._changed:
+            (self._present.add if alive else self._present.discard)(name)
+            self._changed.notify_all()
+
+
+def relative_name(name: str, namespace: str) -> str:
+    """A node's name as it is written within the namespace: `/robot7/sim` is `sim` in robot7.
+
+    Raises BusError for a node outside the namespace: it cannot be reached from there.
+    """
+    path = name.strip("/")
+    if not namespace or not name.startswith("/"):
+        return path
+    if not path.startswith(f"{namespace}/"):
+        raise BusError(
+            f"node {name!r} lies outside of the namespace {namespace!r}: leave --namespace away"
+        )
+    return path.removeprefix(f"{namespace}/")
+
+
+def _key_of(name: str, namespace: str) -> str:
+    prefix, _, node = relative_name(name, namespace).rpartition("/")
+    return "/".join(filter(None, (prefix, node_key(node))))
+
+
+def _absent(name: str, present: list[str]) -> str:
+    if not present:
+        return f"there is no node {name!r}, nor any other: is it running, on this network?"
+    close = difflib.get_close_matches("/" + name.strip("/"), present, n=1)
+    hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(present)}"
+    return f"there is no node {name!r}; {hint}"

@@ -1,0 +1,45 @@
+"""Retained messages: the last one of a publisher also reaches those who join later.
+
+All that tfbus uses of Zenoh's unstable `zenoh.ext` is in this file.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+from zenoh import ext
+
+from tfbus.session import Session
+
+# How soon a subscriber that lost the last message learns of it and asks for it again.
+_HEARTBEAT_S = 0.5
+
+
+def declare_retained_publisher(session: Session, key: str) -> ext.AdvancedPublisher:
+    """A publisher whose last message is kept for late joiners, and sent again where it was lost."""
+    return ext.declare_advanced_publisher(
+        session.zenoh,
+        key,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        cache=ext.CacheConfig(max_samples=1),
+        sample_miss_detection=ext.MissDetectionConfig(
+            heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+        ),
+        publisher_detection=True,
+    )
+
+
+def declare_retained_subscriber(
+    session: Session, key: str, callback: Callable[[str, bytes], None]
+) -> ext.AdvancedSubscriber[Any]:
+    """Call `callback(key, payload)` for the retained message of each publisher within `key`,
+    whoever was there first, then for each new one.
+    """
+    return ext.declare_advanced_subscriber(
+        session.zenoh,
+        key,
+        session.sample_callback(key, callback),
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        subscriber_detection=True,
+    )

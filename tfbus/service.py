@@ -1,0 +1,107 @@
+"""Services: a request, and one response or a refusal with its reason.
+
+A service type is a class that holds two dataclasses, `Request` and `Response`.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from tfbus.codec import decode_message, encode_message
+from tfbus.errors import DecodeError, ServiceError
+from tfbus.executor import Executor
+from tfbus.session import Query, Session
+
+
+class ServiceType(Protocol):
+    """What a service type has: the types of what is asked and of what is answered."""
+
+    Request: type[Any]
+    Response: type[Any]
+
+
+class Service:
+    """Answers requests by calling `handler(request)` on the node's thread.
+
+    The handler returns a Response, or raises ServiceError to refuse, with the reason that the
+    caller is told.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+        service_type: type[ServiceType],
+        name: str,
+        handler: Callable[[Any], Any],
+    ):
+        self.service_type = service_type
+        self.name = name
+        self._executor = executor
+        self._log = log
+        self._handler = handler
+        self._queryable = session.queryable(name, self._on_query)
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._queryable.undeclare()
+
+    def _on_query(self, query: Query) -> None:
+        self._executor.submit(f"service {self.name}", lambda: self._serve(query))
+
+    def _serve(self, query: Query) -> None:
+        try:
+            request = decode_message(self.service_type.Request, query.payload, unknown_fields=False)
+            query.answer(self.name, encode_message(self._handler(request)))
+        except (DecodeError, ServiceError) as error:
+            query.refuse(str(error))
+        except Exception as error:
+            query.refuse(f"the service failed ({type(error).__name__}: {error})")
+            raise
+        finally:
+            query.close()
+
+
+class Client:
+    """Calls a service of another node, or of this one."""
+
+    def __init__(self, session: Session, service_type: type[ServiceType], name: str):
+        self.service_type = service_type
+        self.name = name
+        self._session = session
+        self._served = threading.Event()
+        self._watch = session.watch_served(name, self._on_served)
+
+    def close(self) -> None:
+        """Watch for the service no more."""
+        self._watch.close()
+
+    def wait_for_service(self, timeout_s: float | None = None) -> bool:
+        """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
+        return self._served.wait(timeout_s)
+
+    def call(self, request: Any, *, timeout_s: float = 5.0) -> Any:
+        """The Response to this Request.
+
+        Waits for the service to be there and to answer. Raises ServiceError with the reason where
+        it refuses, where nobody serves it, or where no answer comes within `timeout_s`.
+        """
+        deadline = time.monotonic() + timeout_s
+        if not self.wait_for_service(timeout_s):
+            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
+        remaining_s = max(deadline - time.monotonic(), 0.001)
+        payload = encode_message(request)
+        for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):
+            if answer.refusal is not None:
+                raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
+            return decode_message(self.service_type.Response, answer.payload)
+        raise ServiceError(f"{self.name!r} did not answer within {timeout_s:g} s")
+
+    def _on_served(self, served: bool) -> None:
+        if served:
+            self._served.set()
+        else:
+            self._served.clear()

@@ -1,0 +1,280 @@
+"""The one place that opens Zenoh: a session, in words that the rest of tfbus uses.
+
+Zenoh calls back on threads of its own and swallows exceptions; here they are caught, counted and
+reported once. Zenoh's own errors become BusError here and nowhere else.
+"""
+
+import json
+import logging
+import queue
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from tfbus.errors import BusError
+from tfbus.settings import NodeSettings
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer to a query: its key and payload, or the text of a refusal."""
+
+    key: str
+    payload: bytes
+    refusal: str | None = None
+
+
+class Query:
+    """A question that another process asked; answered as often as wanted, then closed."""
+
+    def __init__(self, query: zenoh.Query):
+        self._query = query
+        self.key = str(query.key_expr)
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    def answer(self, key: str, payload: bytes) -> None:
+        """Send one answer; `key` lies within the key expression that was asked."""
+        with _bus_errors(f"answer the query for {self.key}"):
+            self._query.reply(key, payload)
+
+    def refuse(self, reason: str) -> None:
+        """Answer that this cannot be done, and why."""
+        with _bus_errors(f"refuse the query for {self.key}"):
+            self._query.reply_err(reason.encode())
+
+    def close(self) -> None:
+        """Tell the asker that no more answers come."""
+        self._query.drop()
+
+
+class ServedWatch:
+    """Tells whether somebody serves a key; closed when nobody needs to know any more."""
+
+    def __init__(self, querier: zenoh.Querier, on_change: Callable[[bool], None]):
+        self._querier = querier
+        self._listener = querier.declare_matching_listener(
+            lambda status: on_change(status.matching)
+        )
+        on_change(querier.matching_status)
+
+    def close(self) -> None:
+        """Watch no more."""
+        self._listener.undeclare()
+        self._querier.undeclare()
+
+
+class Session:
+    """One process's place on the bus; it closes by `with` or `close()`, twice is fine."""
+
+    def __init__(self, settings: NodeSettings, log: logging.Logger):
+        """Open the session. Raises BusError where that cannot be done, and says why."""
+        zenoh.try_init_log_from_env()
+        self.settings = settings
+        self._log = log
+        self._closed = False
+        with _bus_errors(f"join the bus{_towards(settings)}"):
+            self.zenoh = zenoh.open(zenoh_config(settings))
+        self.id = str(self.zenoh.zid())
+
+    def __enter__(self) -> "Session":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus: every declaration of this session ends with it."""
+        if not self._closed:
+            self._closed = True
+            with _bus_errors("leave the bus"):
+                self.zenoh.close()
+
+    def publisher(self, key: str) -> zenoh.Publisher:
+        """A publisher of topic messages: reliable, and waiting rather than losing one."""
+        with _bus_errors(f"publish {key}"):
+            return self.zenoh.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+            )
+
+    def transform_publisher(self, key: str) -> zenoh.Publisher:
+        """A publisher of dynamic transforms: a newer one makes an old one worthless, so under
+        congestion a message is dropped rather than the publisher held up.
+        """
+        with _bus_errors(f"publish {key}"):
+            return self.zenoh.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.DROP, express=True
+            )
+
+    def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
+        """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
+        with _bus_errors(f"subscribe to {key}"):
+            return self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
+
+    def queryable(self, key: str, callback: Callable[[Query], None]) -> Any:
+        """Call `callback(query)` for each question on `key`, on a thread of Zenoh's.
+
+        The callback closes the query when it has sent its answers.
+        """
+
+        def on_query(query: zenoh.Query) -> None:
+            callback(Query(query))
+
+        with _bus_errors(f"serve {key}"):
+            return self.zenoh.declare_queryable(key, self._guarded(f"query of {key}", on_query))
+
+    def ask(
+        self, key: str, payload: bytes | None = None, *, timeout_s: float = 5.0
+    ) -> Iterator[Answer]:
+        """The answers of all who serve `key`, as they come, until all have closed or
+        `timeout_s` has passed. No answer at all is an empty iteration.
+        """
+        # Zenoh's own channel for replies blocks when it is full, even before it can be read.
+        answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+        self.ask_later(key, payload, answers.put, lambda: answers.put(None), timeout_s=timeout_s)
+        return iter(answers.get, None)
+
+    def ask_later(
+        self,
+        key: str,
+        payload: bytes | None,
+        on_answer: Callable[[Answer], None],
+        on_end: Callable[[], None],
+        *,
+        timeout_s: float,
+    ) -> None:
+        """Ask as `ask` does and return at once: the answers are handed to `on_answer` as they
+        come and `on_end()` is called after the last, both on threads of Zenoh's.
+        """
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            on_answer(_answer(reply))
+
+        with _bus_errors(f"ask for {key}"):
+            self.zenoh.get(
+                key,
+                zenoh.handlers.Callback(self._guarded(f"answer of {key}", on_reply), on_end),
+                payload=payload,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=timeout_s,
+            )
+
+    def watch_served(self, key: str, callback: Callable[[bool], None]) -> ServedWatch:
+        """Call `callback(served)` with whether somebody serves `key`: now, and at each change."""
+        with _bus_errors(f"watch {key}"):
+            querier = self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL)
+            return ServedWatch(querier, self._guarded(f"service {key}", callback))
+
+    def token(self, key: str) -> Any:
+        """Declare that `key` is alive for as long as this session is."""
+        with _bus_errors(f"declare {key}"):
+            return self.zenoh.liveliness().declare_token(key)
+
+    def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
+        """The keys of the tokens within the key expression that are alive now, sorted."""
+        keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        with _bus_errors(f"list {key}"):
+            self.zenoh.liveliness().get(
+                key,
+                zenoh.handlers.Callback(
+                    lambda reply: keys.put(_answer(reply).key), lambda: keys.put(None)
+                ),
+                timeout=timeout_s,
+            )
+        return sorted(set(filter(None, iter(keys.get, None))))
+
+    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
+        """Call `callback(key, alive)` for each token within the key expression: first for those
+        that are alive already, then at each change.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        with _bus_errors(f"watch {key}"):
+            return self.zenoh.liveliness().declare_subscriber(
+                key, self._guarded(f"token of {key}", on_sample), history=True
+            )
+
+    def watch_links(self, callback: Callable[[], None]) -> Any:
+        """Call `callback()` whenever a link to another process opens or closes."""
+        with _bus_errors("watch links"):
+            return self.zenoh.info.declare_transport_events_listener(
+                self._guarded("link", lambda _: callback())
+            )
+
+    def sample_callback(
+        self, key: str, callback: Callable[[str, bytes], None]
+    ) -> Callable[[zenoh.Sample], None]:
+        """`callback(key, payload)` as Zenoh wants it, with its exceptions caught and reported."""
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            callback(str(sample.key_expr), sample.payload.to_bytes())
+
+        return self._guarded(f"message of {key}", on_sample)
+
+    def _guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        failures = 0
+
+        def guarded(event: Any) -> None:
+            nonlocal failures
+            try:
+                callback(event)
+            except Exception:
+                failures += 1
+                if failures == 1 and not self._closed:
+                    self._log.exception(
+                        "A %s could not be handled; this is said once and counted", what
+                    )
+
+        return guarded
+
+
+def zenoh_config(settings: NodeSettings) -> zenoh.Config:
+    """Zenoh's configuration for these settings: the file's, with what is given put over it."""
+    config = zenoh.Config.from_file(settings.config) if settings.config else zenoh.Config()
+    if not settings.config:
+        # Retained messages carry a time, by which late joiners order them.
+        config.insert_json5("timestamping/enabled", "true")
+    given: dict[str, Any] = {
+        "namespace": settings.namespace,
+        "mode": settings.mode,
+        "connect/endpoints": list(settings.connect),
+        "listen/endpoints": list(settings.listen),
+    }
+    for key, value in given.items():
+        if value:
+            config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _answer(reply: zenoh.Reply) -> Answer:
+    if reply.ok is not None:
+        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+    payload = reply.err.payload.to_bytes() if reply.err is not None else b""
+    return Answer("", b"", refusal=payload.decode(errors="replace"))
+
+
+@contextmanager
+def _bus_errors(doing: str) -> Iterator[None]:
+    try:
+        yield
+    except zenoh.ZError as error:
+        raise BusError(f"could not {doing}: {_first_sentence(str(error))}") from error
+
+
+def _first_sentence(text: str) -> str:
+    """Zenoh's reason without the places in its source."""
+    return text.split(" at /", 1)[0].strip() or text
+
+
+def _towards(settings: NodeSettings) -> str:
+    return f" through {', '.join(settings.connect)}" if settings.connect else ""
+
+
+def within(key: str, expression: str) -> bool:
+    """Whether the key lies within the key expression."""
+    return zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key))

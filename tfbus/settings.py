@@ -1,0 +1,74 @@
+"""The settings of one node as one frozen value."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from tfbus.errors import SettingsError
+from tfbus.keys import check_namespace, check_node_name, check_topic
+
+LOG_LEVELS = ("debug", "info", "warning", "error")
+MODES = ("peer", "client", "router")
+
+
+def _from_environment(name: str) -> str:
+    return os.environ.get(f"TFBUS_{name}", "")
+
+
+def _endpoints_from_environment(name: str) -> tuple[str, ...]:
+    return tuple(filter(None, _from_environment(name).replace(",", " ").split()))
+
+
+@dataclass(frozen=True)
+class NodeSettings:
+    """Who a node is and how it meets the others.
+
+    What is not given is taken from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`,
+    `TFBUS_CONNECT`, `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`), so that one setting can
+    serve all processes of a machine. `mode` is "peer", "client", "router", or "" for what the
+    configuration file says, and "peer" without one. Endpoints are Zenoh's, `tcp/host:7447`.
+
+    Raises InvalidNameError for a name that cannot be, SettingsError for another impossible value.
+    """
+
+    name: str
+    namespace: str = field(default_factory=lambda: _from_environment("NAMESPACE"))
+    mode: str = field(default_factory=lambda: _from_environment("MODE"))
+    connect: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("CONNECT"))
+    listen: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("LISTEN"))
+    config: str = field(default_factory=lambda: _from_environment("CONFIG"))
+    log_level: str = field(default_factory=lambda: _from_environment("LOG_LEVEL") or "info")
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    remappings: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_node_name(self.name)
+        set_field = object.__setattr__
+        set_field(self, "namespace", check_namespace(self.namespace))
+        set_field(self, "parameters", MappingProxyType(dict(self.parameters)))
+        set_field(self, "remappings", MappingProxyType(dict(self.remappings)))
+        for name in (*self.remappings, *self.remappings.values()):
+            check_topic(name)
+        _check_choice("mode", self.mode, ("", *MODES))
+        _check_choice("log level", self.log_level, LOG_LEVELS)
+        for endpoint in (*self.connect, *self.listen):
+            if "/" not in endpoint:
+                raise SettingsError(
+                    f"{endpoint!r} is not an endpoint: write protocol/address, "
+                    f"as in tcp/{endpoint if ':' in endpoint else endpoint + ':7447'}"
+                )
+        if self.config and not Path(self.config).is_file():
+            raise SettingsError(f"there is no configuration file {self.config!r}")
+
+    def renamed(self, name: str) -> "NodeSettings":
+        """These settings for a node of another name."""
+        return replace(self, name=name)
+
+
+def _check_choice(what: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        choices = ", ".join(filter(None, allowed))
+        raise SettingsError(f"{what} {value!r} is not one of {choices}")

@@ -1,0 +1,100 @@
+"""Topics: publishers and subscriptions of messages of one type."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+from tfbus.codec import decode_message, encode_message, type_name
+from tfbus.errors import DecodeError
+from tfbus.executor import Executor
+from tfbus.session import Session
+
+M = TypeVar("M")
+
+# A subscription whose node is busy keeps this many messages, and loses the oldest of more.
+PENDING_MESSAGES = 10
+
+
+class Publisher(Generic[M]):
+    """Sends messages of one type to all who subscribe to the topic."""
+
+    def __init__(self, session: Session, message_type: type[M], topic: str):
+        self.message_type = message_type
+        self.topic = topic
+        self._publisher = session.publisher(topic)
+
+    def publish(self, message: M) -> None:
+        """Send a message. Raises TypeError where it is not of the publisher's type."""
+        if not isinstance(message, self.message_type):
+            raise TypeError(
+                f"topic {self.topic!r} carries {type_name(self.message_type)}, "
+                f"this is {type_name(type(message))}"
+            )
+        self._publisher.put(encode_message(message))
+
+    def close(self) -> None:
+        """Send no more."""
+        self._publisher.undeclare()
+
+
+class Subscription(Generic[M]):
+    """Calls back with each message of a topic, on the node's thread.
+
+    A message of the wrong shape is counted in `rejected`, reported once, and dropped; where
+    messages come faster than the callback returns, the oldest are dropped and counted in
+    `dropped`.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+        message_type: type[M],
+        topic: str,
+        callback: Callable[[M], Any],
+    ):
+        self.message_type = message_type
+        self.topic = topic
+        self.received = 0
+        self.rejected = 0
+        self.dropped = 0
+        self._executor = executor
+        self._log = log
+        self._callback = callback
+        self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
+        self._subscriber = session.subscriber(topic, self._on_message)
+
+    def close(self) -> None:
+        """Call back no more."""
+        self._subscriber.undeclare()
+        self._pending.clear()
+
+    def _on_message(self, key: str, payload: bytes) -> None:
+        try:
+            message = decode_message(self.message_type, payload)
+        except DecodeError as error:
+            self._reject(error)
+            return
+        self.received += 1
+        if len(self._pending) == PENDING_MESSAGES:
+            self.dropped += 1
+            self._pending.append(message)
+        else:
+            self._pending.append(message)
+            self._executor.submit(f"topic {self.topic}", self._deliver)
+
+    def _deliver(self) -> None:
+        if self._pending:
+            self._callback(self._pending.popleft())
+
+    def _reject(self, error: DecodeError) -> None:
+        self.rejected += 1
+        if self.rejected == 1:
+            self._log.warning(
+                "Dropped a message on topic %r that is not %s: %s. More of them are only counted",
+                self.topic,
+                type_name(self.message_type),
+                error,
+            )

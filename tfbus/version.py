@@ -1,0 +1,5 @@
+"""The version of the installed tfbus."""
+
+from importlib.metadata import version
+
+VERSION = version("tfbus")

@@ -2,7 +2,6 @@
 
 import os
 import socket
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
@@ -62,14 +61,13 @@ class Node:
         self.full_name = "/" + "/".join(filter(None, (self.namespace, self.name)))
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
-        self._stopped = threading.Event()
         self._closed = False
         self._is_ready = False
         self._streams: dict[str, Stream] = {}
         self._interfaces: dict[str, dict[str, str]] = {
             kind: {} for kind in ("publishes", "subscribes", "serves", "calls")
         }
-        self._signals = StopSignals(self.shutdown)
+        self._signals = StopSignals()
         try:
             self.session = Session(settings, self.log)
         except BaseException:
@@ -125,11 +123,11 @@ class Node:
     @property
     def ok(self) -> bool:
         """Whether the node goes on: False after Ctrl-C, SIGTERM, `shutdown()` or `close()`."""
-        return not self._stopped.is_set()
+        return not self._signals.stopped
 
     def shutdown(self) -> None:
         """Make `spin()` and `wait()` return; from any thread, twice is fine."""
-        self._stopped.set()
+        self._signals.stop()
 
     def ready(self, text: str = "ready") -> None:
         """Say in one line of the log that the node works now; only the first call does."""
@@ -154,18 +152,13 @@ class Node:
 
         Returns whether the node goes on, so that `while node.wait(1.0):` is a loop at 1 Hz.
         """
-        self._signals.main_thread_waits = True
-        try:
-            return not self._stopped.wait(timeout_s)
-        finally:
-            self._signals.main_thread_waits = False
+        return not self._signals.wait(timeout_s)
 
     def close(self) -> None:
         """Leave the bus; everything that was created from the node ends. Twice is fine."""
         if not self._closed:
             self._closed = True
             self.shutdown()
-            self._signals.main_thread_waits = True
             self._executor.close()
             self.session.close()
             self._signals.uninstall()

@@ -1,7 +1,7 @@
 """The command-line options that every process takes, as one frozen value of settings."""
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import click
@@ -12,29 +12,41 @@ from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def node_options(default_name: str) -> Callable[[F], F]:
-    """Give a click command the options of a node; its first argument is then their value,
-    NodeSettings.
+def bus_options(name: str) -> Callable[[F], F]:
+    """Give a click command the options by which a process joins the bus; its first argument is
+    then their value, NodeSettings of this name.
 
-    `default_name` is the node's name without `--name`. A TfbusError that the command raises is
-    told as one sentence, with exit code 1 (2 where the settings themselves are wrong).
+    A TfbusError that the command raises is told as one sentence, with exit code 1 (2 where the
+    settings themselves are wrong).
     """
+    return _with_options(name, _BUS_OPTIONS)
 
+
+def node_options(default_name: str) -> Callable[[F], F]:
+    """Give a click command the options of a node: as `bus_options`, with its name, parameters
+    and remappings. `default_name` is the node's name without `--name`.
+    """
+    return _with_options(default_name, {**_NODE_OPTIONS, **_BUS_OPTIONS})
+
+
+def _with_options(
+    default_name: str, options: Mapping[str, Callable[[Any], Any]]
+) -> Callable[[F], F]:
     def decorate(function: F) -> F:
         @functools.wraps(function)
-        def command(*args: Any, **options: Any) -> Any:
-            given = {name: options.pop(name) for name in _OPTION_NAMES}
+        def command(*args: Any, **values: Any) -> Any:
+            given = {name: values.pop(name) for name in options}
             try:
                 settings = _settings(default_name, given)
             except TfbusError as error:
                 raise click.UsageError(str(error)) from error
             try:
-                return function(settings, *args, **options)
+                return function(settings, *args, **values)
             except TfbusError as error:
                 raise click.ClickException(str(error)) from error
 
         decorated: Any = command
-        for option in reversed(_OPTIONS):
+        for option in reversed(options.values()):
             decorated = option(decorated)
         return decorated  # type: ignore[no-any-return]  # click's decorators keep no type
 
@@ -73,8 +85,8 @@ class _click_exits:
 
 def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
     values = {name: value for name, value in given.items() if value}
-    values["parameters"] = _pairs(given["parameters"], "=", "--param name=value")
-    values["remappings"] = _pairs(given["remappings"], ":=", "--remap from:=to")
+    values["parameters"] = _pairs(given.get("parameters", ()), "=", "--param name=value")
+    values["remappings"] = _pairs(given.get("remappings", ()), ":=", "--remap from:=to")
     return NodeSettings(**({"name": default_name} | values))
 
 
@@ -88,44 +100,38 @@ def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
     return pairs
 
 
-_OPTIONS = (
-    click.option("--name", metavar="NAME", help="The node's name."),
-    click.option("--namespace", metavar="PATH", help="Put before all names of the node: robot7."),
-    click.option("--mode", type=click.Choice(MODES), help="How to join the bus; peer by default."),
-    click.option(
+_BUS_OPTIONS = {
+    "namespace": click.option(
+        "--namespace", metavar="PATH", help="Put before all names on the bus: robot7."
+    ),
+    "mode": click.option(
+        "--mode", type=click.Choice(MODES), help="How to join the bus; peer by default."
+    ),
+    "connect": click.option(
         "--connect", multiple=True, metavar="ENDPOINT", help="Connect to tcp/host:7447; repeatable."
     ),
-    click.option(
-        "--listen",
-        multiple=True,
-        metavar="ENDPOINT",
-        help="Listen on tcp/[::]:7447; repeatable.",
+    "listen": click.option(
+        "--listen", multiple=True, metavar="ENDPOINT", help="Listen on tcp/[::]:7447; repeatable."
     ),
-    click.option("--config", metavar="FILE", help="Zenoh's configuration, JSON5."),
-    click.option("--log-level", type=click.Choice(LOG_LEVELS), help="info by default."),
-    click.option(
+    "config": click.option("--config", metavar="FILE", help="Zenoh's configuration, JSON5."),
+    "log_level": click.option(
+        "--log-level", type=click.Choice(LOG_LEVELS), help="info by default."
+    ),
+}
+_NODE_OPTIONS = {
+    "name": click.option("--name", metavar="NAME", help="The node's name."),
+    "parameters": click.option(
         "--param",
         "parameters",
         multiple=True,
         metavar="NAME=VALUE",
         help="Set a parameter of the node; repeatable.",
     ),
-    click.option(
+    "remappings": click.option(
         "--remap",
         "remappings",
         multiple=True,
         metavar="FROM:=TO",
         help="Use another topic or service; repeatable.",
     ),
-)
-_OPTION_NAMES = (
-    "name",
-    "namespace",
-    "mode",
-    "connect",
-    "listen",
-    "config",
-    "log_level",
-    "parameters",
-    "remappings",
-)
+}

@@ -7,6 +7,8 @@ reported once. Zenoh's own errors become BusError here and nowhere else.
 import json
 import logging
 import queue
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -198,6 +200,21 @@ class Session:
             return self.zenoh.liveliness().declare_subscriber(
                 key, self._guarded(f"token of {key}", on_sample), history=True
             )
+
+    def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
+        """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
+
+        A session opens with the first process that it finds; one that asks who is there, waits
+        for the others too.
+        """
+        changed = threading.Event()
+        watch = self.watch_links(changed.set)
+        deadline = time.monotonic() + timeout_s
+        while changed.wait(min(quiet_s, max(deadline - time.monotonic(), 0.0))):
+            changed.clear()
+            if time.monotonic() >= deadline:
+                break
+        watch.undeclare()
 
     def watch_links(self, callback: Callable[[], None]) -> Any:
         """Call `callback()` whenever a link to another process opens or closes."""

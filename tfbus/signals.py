@@ -2,25 +2,41 @@
 
 import signal
 import threading
-from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
 
 class StopSignals:
-    """While it is installed, SIGINT and SIGTERM call `stop()`.
+    """An event that SIGINT and SIGTERM set, from construction until `uninstall()`.
 
-    Where the main thread is in the middle of something else than waiting for the stop, it is
-    interrupted by KeyboardInterrupt as well, so that a blocking call ends too.
+    Where the main thread is in the middle of something else than `wait`, a signal also raises
+    KeyboardInterrupt there, so that a blocking call ends too.
     """
 
-    def __init__(self, stop: Callable[[], None]):
-        self._stop = stop
+    def __init__(self) -> None:
+        self._stopped = threading.Event()
+        self._waiting = False
         self._previous: dict[int, Any] = {}
-        self.main_thread_waits = False
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._previous[number] = signal.signal(number, self._on_signal)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it is time to end."""
+        return self._stopped.is_set()
+
+    def stop(self) -> None:
+        """Say that it is time to end; from any thread, twice is fine."""
+        self._stopped.set()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Whether it is time to end, waited for at most `timeout_s` (None: for ever)."""
+        self._waiting = True
+        try:
+            return self._stopped.wait(timeout_s)
+        finally:
+            self._waiting = False
 
     def uninstall(self) -> None:
         """Give the signals back to whom they belonged; from any thread, twice is fine."""
@@ -31,6 +47,7 @@ class StopSignals:
             self._previous.clear()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._stop()
-        if not self.main_thread_waits:
+        already = self.stopped
+        self.stop()
+        if not self._waiting and not already:
             raise KeyboardInterrupt

@@ -1,5 +1,6 @@
 """A bus for tests: on loopback only, on a port from the system, apart from any other bus."""
 
+import logging
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ from typing import TypeVar
 import pytest
 
 from tfbus import Node, NodeSettings
+from tfbus.session import Session
 
 T = TypeVar("T")
 
@@ -129,22 +131,18 @@ class Bus:
         }
         self._nodes: list[Node] = []
         self._processes: list[Process] = []
-        # The one that the others meet at.
-        self._open(NodeSettings("meeting_point", config=str(self.config), listen=(self.endpoint,)))
+        meeting_point = NodeSettings("test", config=str(self.config), listen=(self.endpoint,))
+        self._meeting_point = Session(meeting_point, logging.getLogger("test"))
 
     def node(self, name: str, *, namespace: str = "", **given: object) -> Node:
         """A node in the process of the test."""
-        return self._open(
-            NodeSettings(
-                name,
-                namespace=namespace,
-                config=str(self.config),
-                connect=(self.endpoint,),
-                **given,  # type: ignore[arg-type]  # fields of NodeSettings
-            )
+        settings = NodeSettings(
+            name,
+            namespace=namespace,
+            config=str(self.config),
+            connect=(self.endpoint,),
+            **given,  # type: ignore[arg-type]  # fields of NodeSettings
         )
-
-    def _open(self, settings: NodeSettings) -> Node:
         node = Node(settings=settings)
         self._nodes.append(node)
         return node
@@ -180,6 +178,7 @@ class Bus:
             process.kill()
         for node in reversed(self._nodes):
             node.close()
+        self._meeting_point.close()
 
 
 @pytest.fixture

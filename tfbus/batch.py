@@ -1,4 +1,4 @@
-"""Stamped transforms in columns: what one message carries, and a buffer takes in one call."""
+"""Many transforms as columns: what a message carries, and what the buffer takes in one call."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -8,19 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import Transform, TransformStamped
+from tfbus.transform import Transform, TransformStamped, check_frame_id
 
 
 @dataclass(frozen=True, eq=False)
 class TransformBatch:
-    """N transforms; the columns are read-only.
+    """Transforms as four columns; row i is one transform.
 
-    `frames` is a table of names; `edges` (N,2) uint32 are the indices in it of parent and
-    child; `stamps_ns` (N,) int64 count nanoseconds since the Unix epoch; `poses` (N,7) float64
-    are x y z qx qy qz qw and take points of the child into the parent.
+    `frames` are the names; `edges` (N, 2) uint32 are the indices of parent and child in `frames`;
+    `stamps_ns` (N,) int64 are nanoseconds since the Unix epoch; `poses` (N, 7) float64 are
+    x y z qx qy qz qw, taking points of the child into the parent.
 
-    Raises InvalidArgumentException where a column has another shape or an index no name.
-    Whether the numbers make a transform is judged where they are used.
+    The arrays are read-only; an array that comes in the right type is not copied, so leave it
+    alone afterwards. Shapes, types and indices are checked when the batch is made
+    (InvalidArgumentException); the numbers and names themselves are judged by the buffer.
     """
 
     frames: tuple[str, ...]
@@ -29,48 +30,60 @@ class TransformBatch:
     poses: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "frames", tuple(self.frames))
         count = len(self.stamps_ns)
-        _check_shape("edges", self.edges, (count, 2))
-        _check_shape("stamps_ns", self.stamps_ns, (count,))
-        _check_shape("poses", self.poses, (count, 7))
+        self._set_column("edges", np.uint32, (count, 2))
+        self._set_column("stamps_ns", np.int64, (count,))
+        self._set_column("poses", np.float64, (count, 7))
         if count and int(self.edges.max()) >= len(self.frames):
             raise InvalidArgumentException(
-                f"an edge names frame {int(self.edges.max())} of a table of {len(self.frames)}"
+                f"an edge names frame {int(self.edges.max())}, but there are only "
+                f"{len(self.frames)} frames"
             )
-        for column in (self.edges, self.stamps_ns, self.poses):
-            column.flags.writeable = False
 
-    @classmethod
-    def from_transforms(cls, transforms: Iterable[TransformStamped]) -> "TransformBatch":
-        """The columns of these transforms, in their order."""
-        items = list(transforms)
-        index: dict[str, int] = {}
-        edges = [
-            (
-                index.setdefault(ts.frame_id, len(index)),
-                index.setdefault(ts.child_frame_id, len(index)),
-            )
-            for ts in items
-        ]
-        return cls(
-            tuple(index),
-            np.array(edges, np.uint32).reshape(-1, 2),
-            np.array([ts.stamp_ns for ts in items], np.int64),
-            np.array([ts.transform.as_pose() for ts in items], np.float64).reshape(-1, 7),
+    @staticmethod
+    def from_transforms(transforms: Iterable[TransformStamped]) -> "TransformBatch":
+        """The transforms in the same order, each frame named once."""
+        index_of: dict[str, int] = {}
+        edges, stamps, poses = [], [], []
+        for ts in transforms:
+            parent = index_of.setdefault(ts.frame_id, len(index_of))
+            child = index_of.setdefault(ts.child_frame_id, len(index_of))
+            edges.append((parent, child))
+            stamps.append(ts.stamp_ns)
+            t = ts.transform
+            poses.append((t.x, t.y, t.z, t.qx, t.qy, t.qz, t.qw))
+        return TransformBatch(
+            tuple(index_of),
+            np.array(edges, dtype=np.uint32).reshape(-1, 2),
+            np.array(stamps, dtype=np.int64),
+            np.array(poses, dtype=np.float64).reshape(-1, 7),
         )
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
     def __iter__(self) -> Iterator[TransformStamped]:
-        """Each transform; raises InvalidArgumentException at one whose numbers make none."""
-        rows = zip(self.edges.tolist(), self.stamps_ns.tolist(), self.poses.tolist(), strict=True)
+        """Row by row, checked: InvalidArgumentException where a row is no transform."""
+        rows = zip(self.edges.tolist(), self.stamps_ns.tolist(), self.poses, strict=True)
         for (parent, child), stamp_ns, pose in rows:
             yield TransformStamped(
-                stamp_ns, self.frames[parent], self.frames[child], Transform.from_pose(pose)
+                stamp_ns,
+                check_frame_id(self.frames[parent]),
+                check_frame_id(self.frames[child]),
+                Transform(pose[:3], pose[3:]),
             )
 
-
-def _check_shape(name: str, column: NDArray[Any], shape: tuple[int, ...]) -> None:
-    if column.shape != shape:
-        raise InvalidArgumentException(f"{name} has shape {column.shape}, {shape} is wanted")
+    def _set_column(self, name: str, dtype: Any, shape: tuple[int, ...]) -> None:
+        given = np.asarray(getattr(self, name))
+        if given.shape != shape:
+            raise InvalidArgumentException(
+                f"{name} has shape {given.shape}; {shape} is wanted, as there are {shape[0]} stamps"
+            )
+        if not np.can_cast(given.dtype, dtype, "same_kind") and given.size:
+            raise InvalidArgumentException(
+                f"{name} is of type {given.dtype}; {np.dtype(dtype)} is wanted"
+            )
+        column = np.ascontiguousarray(given, dtype=dtype).view()
+        column.flags.writeable = False
+        object.__setattr__(self, name, column)

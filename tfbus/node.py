@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from tfbus.codec import decode_map, encode_map, type_name
-from tfbus.errors import TfbusError
+from tfbus.errors import ParameterError, TfbusError
 from tfbus.executor import Executor, Timer
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.keys import check_topic, node_key
@@ -63,6 +63,7 @@ class Node:
         self.started_ns = time.time_ns()
         self._closed = False
         self._is_ready = False
+        self._parameters_are_typed_in = False
         self._streams: dict[str, Stream] = {}
         self._interfaces: dict[str, dict[str, str]] = {
             kind: {} for kind in ("publishes", "subscribes", "serves", "calls")
@@ -95,15 +96,16 @@ class Node:
 
         `name` is its name where the command line has no `--name`; `argv` is `sys.argv[1:]`
         where it is None. A mistake in it is told on stderr and exits with 2; a bus that cannot
-        be joined exits with 1.
+        be joined, or a parameter that cannot have the value given, exits with 1.
         """
         from tfbus.options import settings_from_args
 
-        settings = settings_from_args(name, argv)
         try:
-            return cls(settings=settings)
+            node = cls(settings=settings_from_args(name, argv))
         except TfbusError as error:
             raise SystemExit(f"Error: {error}") from error
+        node._parameters_are_typed_in = True
+        return node
 
     def __enter__(self) -> "Node":
         return self
@@ -116,6 +118,8 @@ class Node:
     ) -> bool:
         stopped_by_signal = kind is KeyboardInterrupt and not self.ok
         self.close()
+        if self._parameters_are_typed_in and isinstance(error, ParameterError):
+            raise SystemExit(f"Error: {error}") from None
         return stopped_by_signal
 
     # How long it lives

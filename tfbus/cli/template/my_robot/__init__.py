@@ -1,0 +1,1 @@
+"""The robot my_robot: its nodes and its launch file."""

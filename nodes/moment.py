@@ -1,0 +1,80 @@
+"""Moments as people write them: `1649109418.66`, `2026-11-21T09:00:00Z`, `-3s`."""
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+
+_NS_PER_UNIT = {
+    "ns": 1,
+    "us": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
+_NUMBER = re.compile(r"([+-]?)(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)")
+_FRACTION = re.compile(r"(?<=:\d\d)[.,](\d+)")
+
+# Whole numbers without a unit: seconds since 1970 stay below this for the next 3000 years, and
+# nanoseconds since 1970 were above the other after the first twelve days.
+_SECONDS_BELOW = 10**11
+_NANOSECONDS_FROM = 10**15
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A time in nanoseconds: since the Unix epoch, or, where `is_relative`, since now."""
+
+    ns: int
+    is_relative: bool = False
+
+    def at(self, now_ns: int) -> int:
+        """The moment in nanoseconds since the Unix epoch, when it is `now_ns`."""
+        return now_ns + self.ns if self.is_relative else self.ns
+
+
+def parse_moment(text: str) -> Moment:
+    """The moment that the text says; ValueError with a sentence where it says none.
+
+    A number with a sign is relative to now, in seconds or in the unit that follows (ns, us, ms,
+    s, min, h). A number without one counts from the Unix epoch: in its unit, or in seconds, or
+    in nanoseconds where it is too large for seconds. Anything else is a date and time of ISO
+    8601, to the nanosecond, in local time where it names no zone.
+    """
+    text = text.strip()
+    number = _NUMBER.fullmatch(text)
+    return _counted(text, *number.groups()) if number else _dated(text)
+
+
+def _counted(text: str, sign: str, digits: str, unit: str) -> Moment:
+    if unit and unit not in _NS_PER_UNIT:
+        raise ValueError(f"{text!r} has an unknown unit {unit!r}; use {', '.join(_NS_PER_UNIT)}")
+    ns = int(Decimal(digits) * _NS_PER_UNIT[unit or _implied_unit(text, sign, digits)])
+    return Moment(-ns if sign == "-" else ns, is_relative=bool(sign))
+
+
+def _implied_unit(text: str, sign: str, digits: str) -> str:
+    if sign or "." in digits or int(digits) < _SECONDS_BELOW:
+        return "s"
+    if int(digits) >= _NANOSECONDS_FROM:
+        return "ns"
+    raise ValueError(
+        f"{text!r} is too large for seconds and too small for nanoseconds since 1970; "
+        "write its unit after it (ns, us, ms, s)"
+    )
+
+
+def _dated(text: str) -> Moment:
+    try:
+        # Python's own reading stops at microseconds.
+        moment = datetime.fromisoformat(_FRACTION.sub("", text))
+    except ValueError as error:
+        raise ValueError(
+            f"{text!r} is not a time; write seconds or nanoseconds since 1970, "
+            "a date as 2026-11-21T09:00:00.5Z, or a time from now as -3s"
+        ) from error
+    since_epoch = moment.astimezone(UTC) - datetime.fromtimestamp(0, UTC)
+    whole_ns = (since_epoch.days * 86_400 + since_epoch.seconds) * 1_000_000_000
+    fraction = _FRACTION.search(text)
+    return Moment(whole_ns + (int(f"{fraction[1]:0<9.9}") if fraction else 0))

@@ -7,25 +7,24 @@ import subprocess
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
-from typing import Any
+from typing import TypeVar
 
 from tfbus.launch.console import Console
 from tfbus.launch.program import Program
+
+T = TypeVar("T")
 
 
 class Child:
     """A program that was started, in a session and process group of its own.
 
-    Made in the thread of a running asyncio loop. Raises OSError if it cannot be started.
     `exit_code` is None while it runs, and -N if signal N ended it.
     """
 
-    def __init__(self, program: Program, console: Console, on_end: Callable[[], None]) -> None:
+    def __init__(self, program: Program) -> None:
+        """Start the program; OSError or ValueError if that cannot be done."""
         self.program = program
         self.exit_code: int | None = None
-        self._loop = asyncio.get_running_loop()
-        self._on_end = on_end
         self._process = subprocess.Popen(
             program.argv,
             stdin=subprocess.DEVNULL,
@@ -38,17 +37,26 @@ class Child:
         )
         self.pid = self._process.pid
         self._open_pipes = 2
+
+    def follow(self, console: Console, on_change: Callable[[], None]) -> None:
+        """Pass its output on from now, and call `on_change` in the running asyncio loop when it
+        has ended and when each of its two outputs has.
+        """
+        loop = asyncio.get_running_loop()
         assert self._process.stdout and self._process.stderr  # both asked for above
-        for pipe, stream in (
-            (self._process.stdout, console.output),
-            (self._process.stderr, console.errors),
-        ):
-            # The relay closes its own copy; Popen keeps and closes the original.
-            source = os.dup(pipe.fileno())
-            pipe.close()
-            relay = partial(console.relay, program.name, source, stream)
-            self._in_thread(relay, self._pipe_ended)
-        self._in_thread(self._process.wait, self._ended)
+
+        def pipe_ended(_: None) -> None:
+            self._open_pipes -= 1
+            on_change()
+
+        def process_ended(exit_code: int) -> None:
+            self.exit_code = exit_code
+            on_change()
+
+        name, output, errors = self.program.name, self._process.stdout, self._process.stderr
+        _in_thread(loop, lambda: console.relay(name, output, console.output), pipe_ended)
+        _in_thread(loop, lambda: console.relay(name, errors, console.errors), pipe_ended)
+        _in_thread(loop, self._process.wait, process_ended)
 
     @property
     def group_lives(self) -> bool:
@@ -80,19 +88,16 @@ class Child:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
-    def _pipe_ended(self, _: object) -> None:
-        self._open_pipes -= 1
-        self._on_end()
 
-    def _ended(self, exit_code: int) -> None:
-        self.exit_code = exit_code
-        self._on_end()
+def _in_thread(
+    loop: asyncio.AbstractEventLoop, work: Callable[[], T], then: Callable[[T], None]
+) -> None:
+    """Work in a thread, and hand the result to `then` in the loop."""
 
-    def _in_thread(self, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        def run() -> None:
-            result = work()
-            # The loop is closed where launch gave up on this process.
-            with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(then, result)
+    def run() -> None:
+        result = work()
+        # The loop is closed where launch gave up on this process.
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(then, result)
 
-        threading.Thread(target=run, daemon=True).start()
+    threading.Thread(target=run, daemon=True).start()

@@ -10,6 +10,7 @@ import threading
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
+from typing import IO
 
 _LONGEST_LINE = 65536
 _MOST_LINES_WAITING = 1000
@@ -118,12 +119,12 @@ class Console:
         in_colour = "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
         self._coloured = {stream: stream.is_terminal and in_colour for stream in (output, errors)}
 
-    def relay(self, name: str, source: int, stream: Stream) -> None:
-        """Copy what comes from the file descriptor `source` until it ends, and close that."""
+    def relay(self, name: str, source: IO[bytes], stream: Stream) -> None:
+        """Copy what comes from an unbuffered pipe until it ends, and close that."""
         prefix = self._prefix(name, stream)
         lines = Lines()
-        with open(source, "rb", buffering=0) as pipe:
-            while chunk := pipe.read(65536):
+        with source:
+            while chunk := source.read(65536):
                 for line in lines.feed(chunk):
                     stream.write(prefix + line)
         for line in lines.end():

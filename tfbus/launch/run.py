@@ -1,13 +1,13 @@
 """A supervisor with everything around it: signals, orphans, guard and output."""
 
 import asyncio
+import math
 import signal
-import time
 from collections.abc import Sequence
 
 from tfbus.launch.console import Console, Stream
 from tfbus.launch.guard import Guard
-from tfbus.launch.orphans import Orphans, adopt_orphans
+from tfbus.launch.orphans import Orphans, adopting_orphans
 from tfbus.launch.program import Program
 from tfbus.launch.supervisor import Patience, Presence, Supervisor
 
@@ -17,7 +17,7 @@ _REASONS = {
     signal.SIGHUP: "the terminal was closed (SIGHUP)",
     signal.SIGQUIT: "user pressed ctrl-\\ (SIGQUIT): killing all",
 }
-# `timeout`, `make` and shells send one signal twice, to a process and to its group.
+# No finger is as quick as that.
 _ONE_WISH_S = 0.1
 
 
@@ -29,8 +29,7 @@ def run_programs(
     For the main thread of a process that does nothing else: it takes the signals, and leaves
     Ctrl-C and SIGTERM ignored, since nothing is left to be stopped.
     """
-    adopt_orphans()
-    with Guard(patience.after_sigterm_s) as guard:
+    with adopting_orphans(), Guard(patience.after_sigterm_s) as guard:
         return asyncio.run(_run(programs, presence, patience, guard))
 
 
@@ -62,19 +61,32 @@ async def _run(
 def _take_signals(supervisor: Supervisor) -> None:
     """Let Ctrl-C and its kin stop the supervisor, and hurry it when they come again."""
     loop = asyncio.get_running_loop()
-    last_s = -_ONE_WISH_S
+    wishes = Wishes()
 
     def on_signal(number: signal.Signals) -> None:
-        nonlocal last_s
-        now_s = time.monotonic()
-        is_news = now_s - last_s >= _ONE_WISH_S
-        last_s = now_s
+        is_new = wishes.is_new(loop.time())
         if number == signal.SIGQUIT:
             supervisor.hurry(_REASONS[number], at_least=signal.SIGKILL)
-        elif is_news:
+        elif is_new:
             supervisor.hurry(_REASONS[number])
 
     for number in _REASONS:
         # nohup ignores SIGHUP so that its program goes on without the terminal.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             loop.add_signal_handler(number, on_signal, number)
+
+
+class Wishes:
+    """Tells a user's second Ctrl-C from the same one come twice.
+
+    `timeout`, `make` and shells send a signal to a process and to its group, so that it comes
+    twice within an instant.
+    """
+
+    def __init__(self) -> None:
+        self._last_s = -math.inf
+
+    def is_new(self, now_s: float) -> bool:
+        """Whether a signal that comes now, by any clock, is a new wish."""
+        since_s, self._last_s = now_s - self._last_s, now_s
+        return since_s >= _ONE_WISH_S

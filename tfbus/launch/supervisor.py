@@ -177,15 +177,16 @@ class Supervisor:
     async def _run_once(self, program: Program) -> int:
         """Start the program and wait for its end and its group's; its exit code."""
         try:
-            child = Child(program, self._console, self._tell)
-        except OSError as error:
-            reason = f"{error.strerror}: {error.filename or program.argv[0]}"
-            self._fail(program.name, f"process cannot be started: {reason}: stopping all")
+            child = Child(program)
+        except (OSError, ValueError) as error:
+            reason = f"process cannot be started: {error}: cmd '{program.command_line}'"
+            self._fail(program.name, reason)
             return 1
         self._children.add(child)
         if self._guard:
             self._guard.watch(child.pid)
         self._say("INFO", program.name, f"process started with pid [{child.pid}]")
+        child.follow(self._console, self._tell)
         exit_code = await self._end_of(child)
         await self._end_of_group(child)
         if self._guard:

@@ -1,0 +1,244 @@
+"""`tfbus echo`: print where a frame is, again and again, as tf2_echo does.
+
+Try it: tfbus echo world turtle1
+"""
+
+import itertools
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import click
+
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    Node,
+    NodeSettings,
+    PastExtrapolationException,
+    TimeoutException,
+    TransformException,
+    TransformListener,
+    TransformStamped,
+    node_options,
+)
+from tfbus.nodes.echo_format import (
+    CSV_HEADER,
+    Numbers,
+    csv_line,
+    foxy_block,
+    json_line,
+    tf2_block,
+)
+from tfbus.nodes.moment import Moment, parse_moment
+
+# What is missing is said this often, at most.
+_SAY_EVERY_S = 1.0
+
+# A message about what is missing lists at most so many frames.
+_FRAMES_LISTED = 20
+
+_STYLES = {"tf2": tf2_block, "foxy": foxy_block}
+_LINES = {"json": json_line, "csv": csv_line}
+
+
+@dataclass(frozen=True)
+class Question:
+    """Where `target` is, seen from `source`: at the moment, or the latest time known at all.
+
+    With a fixed frame the moment is the target's alone: where the target was then, seen from
+    where the source is now.
+    """
+
+    source: str
+    target: str
+    moment: Moment | None = None
+    fixed_frame: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.source} -> {self.target}"
+
+    @property
+    def has_one_answer(self) -> bool:
+        """Whether asking again can bring nothing new."""
+        return self.moment is not None and not self.moment.is_relative and not self.fixed_frame
+
+    @property
+    def cache_time_s(self) -> float:
+        """How long a buffer has to keep what the answer needs."""
+        back_s = -self.moment.ns / 1e9 if self.moment and self.moment.is_relative else 0.0
+        return max(10.0, back_s + 5.0)
+
+    def ask(self, buffer: Buffer, now_ns: int, timeout_s: float) -> TransformStamped:
+        """The answer, waited for; raises TransformException where there is none."""
+        stamp_ns = self.moment.at(now_ns) if self.moment else None
+        if self.fixed_frame is None:
+            return buffer.lookup_transform(
+                self.source, self.target, stamp_ns, timeout_s=timeout_s
+            )
+        return buffer.lookup_transform_full(
+            self.source, None, self.target, stamp_ns, self.fixed_frame, timeout_s=timeout_s
+        )
+
+    def is_hopeless(self, error: TransformException) -> bool:
+        """Whether no waiting will bring an answer: the past does not come back."""
+        is_absolute = self.moment is not None and not self.moment.is_relative
+        return is_absolute and isinstance(_reason(error), PastExtrapolationException)
+
+
+def answers(
+    node: Node, buffer: Buffer, question: Question, *, rate_hz: float, timeout_s: float
+) -> Iterator[TransformStamped]:
+    """The answer once in every period, until the node is shut down.
+
+    Raises TransformException where there is none for `timeout_s`, or can be none.
+    """
+    due_s = time.monotonic()
+    while (answer := _wait_for_answer(node, buffer, question, timeout_s)) is not None:
+        yield answer
+        now_s = time.monotonic()
+        due_s = max(due_s + 1.0 / rate_hz, now_s)
+        node.wait(due_s - now_s)
+
+
+def _wait_for_answer(
+    node: Node, buffer: Buffer, question: Question, timeout_s: float
+) -> TransformStamped | None:
+    """The answer as soon as there is one; None where the node is shut down before."""
+    give_up_s = time.monotonic() + timeout_s
+    while node.ok:
+        say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
+        try:
+            patience_s = max(0.0, say_at_s - time.monotonic())
+            return question.ask(buffer, node.now_ns(), patience_s)
+        except InvalidArgumentException as error:
+            raise click.UsageError(str(error)) from error
+        except TransformException as error:
+            if question.is_hopeless(error):
+                raise
+            node.wait(max(0.0, say_at_s - time.monotonic()))
+            reason = f"{_reason(error)}. {_frames_known(buffer)}"
+            if time.monotonic() >= give_up_s:
+                raise TimeoutException(
+                    f"no transform {question} within {timeout_s:g} s: {reason}"
+                ) from error
+            node.log.info("Waiting for transform %s: %s", question, reason)
+    return None
+
+
+def _reason(error: TransformException) -> TransformException:
+    """What is missing, without the news that waiting for it took too long."""
+    return (error.reason or error) if isinstance(error, TimeoutException) else error
+
+
+def _frames_known(buffer: Buffer) -> str:
+    frames = buffer.frames()
+    if not frames:
+        return "No frame is known yet: is a broadcaster running?"
+    listed = ", ".join(frames[:_FRAMES_LISTED])
+    more = f" and {len(frames) - _FRAMES_LISTED} more" if len(frames) > _FRAMES_LISTED else ""
+    return f"Frames known: {listed}{more}."
+
+
+def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
+    try:
+        return None if text is None else parse_moment(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not 0.0 < value < math.inf:
+        raise click.BadParameter(f"{value:g} is not a number greater than 0")
+    return value
+
+
+@click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
+@click.argument("source")
+@click.argument("target")
+@click.option("--rate", type=float, default=1.0, callback=_positive, help="Blocks a second; 1.")
+@click.option(
+    "--precision", type=click.IntRange(0, 17), default=3, help="Digits after the point in text; 3."
+)
+@click.option(
+    "--style", type=click.Choice(list(_STYLES)), default="tf2", help="The newest tf2_echo's, or Foxy's."
+)
+@click.option("--raw-zeros", is_flag=True, help="Keep the sign of zero: -0.000.")
+@click.option("--format", "form", type=click.Choice(["text", *_LINES]), default="text")
+@click.option("--once", is_flag=True, help="Print one block and exit.")
+@click.option("--count", type=click.IntRange(min=1), help="Print so many blocks and exit.")
+@click.option(
+    "--at",
+    "moment",
+    metavar="TIME",
+    callback=_moment,
+    help="Where it was at a time: seconds or ns since 1970, ISO 8601, or from now as -3s.",
+)
+@click.option(
+    "--fixed-frame",
+    metavar="FRAME",
+    help="Where TARGET was at --at, seen from SOURCE now; FRAME has not moved in between.",
+)
+@click.option(
+    "--timeout",
+    type=float,
+    callback=_positive,
+    metavar="SECONDS",
+    help="Give up with exit code 1 when there is no transform for so long.",
+)
+@node_options("echo")
+def main(
+    settings: NodeSettings,
+    source: str,
+    target: str,
+    rate: float,
+    precision: int,
+    style: str,
+    raw_zeros: bool,
+    form: str,
+    once: bool,
+    count: int | None,
+    moment: Moment | None,
+    fixed_frame: str | None,
+    timeout: float | None,
+) -> None:
+    """Print the pose of the frame TARGET seen from the frame SOURCE."""
+    if once and count is not None:
+        raise click.UsageError("--once and --count say the same thing: give one of them")
+    question = Question(source, target, moment, fixed_frame)
+    limit = 1 if once or (count is None and question.has_one_answer) else count
+    write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
+    buffer = Buffer(question.cache_time_s)
+    with (
+        Node.from_settings(_named_apart(settings)) as node,
+        TransformListener(buffer, node),
+    ):
+        node.ready(f"Printing {question} at {rate:g} Hz")
+        blocks = answers(
+            node, buffer, question, rate_hz=rate, timeout_s=math.inf if timeout is None else timeout
+        )
+        _print_all(map(write, itertools.islice(blocks, limit)), CSV_HEADER if form == "csv" else "")
+
+
+def _print_all(blocks: Iterator[str], header: str) -> None:
+    """Print the blocks, each at once; end quietly when nobody reads them any more."""
+    try:
+        for block in blocks:
+            click.echo(f"{header}\n{block}" if header else block)
+            header = ""
+    except BrokenPipeError:
+        # Python flushes stdout once more at exit, and would complain there.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _named_apart(settings: NodeSettings) -> NodeSettings:
+    """The settings with a name of this process's own, so that many can run at once."""
+    return settings.renamed(f"echo_{os.urandom(4).hex()}") if settings.name == "echo" else settings
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""The window that shows the turtles' world, where there is a display and pygame-ce."""
+
+import os
+import sys
+from pathlib import Path
+from types import ModuleType, TracebackType
+
+from tfbus import TfbusError
+from tfbus.nodes.turtle import field
+from tfbus.nodes.turtle.world import Snapshot
+
+_INSTALL = "pip install 'tfbus[sim]'"
+
+
+class NoWindowError(TfbusError):
+    """There is nowhere to draw; the message says why, and what would help."""
+
+
+class Window:
+    """An open window; use it from the main thread, and often, or the desktop finds it stuck.
+
+    Raises NoWindowError where there is no display or no pygame.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._pygame = _import_pygame()
+        from tfbus.nodes.turtle.picture import Picture
+
+        _open_display()
+        self._pygame.display.set_caption(title)
+        size = (field.SIZE_PX, field.SIZE_PX)
+        self._picture = Picture(self._pygame.display.set_mode(size))
+        self.is_open = True
+
+    def __enter__(self) -> "Window":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draw the snapshot, and notice whether the user closes the window."""
+        if self.is_open:
+            self._picture.draw(snapshot)
+            self._pygame.display.flip()
+            if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
+                self.close()
+
+    def close(self) -> None:
+        """Take the window off the screen; twice is fine."""
+        if self.is_open:
+            self.is_open = False
+            self._pygame.display.quit()
+
+
+def save_picture(snapshot: Snapshot, path: Path) -> None:
+    """Write the picture that a window would show; the kind of file is as its name ends.
+
+    Needs no display. Raises NoWindowError without pygame, or where the file cannot be written.
+    """
+    pygame = _import_pygame()
+    from tfbus.nodes.turtle.picture import Picture
+
+    surface = pygame.Surface((field.SIZE_PX, field.SIZE_PX))
+    Picture(surface).draw(snapshot)
+    try:
+        pygame.image.save(surface, str(path))
+    except (OSError, pygame.error) as error:
+        raise NoWindowError(f"{path} cannot be written ({error})") from error
+
+
+def _open_display() -> None:
+    import pygame
+
+    asked_for = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")))
+    # Without this question SDL would take over the console of a machine that has no desktop.
+    if sys.platform.startswith("linux") and not asked_for:
+        raise NoWindowError("there is no display; with DISPLAY or WAYLAND_DISPLAY there is one")
+    try:
+        pygame.display.init()
+    except pygame.error as error:
+        raise NoWindowError(f"the display cannot be used ({error})") from error
+    # Where no display answers, SDL draws into a memory that nobody sees.
+    if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
+        pygame.display.quit()
+        raise NoWindowError("the display does not answer; check DISPLAY and WAYLAND_DISPLAY")
+
+
+def _import_pygame() -> ModuleType:
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    try:
+        import pygame
+    except ImportError as error:
+        raise NoWindowError(f"pygame-ce is not installed; {_INSTALL} brings it") from error
+    return pygame

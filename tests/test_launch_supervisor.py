@@ -7,6 +7,7 @@ as a value: so long that it never matters (`NEVER_S`), or so short that it is ov
 import asyncio
 import fcntl
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -677,6 +678,15 @@ def test_a_closed_terminal_ends_the_launch(tmp_path: Path) -> None:
         assert launch.exit_code() == 0
         ready = next(line for line in text.decode().splitlines() if "ready" in line)
         assert_gone(*pids_in(ready))
+
+
+def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
+    """`--for SECONDS` stops everything after that time, with exit code 0."""
+    with started(tmp_path, "- {command: sleep 1000, name: a}", "--for", "0.3") as launch:
+        pids = pids_in(re.sub(r"\W", " ", launch.wait_for("started with pid")))
+        launch.wait_for("[WARNING] [launch]: has run for 0.3 s")
+        assert launch.exit_code() == 0
+        assert_gone(*pids)
 
 
 @pytest.mark.parametrize(

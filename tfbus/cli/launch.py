@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,10 +15,9 @@ from tfbus.launch.find import find_launch_file
 from tfbus.launch.place import LaunchArgumentError
 from tfbus.launch.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.reader import read_arguments, read_launch_file
+from tfbus.launch.run import run_programs
+from tfbus.launch.supervisor import Patience, Presence
 from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
-
-if TYPE_CHECKING:
-    from tfbus.launch.supervisor import Presence
 
 _SECONDS = click.FloatRange(min=0)
 
@@ -41,6 +42,13 @@ _SECONDS = click.FloatRange(min=0)
 @click.option("--config", metavar="FILE", help="Zenoh's configuration for all nodes, JSON5.")
 @click.option("--log-level", type=click.Choice(LOG_LEVELS), help="Of all nodes; info by default.")
 @click.option(
+    "--for",
+    "longest_s",
+    type=_SECONDS,
+    metavar="SECONDS",
+    help="Stop as after Ctrl-C when so many seconds have passed.",
+)
+@click.option(
     "--sigterm-timeout",
     type=_SECONDS,
     default=5.0,
@@ -59,6 +67,7 @@ def command(
     arguments: tuple[str, ...],
     show_args: bool,
     dry_run: bool,
+    longest_s: float | None,
     sigterm_timeout: float,
     sigkill_timeout: float,
     **bus: Any,
@@ -81,7 +90,8 @@ def command(
         if dry_run:
             click.echo("\n".join(map(dry_run_line, programs)))
             return
-        raise SystemExit(_run(programs, settings, sigterm_timeout, sigkill_timeout))
+        patience = Patience(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+        raise SystemExit(_run(programs, settings, patience, longest_s))
 
 
 @contextmanager
@@ -122,24 +132,19 @@ def _node_names() -> set[str]:
 def _run(
     programs: Sequence[Program],
     settings: NodeSettings,
-    sigterm_timeout: float,
-    sigkill_timeout: float,
+    patience: Patience,
+    longest_s: float | None,
 ) -> int:
-    from tfbus.launch.run import run_programs
-    from tfbus.launch.supervisor import Patience
-
-    patience = Patience(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+    run = partial(run_programs, programs, patience=patience, longest_s=longest_s)
     if not any(program.after for program in programs):
-        return run_programs(programs, presence=None, patience=patience)
+        return run(presence=None)
     with _presence(settings) as presence:
-        return run_programs(programs, presence=presence, patience=patience)
+        return run(presence=presence)
 
 
 @contextmanager
-def _presence(settings: NodeSettings) -> "Iterator[Presence]":
+def _presence(settings: NodeSettings) -> Iterator[Presence]:
     """A look at the whole bus: nodes are awaited by their full names."""
-    from dataclasses import replace
-
     from tfbus.log import open_log
     from tfbus.presence import NodeWatch
     from tfbus.session import Session  # Zenoh, which a launch without `after:` does not need

@@ -22,19 +22,28 @@ _ONE_WISH_S = 0.1
 
 
 def run_programs(
-    programs: Sequence[Program], *, presence: Presence | None, patience: Patience
+    programs: Sequence[Program],
+    *,
+    presence: Presence | None,
+    patience: Patience,
+    longest_s: float | None = None,
 ) -> int:
-    """Run the programs until they have ended or the user ends them; the exit code.
+    """Run the programs until they have ended or the user ends them, or for `longest_s` seconds;
+    the exit code.
 
     For the main thread of a process that does nothing else: it takes the signals, and leaves
     Ctrl-C and SIGTERM ignored, since nothing is left to be stopped.
     """
     with adopting_orphans(), Guard(patience.after_sigterm_s) as guard:
-        return asyncio.run(_run(programs, presence, patience, guard))
+        return asyncio.run(_run(programs, presence, patience, guard, longest_s))
 
 
 async def _run(
-    programs: Sequence[Program], presence: Presence | None, patience: Patience, guard: Guard
+    programs: Sequence[Program],
+    presence: Presence | None,
+    patience: Patience,
+    guard: Guard,
+    longest_s: float | None,
 ) -> int:
     loop = asyncio.get_running_loop()
     console = Console(Stream(1), Stream(2))
@@ -47,6 +56,8 @@ async def _run(
     console.output.on_gone = console.errors.on_gone = stop_unread
     _take_signals(supervisor)
     loop.add_signal_handler(signal.SIGCHLD, orphans.bury_dead)
+    if longest_s is not None:
+        loop.call_later(longest_s, supervisor.stop, f"has run for {longest_s:g} s")
     try:
         return await supervisor.run()
     finally:

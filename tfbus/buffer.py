@@ -1,17 +1,14 @@
-"""The buffer: assembles the tree of frames in time, and answers where one is seen from another."""
+"""The buffer: the last seconds of every frame, and the transform between any two at any time."""
 
 import asyncio
-import difflib
-import math
 import threading
 import time
+from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tfbus.batch import TransformBatch
 from tfbus.errors import (
@@ -20,120 +17,155 @@ from tfbus.errors import (
     FutureExtrapolationException,
     InvalidArgumentException,
     LookupException,
+    LoopException,
     NoDataException,
+    PastExtrapolationException,
     SingleSampleException,
     TimeoutException,
     TransformException,
 )
-from tfbus.history import History, Sample
-from tfbus.pose import Pose, compose, invert, unit_quaternion
-from tfbus.transform import Transform, TransformStamped
+from tfbus.frame import FrameInfo as FrameInfo
+from tfbus.transform import Transform, TransformStamped, check_frame_id, check_stamp
 
-T = TypeVar("T")
-
-_IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+NS_PER_S = 1_000_000_000
 
 
-@dataclass(frozen=True)
-class FrameInfo:
-    """What a buffer knows of one frame.
+class _Edge:
+    """The samples of one child frame, sorted by stamp."""
 
-    `parent` is None for a root; `rate_hz` is None where there are fewer than two samples;
-    the stamps are None where there are none.
-    """
+    def __init__(self, parent: str, *, static: bool) -> None:
+        self.parent = parent
+        self.static = static
+        self.authority = ""
+        self.conflicts = 0
+        self.stamps: list[int] = []
+        self.poses: list[Transform] = []
+        self.parents: list[str] = []
 
-    name: str
-    parent: str | None
-    static: bool
-    authority: str
-    samples: int
-    oldest_ns: int | None
-    newest_ns: int | None
-    rate_hz: float | None
+    def insert(self, ts: TransformStamped, cache_ns: int) -> bool:
+        stamp = ts.stamp_ns
+        if self.static:
+            self.stamps, self.poses, self.parents = [stamp], [ts.transform], [ts.frame_id]
+            self.parent = ts.frame_id
+            return True
+        if self.stamps and stamp < self.stamps[-1] - cache_ns:
+            return False
+        at = bisect_left(self.stamps, stamp)
+        if at < len(self.stamps) and self.stamps[at] == stamp:
+            if self.poses[at] != ts.transform or self.parents[at] != ts.frame_id:
+                self.conflicts += 1
+            self.poses[at], self.parents[at] = ts.transform, ts.frame_id
+        else:
+            self.stamps.insert(at, stamp)
+            self.poses.insert(at, ts.transform)
+            self.parents.insert(at, ts.frame_id)
+        self.parent = self.parents[-1]
+        expired = bisect_left(self.stamps, self.stamps[-1] - cache_ns)
+        del self.stamps[:expired], self.poses[:expired], self.parents[:expired]
+        return True
 
 
 class Buffer:
-    """The transforms of the last `cache_time_s` seconds, by their own stamps; safe from any thread.
+    """Transforms of the last `cache_time_s` seconds, assembled into a tree of frames.
 
-    What is set becomes an edge from parent to child; a lookup follows the edges between two
-    frames, at one time. Semantics are tf2's; docs/porting.md lists the differences.
+    Safe from any thread. A lookup with a timeout waits on a condition until data arrives.
     """
 
-    def __init__(self, cache_time_s: float = 10.0):
+    def __init__(self, cache_time_s: float = 10.0) -> None:
         self.cache_time_s = cache_time_s
         self.rejected: Counter[str] = Counter()
-        self._cache_time_ns = round(cache_time_s * 1e9)
-        self._histories: dict[str, History] = {}
-        self._roots: dict[str, None] = {}
+        self._cache_ns = round(cache_time_s * NS_PER_S)
+        self._edges: dict[str, _Edge] = {}
+        self._names: dict[str, None] = {}
         self._changed = threading.Condition()
-        self._waiters: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
+        self._watchers: set[Callable[[], None]] = set()
 
-    # Setting
+    # Filling it
 
     def set_transform(
-        self, transform: TransformStamped, *, static: bool = False, authority: str = ""
+        self, ts: TransformStamped, *, static: bool = False, authority: str = ""
     ) -> bool:
-        """Take one transform; a static one holds at all times.
+        """Store one transform; False where it is older than the cache and was not kept.
 
-        False where it is older than the newest of its child frame by more than the cache time.
-        Raises InvalidArgumentException for a frame name that cannot be, a parent that is its own
-        child, or an edge that would close a loop; then nothing has changed.
+        Raises InvalidArgumentException where both frames are one, LoopException where the edge
+        would close a loop.
         """
         with self._changed:
-            taken = self._insert(
-                transform.stamp_ns,
-                transform.frame_id,
-                transform.child_frame_id,
-                transform.transform.as_pose(),
-                static,
-                authority,
-            )
-            self._wake()
-            return taken
+            kept = self._insert(ts, static, authority)
+            self._tell()
+        return kept
 
     def set_transforms(
         self, batch: TransformBatch, *, static: bool = False, authority: str = ""
     ) -> int:
-        """Take a batch in one call; the number that was taken.
+        """Store the rows of a batch; the number that were kept.
 
-        One that cannot be taken harms none of the others: it is counted in `rejected`, by its
-        reason.
+        A row that cannot be right costs only itself: it is counted in `rejected`, by its reason.
         """
-        taken = 0
-        rows = zip(
-            batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True
-        )
+        kept = 0
         with self._changed:
-            for (parent, child), stamp_ns, pose in rows:
+            for row in range(len(batch)):
                 try:
-                    taken += self._insert(
-                        stamp_ns,
-                        batch.frames[parent],
-                        batch.frames[child],
-                        _checked_pose(pose),
-                        static,
-                        authority,
-                    )
+                    kept += self._insert(_row(batch, row), static, authority)
                 except InvalidArgumentException as error:
                     self.rejected[str(error)] += 1
-            self._wake()
-        return taken
+            self._tell()
+        return kept
 
     def clear(self) -> None:
-        """Forget what holds only at a time; static transforms stay."""
+        """Forget all dynamic transforms; static ones stay."""
         with self._changed:
-            for history in self._histories.values():
-                history.forget_samples()
-            self._wake()
+            self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
+            self._names = {}
+            for child, edge in self._edges.items():
+                self._names |= {edge.parent: None, child: None}
 
     def remove(self, frame: str) -> None:
-        """Forget all about a frame's place in its parent, static or not."""
-        with self._changed:
-            self._histories.pop(frame, None)
-            self._roots.pop(frame, None)
-            self._wake()
+        """Forget a frame with its history, and its place as a parent.
 
-    # Looking up
+        Raises LookupException where it is not known.
+        """
+        with self._changed:
+            self._check_known(frame)
+            self._edges.pop(frame, None)
+            for child in [c for c, edge in self._edges.items() if edge.parent == frame]:
+                del self._edges[child]
+            del self._names[frame]
+
+    def _insert(self, ts: TransformStamped, static: bool, authority: str) -> bool:
+        parent, child = ts.frame_id, ts.child_frame_id
+        if parent == child:
+            raise InvalidArgumentException(
+                f"frame {child!r} cannot be its own parent; frame_id and child_frame_id differ"
+            )
+        edge = self._edges.get(child)
+        if edge is None or edge.parent != parent:
+            self._refuse_loop(parent, child, authority)
+        if edge is None:
+            edge = self._edges[child] = _Edge(parent, static=static)
+            self._names |= {parent: None, child: None}
+        edge.static = static
+        self._names.setdefault(parent)
+        kept = edge.insert(ts, self._cache_ns)
+        if kept:
+            edge.authority = authority
+        return kept
+
+    def _refuse_loop(self, parent: str, child: str, authority: str) -> None:
+        chain = self._ancestors(parent)
+        if child in chain:
+            path = tuple(chain[: chain.index(child) + 1])
+            other = self._edges[parent].authority
+            raise LoopException(
+                f"{parent!r} -> {child!r}, sent by {authority!r}, would close a loop: "
+                f"{' -> '.join(reversed(path))} is known already, sent by {other!r}; "
+                "one of the two is to stop",
+                path=path,
+                authority=authority,
+                other_authority=other,
+            )
+
+    # Asking it
 
     def lookup_transform(
         self,
@@ -143,16 +175,14 @@ class Buffer:
         *,
         timeout_s: float = 0.0,
     ) -> TransformStamped:
-        """The transform that takes data in `source_frame` into `target_frame`, which is the pose
-        of the source seen from the target, at the stamp; None is the latest time at which every
-        edge between the two is known.
+        """The transform that takes data of `source_frame` into `target_frame`.
 
-        It waits for at most `timeout_s` seconds for what may still come. Raises
-        InvalidArgumentException for a name that cannot be, LookupException for one that is not
-        known, ConnectivityException where no path joins them, and a kind of
-        ExtrapolationException where the time is outside of what is known.
+        So: the pose of the source seen from the target. `stamp_ns` None is the latest time at
+        which the whole path is known. With a timeout it waits that long for data to come.
+        Raises LookupException, ConnectivityException, ExtrapolationException, or
+        TimeoutException after waiting.
         """
-        return self._wait_for(lambda: self._lookup(target_frame, source_frame, stamp_ns), timeout_s)
+        return self._wait(lambda: self._lookup(target_frame, source_frame, stamp_ns), timeout_s)
 
     def lookup_transform_full(
         self,
@@ -164,35 +194,32 @@ class Buffer:
         *,
         timeout_s: float = 0.0,
     ) -> TransformStamped:
-        """The transform that takes data in `source_frame` at the source's stamp into
-        `target_frame` at the target's, both seen from a frame that is fixed in between.
+        """The source as it was at one time, seen from the target at another.
 
-        Waits and raises as `lookup_transform`.
+        `fixed_frame` does not move between the two times. The answer has the target's stamp.
         """
 
-        def lookup() -> TransformStamped:
-            early = self._lookup(fixed_frame, source_frame, source_stamp_ns)
-            late = self._lookup(target_frame, fixed_frame, target_stamp_ns)
+        def travel() -> TransformStamped:
+            back = self._lookup(fixed_frame, source_frame, source_stamp_ns)
+            there = self._lookup(target_frame, fixed_frame, target_stamp_ns)
             return TransformStamped(
-                late.stamp_ns, target_frame, source_frame, late.transform @ early.transform
+                there.stamp_ns, target_frame, source_frame, there.transform @ back.transform
             )
 
-        return self._wait_for(lookup, timeout_s)
+        return self._wait(travel, timeout_s)
 
     def lookup_transforms(
-        self, target_frame: str, source_frame: str, stamps_ns: Sequence[int] | NDArray[np.int64]
+        self, target_frame: str, source_frame: str, stamps_ns: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The transforms at N stamps: xyz (N,3) in metres and quat_xyzw (N,4).
-
-        Raises as `lookup_transform`, where any of the stamps cannot be answered.
-        """
+        """The transform at each of N stamps: translations (N, 3), quaternions (N, 4)."""
+        stamps = np.asarray(stamps_ns, dtype=np.int64)
         with self._changed:
-            poses = [
-                self._lookup(target_frame, source_frame, int(stamp)).transform.as_pose()
-                for stamp in stamps_ns
+            found = [
+                self._lookup(target_frame, source_frame, stamp).transform
+                for stamp in stamps.tolist()
             ]
-        columns = np.array(poses, np.float64).reshape(-1, 7)
-        return columns[:, :3], columns[:, 3:]
+        xyz = np.array([t.xyz for t in found]).reshape(-1, 3)
+        return xyz, np.array([t.quat_xyzw for t in found]).reshape(-1, 4)
 
     def can_transform(
         self,
@@ -202,20 +229,14 @@ class Buffer:
         *,
         timeout_s: float = 0.0,
     ) -> bool:
-        """Whether `lookup_transform` with the same arguments answers."""
+        """Whether `lookup_transform` with the same arguments would answer."""
         try:
             self.lookup_transform(target_frame, source_frame, stamp_ns, timeout_s=timeout_s)
+        except InvalidArgumentException:
+            raise
         except TransformException:
             return False
         return True
-
-    def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
-        """The latest stamp at which every edge between the two frames is known; None where all
-        of them are static. Raises as `lookup_transform`.
-        """
-        with self._changed:
-            self._check_known(target_frame, source_frame)
-            return self._latest_common_time(target_frame, source_frame)
 
     async def wait_for_transform(
         self,
@@ -225,233 +246,197 @@ class Buffer:
         *,
         timeout_s: float | None = None,
     ) -> TransformStamped:
-        """The answer of `lookup_transform` as soon as there is one.
+        """`lookup_transform` for asyncio: await until the answer is there.
 
-        Raises TimeoutException after `timeout_s` (None: never), with the last reason as its
-        cause, and at once what waiting cannot mend.
+        Raises TimeoutException after `timeout_s`; None waits for ever. It can be cancelled.
         """
-        loop, event = asyncio.get_running_loop(), asyncio.Event()
-        waiter = (loop, event)
-        with self._changed:
-            self._waiters.add(waiter)
+        loop = asyncio.get_running_loop()
+        changed = asyncio.Event()
+
+        def tell() -> None:
+            loop.call_soon_threadsafe(changed.set)
+
+        deadline = None if timeout_s is None else loop.time() + timeout_s
+        self._watchers.add(tell)
         try:
-            async with asyncio.timeout(timeout_s):
-                while True:
-                    event.clear()
-                    try:
-                        with self._changed:
-                            return self._lookup(target_frame, source_frame, stamp_ns)
-                    except TransformException as error:
-                        if not may_come(error):
-                            raise
-                        reason = error
-                    await event.wait()
-        except TimeoutError:
-            raise TimeoutException(
-                f"not there within {timeout_s:g} s: {reason}", reason=reason
-            ) from reason
+            while True:
+                changed.clear()
+                try:
+                    with self._changed:
+                        return self._lookup(target_frame, source_frame, stamp_ns)
+                except (PastExtrapolationException, InvalidArgumentException):
+                    raise
+                except TransformException as error:
+                    reason = error
+                left = None if deadline is None else deadline - loop.time()
+                try:
+                    await asyncio.wait_for(changed.wait(), left)
+                except TimeoutError:
+                    raise _timed_out(timeout_s or 0.0, reason) from reason
         finally:
-            with self._changed:
-                self._waiters.discard(waiter)
+            self._watchers.discard(tell)
 
-    # Looking around
-
-    def frames(self) -> list[str]:
-        """The names of all known frames, sorted."""
+    def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
+        """The newest stamp at which the whole path is known; None where all of it is static."""
         with self._changed:
-            return sorted({*self._histories, *self._roots})
-
-    def frame(self, name: str) -> FrameInfo:
-        """What is known of one frame. Raises LookupException where it is not known."""
-        with self._changed:
-            self._check_known(name)
-            history = self._histories.get(name) or History(name)
-            stamps = history.stamps
-            span_s = (stamps[-1] - stamps[0]) / 1e9 if stamps else 0.0
-            return FrameInfo(
-                name=name,
-                parent=history.parent(),
-                static=history.is_static,
-                authority=history.authority,
-                samples=len(stamps),
-                oldest_ns=stamps[0] if stamps else None,
-                newest_ns=stamps[-1] if stamps else None,
-                rate_hz=(len(stamps) - 1) / span_s if span_s else None,
-            )
-
-    # The rest is called with the lock held
-
-    def _insert(
-        self, stamp_ns: int, parent: str, child: str, pose: Pose, static: bool, authority: str
-    ) -> bool:
-        _check_name(parent, "frame_id")
-        _check_name(child, "child_frame_id")
-        if parent == child:
-            raise InvalidArgumentException(f"frame {child!r} cannot be its own parent")
-        self._refuse_loop(parent, child, authority)
-        history = self._histories.get(child)
-        if history is None:
-            history = self._histories[child] = History(child)
-        history.authority = authority
-        self._roots.setdefault(parent)
-        sample = Sample(parent, pose)
-        if static:
-            history.set_static(sample)
-            return True
-        return history.insert(stamp_ns, sample, self._cache_time_ns)
-
-    def _refuse_loop(self, parent: str, child: str, authority: str) -> None:
-        known = self._histories.get(child)
-        if known is not None and known.parent() == parent:
-            return
-        for ancestor, history in self._ancestors(parent):
-            if ancestor == child:
-                other = history.authority if history else ""
-                raise InvalidArgumentException(
-                    f"{parent!r} -> {child!r} from {authority or 'here'} would close a loop: "
-                    f"{parent!r} hangs below {child!r} already (published by {other or 'here'})"
-                )
-
-    def _ancestors(self, frame: str) -> Iterator[tuple[str, History | None]]:
-        """The frame and those above it, each with the history of the one just below it."""
-        below: History | None = None
-        at: str | None = frame
-        while at is not None:
-            yield at, below
-            below = self._histories.get(at)
-            at = below.parent() if below else None
+            up, down = self._path(target_frame, source_frame)
+            return self._latest(up + down)
 
     def _lookup(self, target: str, source: str, stamp_ns: int | None) -> TransformStamped:
-        self._check_known(target, source)
+        up, down = self._path(target, source)
         if stamp_ns is None:
-            stamp_ns = self._latest_common_time(target, source) or 0
-        pose = self._compose(target, source, stamp_ns)
-        return TransformStamped(stamp_ns, target, source, Transform._trusted(pose))
-
-    def _compose(self, target: str, source: str, stamp_ns: int) -> Pose:
-        """Walk up from both frames until the walks meet, at the lowest common ancestor."""
-        source_poses = dict(self._walk(source, stamp_ns))
-        for frame, pose in self._walk(target, stamp_ns):
-            if frame in source_poses:
-                return compose(invert(pose), source_poses[frame])
-        raise self._why_not(target, source, stamp_ns)
-
-    def _walk(self, frame: str, stamp_ns: int) -> Iterator[tuple[str, Pose]]:
-        """The frame and those above it at that time, each with the pose of the first in it; it
-        ends early at an edge that is not known then.
-        """
-        pose = _IDENTITY
-        while True:
-            yield frame, pose
-            history = self._histories.get(frame)
-            if history is None:
-                return
-            try:
-                sample = history.at(stamp_ns)
-            except ExtrapolationException:
-                return
-            pose = compose(sample.pose, pose)
-            frame = sample.parent
-
-    def _why_not(self, target: str, source: str, stamp_ns: int) -> TransformException:
-        for history in self._path(target, source):
-            try:
-                history.at(stamp_ns)
-            except ExtrapolationException as error:
-                return error
-        return self._unconnected(target, source)
-
-    def _path(self, target: str, source: str) -> list[History]:
-        """The edges between the frames as the tree is now. Raises ConnectivityException."""
-        sources = [frame for frame, _ in self._ancestors(source)]
-        targets = [frame for frame, _ in self._ancestors(target)]
-        common = set(sources) & set(targets)
-        if not common:
-            raise self._unconnected(target, source)
-        below = [
-            frame
-            for walk in (sources, targets)
-            for frame in walk[: next(i for i, f in enumerate(walk) if f in common)]
-        ]
-        return [self._histories[frame] for frame in below]
-
-    def _latest_common_time(self, target: str, source: str) -> int | None:
-        path = self._path(target, source)
-        latest = [history.latest() for history in path if not history.is_static]
-        return min((entry[0] for entry in latest if entry), default=None)
-
-    def _unconnected(self, target: str, source: str) -> ConnectivityException:
-        target_root = [frame for frame, _ in self._ancestors(target)][-1]
-        source_root = [frame for frame, _ in self._ancestors(source)][-1]
-        return ConnectivityException(
-            f"{target!r} and {source!r} are not part of the same tree: "
-            f"one hangs below {target_root!r}, the other below {source_root!r}",
-            target_root=target_root,
-            source_root=source_root,
+            stamp_ns = self._latest(up + down) or 0
+        stamp_ns = check_stamp(stamp_ns)
+        return TransformStamped(
+            stamp_ns,
+            target,
+            source,
+            self._compose(down, stamp_ns).inverse() @ self._compose(up, stamp_ns),
         )
 
-    def _check_known(self, *frames: str) -> None:
-        for frame in frames:
-            _check_name(frame, "frame")
-            if frame not in self._histories and frame not in self._roots:
-                raise self._unknown(frame)
+    def _path(self, target: str, source: str) -> tuple[list[str], list[str]]:
+        """The frames below the common ancestor: up from the source, up from the target."""
+        for what, frame in (("target_frame", target), ("source_frame", source)):
+            check_frame_id(frame, what)
+            self._check_known(frame)
+        above_source, above_target = self._ancestors(source), self._ancestors(target)
+        below = set(above_target)
+        common = next((frame for frame in above_source if frame in below), None)
+        if common is None:
+            raise ConnectivityException(
+                f"{target!r} and {source!r} are not connected: the one is in the tree of "
+                f"{above_target[-1]!r}, the other in that of {above_source[-1]!r}",
+                target_frame=target,
+                source_frame=source,
+                target_root=above_target[-1],
+                source_root=above_source[-1],
+            )
+        return (
+            above_source[: above_source.index(common)],
+            above_target[: above_target.index(common)],
+        )
 
-    def _unknown(self, frame: str) -> LookupException:
-        known = sorted({*self._histories, *self._roots})
-        nearest = tuple(difflib.get_close_matches(frame, known, n=3))
-        if nearest:
-            hint = f"; the nearest names are {', '.join(nearest)}"
-        elif known:
-            shown = ", ".join(known[:10]) + (" ..." if len(known) > 10 else "")
-            hint = f"; there are {shown}"
+    def _ancestors(self, frame: str) -> list[str]:
+        chain = [frame]
+        while chain[-1] in self._edges:
+            chain.append(self._edges[chain[-1]].parent)
+        return chain
+
+    def _latest(self, frames: list[str]) -> int | None:
+        newest = [self._edges[f].stamps[-1] for f in frames if not self._edges[f].static]
+        return min(newest, default=None)
+
+    def _compose(self, chain: list[str], stamp_ns: int) -> Transform:
+        whole = Transform.identity()
+        for child in chain:
+            whole = self._sample(child, stamp_ns) @ whole
+        return whole
+
+    def _sample(self, child: str, stamp_ns: int) -> Transform:
+        edge = self._edges[child]
+        stamps, poses = edge.stamps, edge.poses
+        if edge.static:
+            return poses[-1]
+        after = bisect_right(stamps, stamp_ns)
+        if after and stamps[after - 1] == stamp_ns:
+            return poses[after - 1]
+        if after == 0 or after == len(stamps):
+            raise self._no_data(child, edge, stamp_ns)
+        before = after - 1
+        if edge.parents[before] != edge.parents[after]:
+            return poses[before]
+        ratio = (stamp_ns - stamps[before]) / (stamps[after] - stamps[before])
+        return poses[before].interpolate(poses[after], ratio)
+
+    def _no_data(self, child: str, edge: _Edge, stamp_ns: int) -> ExtrapolationException:
+        oldest, newest = edge.stamps[0], edge.stamps[-1]
+        kind: type[ExtrapolationException]
+        if not edge.stamps:
+            kind, what = NoDataException, "there is no sample of it"
+        elif len(edge.stamps) == 1:
+            kind, what = SingleSampleException, f"its only sample is of {newest} ns"
+        elif stamp_ns < oldest:
+            kind = PastExtrapolationException
+            what = f"its oldest sample is {(oldest - stamp_ns) / 1e9:g} s later"
         else:
-            hint = "; no frame is known so far"
-        return LookupException(
-            f"frame {frame!r} does not exist{hint}", frame=frame, nearest=nearest
+            kind = FutureExtrapolationException
+            what = f"its newest sample is {(stamp_ns - newest) / 1e9:g} s earlier"
+        return kind(
+            f"no data of {edge.parent!r} -> {child!r} (sent by {edge.authority!r}) at "
+            f"{stamp_ns} ns: {what}",
+            frame_id=edge.parent,
+            child_frame_id=child,
+            requested_ns=stamp_ns,
+            oldest_ns=oldest,
+            newest_ns=newest,
+            authority=edge.authority,
         )
 
-    def _wait_for(self, lookup: Callable[[], T], timeout_s: float) -> T:
+    # What it holds
+
+    def frames(self) -> list[str]:
+        """The names of all frames, sorted."""
+        with self._changed:
+            return sorted(self._names)
+
+    def frame(self, name: str) -> FrameInfo:
+        """What is known about one frame. Raises LookupException where it is unknown."""
+        with self._changed:
+            self._check_known(name)
+            children = tuple(c for c, e in self._edges.items() if e.parent == name)
+            edge = self._edges.get(name)
+            if edge is None:
+                return FrameInfo(name, children=children)
+            oldest, newest = edge.stamps[0], edge.stamps[-1]
+            moving = not edge.static and newest > oldest
+            return FrameInfo(
+                name,
+                edge.parent,
+                children,
+                edge.static,
+                len(edge.stamps),
+                (len(edge.stamps) - 1) * 1e9 / (newest - oldest) if moving else None,
+                oldest,
+                newest,
+                edge.authority,
+                edge.conflicts,
+            )
+
+    def _check_known(self, frame: str) -> None:
+        if frame not in self._names:
+            raise LookupException(f"there is no frame {frame!r}", frame=frame)
+
+    # Waiting
+
+    def _wait(self, attempt: Callable[[], TransformStamped], timeout_s: float) -> TransformStamped:
         deadline = time.monotonic() + timeout_s
         with self._changed:
             while True:
                 try:
-                    return lookup()
+                    return attempt()
+                except (PastExtrapolationException, InvalidArgumentException):
+                    raise
                 except TransformException as error:
-                    remaining_s = deadline - time.monotonic()
-                    if remaining_s <= 0 or not may_come(error):
+                    if timeout_s <= 0.0:
                         raise
-                self._changed.wait(remaining_s)
+                    if not self._changed.wait(max(0.0, deadline - time.monotonic())):
+                        raise _timed_out(timeout_s, error) from error
 
-    def _wake(self) -> None:
+    def _tell(self) -> None:
         self._changed.notify_all()
-        for loop, event in self._waiters:
-            loop.call_soon_threadsafe(event.set)
+        for tell in tuple(self._watchers):
+            tell()
 
 
-def may_come(error: TransformException) -> bool:
-    """Whether what is missing may still arrive: a frame, a link or the future, not the past."""
-    return isinstance(
-        error,
-        LookupException
-        | ConnectivityException
-        | FutureExtrapolationException
-        | SingleSampleException
-        | NoDataException,
+def _timed_out(timeout_s: float, reason: TransformException) -> TimeoutException:
+    return TimeoutException(f"waited {timeout_s:g} s: {reason}", reason=reason)
+
+
+def _row(batch: TransformBatch, row: int) -> TransformStamped:
+    parent, child = batch.edges[row].tolist()
+    return TransformStamped(
+        int(batch.stamps_ns[row]),
+        batch.frames[parent],
+        batch.frames[child],
+        Transform(batch.poses[row, :3], batch.poses[row, 3:]),
     )
-
-
-def _checked_pose(pose: Sequence[float]) -> Pose:
-    x, y, z, qx, qy, qz, qw = pose
-    if not all(map(math.isfinite, pose)):
-        raise InvalidArgumentException("a number of the transform is not finite")
-    return (x, y, z, *unit_quaternion(qx, qy, qz, qw))
-
-
-def _check_name(name: Any, what: str) -> None:
-    if not isinstance(name, str) or not name:
-        raise InvalidArgumentException(f"{what} is a name, not {name!r}")
-    if name.startswith("/"):
-        raise InvalidArgumentException(
-            f"{what} {name!r} begins with '/': frame names have no leading slash, "
-            f"write {name.lstrip('/')!r}"
-        )

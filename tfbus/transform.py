@@ -38,6 +38,7 @@ class Transform:
     __slots__ = ("_qw", "_qx", "_qy", "_qz", "_x", "_y", "_z")
 
     def __init__(self, xyz: ArrayLike = (0, 0, 0), quat_xyzw: ArrayLike = (0, 0, 0, 1)) -> None:
+        self._x: float
         self._x, self._y, self._z = _numbers(xyz, 3, "xyz")
         x, y, z, w = _numbers(quat_xyzw, 4, "quat_xyzw")
         self._qx, self._qy, self._qz, self._qw = _unit_quaternion(x, y, z, w)
@@ -48,6 +49,12 @@ class Transform:
     def identity() -> "Transform":
         """The motion that moves nothing."""
         return make_transform(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def from_pose(pose: ArrayLike) -> "Transform":
+        """From seven numbers: x y z, then the quaternion x y z w."""
+        numbers = _numbers(pose, 7, "pose")
+        return Transform(numbers[:3], numbers[3:])
 
     @staticmethod
     def from_matrix(matrix: ArrayLike) -> "Transform":
@@ -170,6 +177,10 @@ class Transform:
 
     def _quaternion(self) -> tuple[float, float, float, float]:
         return self._qx, self._qy, self._qz, self._qw
+
+    def as_pose(self) -> tuple[float, float, float, float, float, float, float]:
+        """The seven numbers x y z qx qy qz qw."""
+        return self._x, self._y, self._z, self._qx, self._qy, self._qz, self._qw
 
     def as_matrix(self) -> Floats:
         """The homogeneous matrix (4, 4)."""
@@ -300,20 +311,17 @@ class Transform:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Transform):
             return NotImplemented
-        return self._seven() == other._seven()
+        return self.as_pose() == other.as_pose()
 
     def __hash__(self) -> int:
-        return hash(self._seven())
+        return hash(self.as_pose())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return make_transform, self._seven()
+        return make_transform, self.as_pose()
 
     def __repr__(self) -> str:
-        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self._seven())
+        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self.as_pose())
         return f"Transform(xyz=({x}, {y}, {z}), quat_xyzw=({qx}, {qy}, {qz}, {qw}))"
-
-    def _seven(self) -> tuple[float, float, float, float, float, float, float]:
-        return self._x, self._y, self._z, self._qx, self._qy, self._qz, self._qw
 
 
 class TransformStamped:

@@ -1,0 +1,87 @@
+"""`tfbus launch` with real tfbus nodes on a real bus: names, options, and start by readiness."""
+
+import os
+import re
+import signal
+from pathlib import Path
+from textwrap import dedent
+
+from conftest import Bus, eventually
+
+from tfbus.presence import list_nodes
+
+TALKER = """
+    from tfbus import Node
+
+    with Node.from_args("talker") as node:
+        word = node.declare_parameter("word", "nothing")
+        print(f"I am {node.full_name} and say {word.value}", flush=True)
+        node.spin()
+"""
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(dedent(text))
+    return path
+
+
+def test_nodes_learn_their_names_parameters_and_bus_from_the_launch_file(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """A node of one's own gets name, namespace and parameters, and is on the bus of the launch."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        """
+        arguments: {word: {default: hello}}
+        nodes:
+          - {node: talker.py, parameters: {word: "${word}"}}
+          - {node: talker.py, name: bob, namespace: b}
+        """,
+    )
+    launch = bus.start("launch", str(path), "word:=two words", "--namespace", "fleet")
+    launch.wait_for_line(r"^\[fleet/talker\] I am /fleet/talker and say two words$")
+    launch.wait_for_line(r"^\[fleet/b/bob\] I am /fleet/b/bob and say nothing$")
+    watcher = bus.node("watcher")
+    expected = {"/fleet/b/bob", "/fleet/talker"}
+    eventually(lambda: expected <= set(list_nodes(watcher.session)))
+    assert launch.stop() == 0
+    eventually(lambda: not expected & set(list_nodes(watcher.session)))
+
+
+def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_path: Path) -> None:
+    """`after:` is settled by the node itself being there, wherever it was started."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        """
+        nodes:
+          - {node: talker.py, name: last, after: middle}
+          - {node: talker.py, name: middle, after: /elsewhere/first}
+        """,
+    )
+    launch = bus.start("launch", str(path))
+    launch.wait_for_line(r"\[INFO\] \[middle\]: waiting for /elsewhere/first to be on the bus")
+    assert not any("process started" in line for line in launch.err)
+    bus.node("first", namespace="elsewhere")
+    launch.wait_for_line(r"^\[last\] I am /last")
+    started = re.findall(r"\[(\w+)\]: process started", "\n".join(launch.err))
+    assert started == ["middle", "last"]
+    assert launch.stop(signal.SIGTERM) == 0
+
+
+def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:
+    """A node with `respawn` that is killed with SIGKILL comes back under its name."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(tmp_path, "robot.yaml", "nodes: [{node: talker.py, respawn: {delay: 0}}]")
+    launch = bus.start("launch", str(path))
+    launch.wait_for_line(r"^\[talker\] I am /talker")
+    pid = launch.wait_for_line("process started with pid").split("[")[-1].rstrip("]")
+    assert bus.run("node", "list").stdout.splitlines() == ["/talker"]
+    os.kill(int(pid), signal.SIGKILL)
+    eventually(lambda: len([line for line in launch.out if "I am /talker" in line]) == 2)
+    eventually(lambda: bus.run("node", "list").stdout.splitlines() == ["/talker"])
+    assert launch.stop() == 0

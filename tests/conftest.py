@@ -3,7 +3,6 @@
 import logging
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -12,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from signal import SIGINT, SIGKILL
 from typing import TypeVar
 
 import pytest
@@ -91,7 +91,7 @@ class Process:
         """Send a signal to the process."""
         self.popen.send_signal(number)
 
-    def stop(self, number: int = signal.SIGINT) -> int:
+    def stop(self, number: int = SIGINT) -> int:
         """Send a signal and wait for the end: the exit code."""
         if self.popen.poll() is None:
             self.signal(number)
@@ -107,7 +107,7 @@ class Process:
     def kill(self) -> None:
         """End it and all its children, whatever they do."""
         with suppress(ProcessLookupError):
-            os.killpg(self.pid, signal.SIGKILL)
+            os.killpg(self.pid, SIGKILL)
         self.popen.wait(DEADLINE_S)
 
 

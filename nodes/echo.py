@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,7 +16,6 @@ import click
 
 from tfbus import (
     Buffer,
-    InvalidArgumentException,
     Node,
     NodeSettings,
     PastExtrapolationException,
@@ -77,9 +76,7 @@ class Question:
         """The answer, waited for; raises TransformException where there is none."""
         stamp_ns = self.moment.at(now_ns) if self.moment else None
         if self.fixed_frame is None:
-            return buffer.lookup_transform(
-                self.source, self.target, stamp_ns, timeout_s=timeout_s
-            )
+            return buffer.lookup_transform(self.source, self.target, stamp_ns, timeout_s=timeout_s)
         return buffer.lookup_transform_full(
             self.source, None, self.target, stamp_ns, self.fixed_frame, timeout_s=timeout_s
         )
@@ -115,8 +112,6 @@ def _wait_for_answer(
         try:
             patience_s = max(0.0, say_at_s - time.monotonic())
             return question.ask(buffer, node.now_ns(), patience_s)
-        except InvalidArgumentException as error:
-            raise click.UsageError(str(error)) from error
         except TransformException as error:
             if question.is_hopeless(error):
                 raise
@@ -144,6 +139,16 @@ def _frames_known(buffer: Buffer) -> str:
     return f"Frames known: {listed}{more}."
 
 
+def _frame(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
+    if name == "":
+        raise click.BadParameter("the name of a frame is not empty")
+    if name is not None and name.startswith("/"):
+        raise click.BadParameter(
+            f"{name!r} begins with a slash, which frames do not: write {name.lstrip('/')!r}"
+        )
+    return name
+
+
 def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
     try:
         return None if text is None else parse_moment(text)
@@ -158,17 +163,26 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
 
 
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
-@click.argument("source")
-@click.argument("target")
-@click.option("--rate", type=float, default=1.0, callback=_positive, help="Blocks a second; 1.")
+@click.argument("source", callback=_frame)
+@click.argument("target", callback=_frame)
+@click.option("--rate", type=float, default=1.0, callback=_positive, help="Blocks per second; 1.")
 @click.option(
     "--precision", type=click.IntRange(0, 17), default=3, help="Digits after the point in text; 3."
 )
 @click.option(
-    "--style", type=click.Choice(list(_STYLES)), default="tf2", help="The newest tf2_echo's, or Foxy's."
+    "--style",
+    type=click.Choice(list(_STYLES)),
+    default="tf2",
+    help="As the newest tf2_echo, or Foxy's.",
 )
 @click.option("--raw-zeros", is_flag=True, help="Keep the sign of zero: -0.000.")
-@click.option("--format", "form", type=click.Choice(["text", *_LINES]), default="text")
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(["text", *_LINES]),
+    default="text",
+    help="Blocks of text, or one JSON object or CSV row a line with all digits.",
+)
 @click.option("--once", is_flag=True, help="Print one block and exit.")
 @click.option("--count", type=click.IntRange(min=1), help="Print so many blocks and exit.")
 @click.option(
@@ -181,6 +195,7 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
 @click.option(
     "--fixed-frame",
     metavar="FRAME",
+    callback=_frame,
     help="Where TARGET was at --at, seen from SOURCE now; FRAME has not moved in between.",
 )
 @click.option(

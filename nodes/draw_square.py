@@ -1,0 +1,134 @@
+"""Drives turtle1 along a square of 2 m, again and again (turtlesim's draw_square).
+
+    tfbus draw_square
+
+A side and a corner each end when the turtle's pose says so, then the turtle stops, then the
+next one begins: a small machine of four states.
+"""
+
+import logging
+from dataclasses import dataclass
+from enum import Enum
+from math import cos, pi, remainder, sin
+
+import click
+
+from tfbus import Node, NodeSettings, node_options
+from tfbus.messages import Empty, Pose, Twist, Vector3
+
+SIDE_M = 2.0
+SPEED_M_S = 1.0
+TURN_RAD_S = 0.4
+POSITION_TOLERANCE_M = 0.1
+HEADING_TOLERANCE_RAD = 0.01
+STANDSTILL = 0.0001
+
+STOP = Twist()
+FORWARD = Twist(linear=Vector3(x=SPEED_M_S))
+TURN = Twist(angular=Vector3(z=TURN_RAD_S))
+
+
+class State(Enum):
+    """What the turtle is doing, and the command that makes it do so."""
+
+    FORWARD = 0
+    STOP_FORWARD = 1
+    TURN = 2
+    STOP_TURN = 3
+
+    @property
+    def command(self) -> Twist:
+        """The velocities to command in this state."""
+        return {State.FORWARD: FORWARD, State.TURN: TURN}.get(self, STOP)
+
+    @property
+    def next(self) -> "State":
+        """The state after this one."""
+        return State((self.value + 1) % 4)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a side or a corner ends."""
+
+    x: float
+    y: float
+    theta: float
+
+    @classmethod
+    def ahead(cls, pose: Pose) -> "Target":
+        """The end of a side that begins at this pose."""
+        x, y = pose.x + cos(pose.theta) * SIDE_M, pose.y + sin(pose.theta) * SIDE_M
+        return cls(x, y, pose.theta)
+
+    @classmethod
+    def to_the_left(cls, pose: Pose) -> "Target":
+        """The end of a corner that begins at this pose."""
+        return cls(pose.x, pose.y, remainder(pose.theta + pi / 2, 2 * pi))
+
+    def reached(self, pose: Pose) -> bool:
+        """Whether the pose is this one, within the tolerances."""
+        return (
+            abs(pose.x - self.x) < POSITION_TOLERANCE_M
+            and abs(pose.y - self.y) < POSITION_TOLERANCE_M
+            and abs(remainder(pose.theta - self.theta, 2 * pi)) < HEADING_TOLERANCE_RAD
+        )
+
+
+class Square:
+    """Answers each pose with a command; it knows nothing of time or the bus."""
+
+    def __init__(self, pose: Pose, log: logging.Logger) -> None:
+        self.state = State.FORWARD
+        self.target = Target.ahead(pose)
+        self._log = log
+        self._log_target()
+
+    def command(self, pose: Pose) -> Twist:
+        """What to command now that the turtle is at `pose`."""
+        if self.state in (State.FORWARD, State.TURN):
+            if self.target.reached(pose):
+                self.state = self.state.next
+        elif pose.linear_velocity < STANDSTILL and abs(pose.angular_velocity) < STANDSTILL:
+            self._log.info("Reached goal")
+            after_side = self.state is State.STOP_FORWARD
+            self.target = Target.to_the_left(pose) if after_side else Target.ahead(pose)
+            self.state = self.state.next
+            self._log_target()
+        return self.state.command
+
+    def _log_target(self) -> None:
+        target = self.target
+        self._log.info("New goal [%f %f, %f]", target.x, target.y, target.theta)
+
+
+@click.command(epilog="Example: tfbus draw_square --param turtle=turtle2 --param reset=false")
+@node_options("draw_square")
+def main(settings: NodeSettings) -> None:
+    """Drive a turtle along a square."""
+    with Node.from_settings(settings) as node:
+        turtle = node.declare_parameter(
+            "turtle", "turtle1", description="The turtle to drive."
+        ).value
+        reset = node.declare_parameter(
+            "reset", True, description="Whether to reset the simulator before."
+        ).value
+        commands = node.create_publisher(Twist, f"{turtle}/cmd_vel")
+        square: Square | None = None
+
+        def drive(pose: Pose) -> None:
+            nonlocal square
+            square = square or Square(pose, node.log)
+            commands.publish(square.command(pose))
+
+        if reset:
+            node.log.info("Waiting for the simulator's service reset")
+            resetting = node.create_client(Empty, "reset")
+            resetting.wait_for_service()
+            resetting.call(Empty.Request())
+        node.create_subscription(Pose, f"{turtle}/pose", drive)
+        node.spin()
+
+
+if __name__ == "__main__":
+    main()

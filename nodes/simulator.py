@@ -1,0 +1,134 @@
+"""turtlesim on the bus: turtles that drive by `<turtle>/cmd_vel` and tell their `<turtle>/pose`.
+
+    tfbus simulator
+    tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'
+
+Services: spawn, kill, clear, reset; for each turtle set_pen, teleport_absolute,
+teleport_relative, and the goal rotate_absolute. Parameters, at any time: background_r,
+background_g, background_b, holonomic. Closing the window ends the simulator.
+"""
+
+from collections import deque
+from pathlib import Path
+
+import click
+
+from tfbus import Node, NodeSettings, node_options
+from tfbus.messages import Color, Empty, Kill, Spawn
+from tfbus.nodes.turtle.interface import TurtleInterface
+from tfbus.nodes.turtle.turtle import TICK_S
+from tfbus.nodes.turtle.window import NoWindowError, Window, save_picture
+from tfbus.nodes.turtle.world import BACKGROUND, Snapshot, World
+
+FRAME_S = 1.0 / 60.0
+
+
+class Simulator:
+    """A world that lives on a node's thread, in steps of 16 ms; poses are stamped by its clock."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        node.log.info("Starting turtlesim with node name %s", node.full_name)
+        self._background = [
+            node.declare_parameter(
+                f"background_{part}",
+                getattr(BACKGROUND, part),
+                description=f"The {name} of the background.",
+                minimum=0,
+                maximum=255,
+            )
+            for part, name in (("r", "red"), ("g", "green"), ("b", "blue"))
+        ]
+        self._holonomic = node.declare_parameter(
+            "holonomic", False, description="Whether turtles move sideways, by linear.y."
+        )
+        self.world = World(node.log)
+        self._take_parameters()
+        self._interfaces: dict[str, TurtleInterface] = {}
+        self._meet_turtles()
+        node.create_service(Spawn, "spawn", self._spawn)
+        node.create_service(Kill, "kill", self._kill)
+        node.create_service(Empty, "clear", self._clear)
+        node.create_service(Empty, "reset", self._reset)
+        node.create_timer(TICK_S, self._tick)
+
+    def _tick(self) -> None:
+        self._take_parameters()
+        self.world.step()
+        stamp_ns = self._node.now_ns()
+        for interface in self._interfaces.values():
+            interface.publish(stamp_ns)
+
+    def _take_parameters(self) -> None:
+        self.world.background = Color(*(part.value for part in self._background))
+        self.world.holonomic = self._holonomic.value
+
+    def _meet_turtles(self) -> None:
+        """Let every turtle of the world, and no other, have its interface."""
+        for name in set(self._interfaces) - set(self.world.turtles):
+            self._interfaces.pop(name).close()
+        for name in self.world.turtles:
+            if name not in self._interfaces:
+                self._interfaces[name] = TurtleInterface(self._node, self.world, name)
+
+    def _spawn(self, request: Spawn.Request) -> Spawn.Response:
+        turtle = self.world.spawn(request.x, request.y, request.theta, request.name)
+        self._meet_turtles()
+        return Spawn.Response(turtle.name)
+
+    def _kill(self, request: Kill.Request) -> Kill.Response:
+        self.world.kill(request.name)
+        self._meet_turtles()
+        return Kill.Response()
+
+    def _clear(self, request: Empty.Request) -> Empty.Response:
+        self.world.clear()
+        return Empty.Response()
+
+    def _reset(self, request: Empty.Request) -> Empty.Response:
+        self.world.reset()
+        self._meet_turtles()
+        return Empty.Response()
+
+
+@click.command(epilog="Example: tfbus simulator --headless")
+@click.option("--headless", is_flag=True, help="Open no window.")
+@click.option(
+    "--screenshot",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Save a picture of the field when the simulator ends: turtles.png.",
+)
+@node_options("sim")
+def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> None:
+    """Turtles on a field: drive them, watch their poses (turtlesim)."""
+    with Node.from_settings(settings) as node:
+        simulator = Simulator(node)
+        if screenshot:  # a file that cannot be written is told of now, not after an hour
+            save_picture(simulator.world.snapshot(), screenshot)
+        if headless:
+            node.spin()
+        else:
+            _show(node, simulator.world)
+    if screenshot:
+        save_picture(simulator.world.snapshot(), screenshot)
+
+
+def _show(node: Node, world: World) -> None:
+    """Show the world in a window until it is closed or the node ends; without one, just run."""
+    frames: deque[Snapshot] = deque(maxlen=1)
+    try:
+        with Window(f"{node.full_name} - tfbus simulator") as window:
+            # The world belongs to the node's thread, the window to this one.
+            node.create_timer(FRAME_S, lambda: frames.append(world.snapshot()))
+            node.ready()
+            while window.is_open and node.wait(FRAME_S):
+                if frames:
+                    window.show(frames[-1])
+    except NoWindowError as error:
+        node.log.info("No window: %s", error)
+        node.spin()
+
+
+if __name__ == "__main__":
+    main()

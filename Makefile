@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check bench clean
+.PHONY: demo test check types bench clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/tfbus launch demo $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
@@ -16,7 +16,14 @@ test: $(VENV)/dev.stamp
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(MAKE) --no-print-directory types
+
+# mypy finds `tfbus.nodes` where it is installed to, so it is shown the package laid out like that.
+types: TREE := build/types
+types: $(VENV)/dev.stamp
+	rm -rf $(TREE) && mkdir -p $(TREE)/tfbus
+	ln -s $(CURDIR)/tfbus/* $(CURDIR)/nodes $(CURDIR)/configs $(TREE)/tfbus/
+	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml -p tfbus
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,127 @@
+"""`tfbus static`: publish transforms that never change, as static_transform_publisher does.
+
+Try it: tfbus static world camera --x 1 --yaw 0.5
+"""
+
+import os
+from pathlib import Path
+
+import click
+
+from tfbus import (
+    Node,
+    NodeSettings,
+    StaticTransformBroadcaster,
+    TransformStamped,
+    node_options,
+)
+from tfbus.nodes.static_edge import EdgeMistake, make_edge
+
+
+@click.command(
+    epilog="Examples: tfbus static world camera --x 1 --yaw 0.5; tfbus static --file edges.yaml"
+)
+@click.argument("frame_id", required=False)
+@click.argument("child_frame_id", required=False)
+@click.option("--frame-id", "frame_option", metavar="FRAME", help="The parent, by a flag.")
+@click.option("--child-frame-id", "child_option", metavar="FRAME", help="The child, by a flag.")
+@click.option("--x", type=float, help="Metres; 0.")
+@click.option("--y", type=float, help="Metres; 0.")
+@click.option("--z", type=float, help="Metres; 0.")
+@click.option("--roll", type=float, help="Radians about x, turned first; 0.")
+@click.option("--pitch", type=float, help="Radians about y, turned second; 0.")
+@click.option("--yaw", type=float, help="Radians about z, turned last; 0.")
+@click.option("--qx", type=float, help="Quaternion, instead of roll, pitch and yaw; 0.")
+@click.option("--qy", type=float, help="0.")
+@click.option("--qz", type=float, help="0.")
+@click.option("--qw", type=float, help="1.")
+@click.option("--deg", is_flag=True, help="Angles are degrees.")
+@click.option(
+    "--file",
+    "path",
+    type=click.Path(path_type=Path),
+    help="A YAML list of edges, whose keys are these flags: frame_id, child_frame_id, x, yaw ...",
+)
+@node_options("static")
+def main(
+    settings: NodeSettings,
+    frame_id: str | None,
+    child_frame_id: str | None,
+    frame_option: str | None,
+    child_option: str | None,
+    deg: bool,
+    path: Path | None,
+    **numbers: float | None,
+) -> None:
+    """Publish transforms that never change."""
+    given = {name: value for name, value in numbers.items() if value is not None}
+    frames = _frames(frame_id, child_frame_id, frame_option, child_option)
+    if path is not None:
+        edges = _edges_of_file(path, deg, alone=not given and not frames)
+    else:
+        edges = [_edge(frames, given, deg)]
+    _publish(settings, edges)
+
+
+def _publish(settings: NodeSettings, edges: list[TransformStamped]) -> None:
+    with Node.from_settings(_named_apart(settings)) as node:
+        StaticTransformBroadcaster(node).send_transform(
+            TransformStamped(node.now_ns(), edge.frame_id, edge.child_frame_id, edge.transform)
+            for edge in edges
+        )
+        for edge in edges:
+            node.log.info("%s", _announcement(edge))
+        node.spin()
+
+
+def _announcement(edge: TransformStamped) -> str:
+    """What static_transform_publisher says of an edge, in four lines."""
+    xyz, quat_xyzw = (
+        ", ".join(f"'{value:.6f}'" for value in values)
+        for values in (edge.transform.xyz, edge.transform.quat_xyzw)
+    )
+    return (
+        "Spinning until stopped - publishing transform\n"
+        f"translation: ({xyz})\n"
+        f"rotation: ({quat_xyzw})\n"
+        f"from '{edge.frame_id}' to '{edge.child_frame_id}'"
+    )
+
+
+def _frames(
+    parent: str | None, child: str | None, parent_option: str | None, child_option: str | None
+) -> dict[str, str]:
+    """The names that were given, as arguments or as flags, but not as both."""
+    arguments, options = (parent, child), (parent_option, child_option)
+    if any(name is not None for name in arguments) and any(name is not None for name in options):
+        raise click.UsageError("name the frames as arguments or by flags, not both")
+    names = options if parent is None else arguments
+    pairs = zip(("frame_id", "child_frame_id"), names, strict=True)
+    return {field: name for field, name in pairs if name is not None}
+
+
+def _edge(frames: dict[str, str], numbers: dict[str, float], degrees: bool) -> TransformStamped:
+    try:
+        return make_edge(frames, numbers, degrees=degrees)
+    except EdgeMistake as mistake:
+        flag = f"--{mistake.field.replace('_', '-')}"
+        raise click.UsageError(f"{flag}: {mistake.reason}") from mistake
+
+
+def _edges_of_file(path: Path, degrees: bool, *, alone: bool) -> list[TransformStamped]:
+    if not alone:
+        raise click.UsageError("--file says frames and numbers itself: give no others beside it")
+    from tfbus.nodes.static_file import read_edges  # YAML, which one edge does not need
+
+    return read_edges(path, degrees=degrees)
+
+
+def _named_apart(settings: NodeSettings) -> NodeSettings:
+    """The settings with a name of this process's own, so that many can run at once."""
+    return (
+        settings.renamed(f"static_{os.urandom(4).hex()}") if settings.name == "static" else settings
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""An edge that never changes, out of the fields that people write: flags, or keys of a file."""
+
+import math
+from collections.abc import Mapping
+
+from tfbus import InvalidArgumentException, TfbusError, Transform, TransformStamped
+
+XYZ = ("x", "y", "z")
+RPY = ("roll", "pitch", "yaw")
+QUATERNION = ("qx", "qy", "qz", "qw")
+NUMBERS = (*XYZ, *RPY, *QUATERNION)
+FRAMES = ("frame_id", "child_frame_id")
+
+_IDENTITY = {"qw": 1.0}
+
+
+class EdgeMistake(TfbusError):
+    """An edge that cannot be; `field` is the one at fault, in the words of static_edge."""
+
+    def __init__(self, field: str, reason: str) -> None:
+        super().__init__(reason)
+        self.field = field
+        self.reason = reason
+
+
+def make_edge(
+    frames: Mapping[str, str], numbers: Mapping[str, float], *, degrees: bool = False
+) -> TransformStamped:
+    """The edge with these fields; those that are not given are the identity's.
+
+    Lengths in metres; roll, pitch and yaw in radians, or in degrees. Its stamp is 0. Raises
+    EdgeMistake.
+    """
+    _check_frames(frames)
+    for field, value in numbers.items():
+        if not math.isfinite(value):
+            raise EdgeMistake(field, f"is {value}; a finite number is wanted")
+    return TransformStamped(
+        0, frames["frame_id"], frames["child_frame_id"], _transform(numbers, degrees)
+    )
+
+
+def _check_frames(frames: Mapping[str, str]) -> None:
+    for field in FRAMES:
+        name = frames.get(field, "")
+        if not name:
+            raise EdgeMistake(field, "is missing: name the parent frame and the child frame")
+        if name.startswith("/"):
+            raise EdgeMistake(
+                field, f"{name!r} begins with a slash, which frames do not: write {name[1:]!r}"
+            )
+    if frames["frame_id"] == frames["child_frame_id"]:
+        raise EdgeMistake(
+            "child_frame_id",
+            f"is {frames['frame_id']!r}, the parent's own name; give the child another",
+        )
+
+
+def _transform(numbers: Mapping[str, float], degrees: bool) -> Transform:
+    turned = [field for field in RPY if field in numbers]
+    quaternion = [field for field in QUATERNION if field in numbers]
+    if turned and quaternion:
+        raise EdgeMistake(
+            quaternion[0],
+            f"cannot stand beside {turned[0]}: give roll, pitch and yaw, or a quaternion",
+        )
+    xyz = [numbers.get(field, 0.0) for field in XYZ]
+    if not quaternion:
+        roll, pitch, yaw = (
+            math.radians(value) if degrees else value
+            for value in (numbers.get(field, 0.0) for field in RPY)
+        )
+        return Transform.from_rpy(roll, pitch, yaw, xyz=xyz)
+    try:
+        quat_xyzw = [numbers.get(field, _IDENTITY.get(field, 0.0)) for field in QUATERNION]
+        return Transform(xyz, quat_xyzw)
+    except InvalidArgumentException as error:
+        raise EdgeMistake(quaternion[0], f"{error}{_remedy(quat_xyzw)}") from error
+
+
+def _remedy(quat_xyzw: list[float]) -> str:
+    norm = math.hypot(*quat_xyzw)
+    if norm == 0.0:
+        return ""
+    unit = " ".join(
+        f"{field} {value / norm:.9g}" for field, value in zip(QUATERNION, quat_xyzw, strict=True)
+    )
+    return f"; divided by its norm it is {unit}"

@@ -28,6 +28,7 @@ START = Spawn.Request(x=4.0, y=2.0, theta=0.0)
 TURN_PER_RAD = 1.0
 SPEED_PER_M = 0.5
 FIXED_FRAME = "world"
+LONGEST_DELAY_S = 60.0
 
 
 @click.command(epilog="Example: tfbus follow --param target_frame=turtle1 --param delay=5.0")
@@ -42,12 +43,16 @@ def main(settings: NodeSettings) -> None:
             "target_frame", "turtle1", description="The frame to follow."
         )
         delay_s = node.declare_parameter(
-            "delay", 0.0, description="Go to where it was so many seconds ago.", minimum=0.0
+            "delay",
+            0.0,
+            description="Go to where it was so many seconds ago.",
+            minimum=0.0,
+            maximum=LONGEST_DELAY_S,
         )
         rate_hz = node.declare_parameter(
             "rate", 10.0, description="Lookups, and commands, a second.", minimum=0.1, maximum=100.0
         )
-        buffer = Buffer(cache_time_s=10.0)
+        buffer = Buffer(cache_time_s=LONGEST_DELAY_S + 10.0)
         TransformListener(buffer, node)
         commands = node.create_publisher(Twist, f"{follower}/cmd_vel")
         complaint = ""

@@ -50,14 +50,10 @@ class Canvas:
         self.version += 1
 
     def color_at(self, x: float, y: float, background: Color) -> Color:
-        """The colour seen at a point in pixels, ink over the background."""
+        """The colour of the pixel at a point: its ink where that covers half of it or more."""
         column, row = (min(max(round(value), 0), self.size - 1) for value in (x, y))
         r, g, b, alpha = (int(part) for part in self._ink[row, column])
-        return Color(
-            _over(r, background.r, alpha),
-            _over(g, background.g, alpha),
-            _over(b, background.b, alpha),
-        )
+        return Color(r, g, b) if alpha >= 128 else background
 
     def copy(self) -> NDArray[np.uint8]:
         """The ink as (size, size, 4) bytes, rows from the top, red green blue alpha; read-only."""
@@ -68,10 +64,6 @@ class Canvas:
     def _span(self, a: float, b: float, reach: float) -> slice:
         low, high = min(a, b) - reach, max(a, b) + reach
         return slice(max(floor(low), 0), min(ceil(high) + 1, self.size))
-
-
-def _over(ink: int, paper: int, alpha: int) -> int:
-    return round(paper + (ink - paper) * alpha / 255)
 
 
 def _near(point: tuple[float, float]) -> tuple[float, float]:

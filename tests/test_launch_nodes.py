@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 from textwrap import dedent
 
+import pytest
 from conftest import Bus, eventually
 
 from tfbus.presence import list_nodes
@@ -84,4 +85,37 @@ def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:
     os.kill(int(pid), signal.SIGKILL)
     eventually(lambda: len([line for line in launch.out if "I am /talker" in line]) == 2)
     eventually(lambda: bus.run("node", "list").stdout.splitlines() == ["/talker"])
+    assert launch.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "nodes"),
+    [
+        ("turtle", ["/broadcaster1", "/sim"]),
+        ("follow", ["/broadcaster1", "/broadcaster2", "/listener", "/sim"]),
+        ("carrot", ["/broadcaster1", "/broadcaster2", "/carrot", "/listener", "/sim"]),
+        ("time_travel", ["/broadcaster1", "/broadcaster2", "/carrot", "/listener", "/sim"]),
+        ("square", ["/broadcaster1", "/draw_square", "/sim"]),
+    ],
+)
+def test_the_installed_launch_files_bring_their_nodes(
+    bus: Bus, name: str, nodes: list[str]
+) -> None:
+    """Each launch file that comes with tfbus starts its nodes, and Ctrl-C ends them cleanly."""
+    launch = bus.start("launch", name, "headless:=true")
+    watcher = bus.node("watcher")
+    eventually(lambda: list_nodes(watcher.session) == sorted(["/watcher", *nodes]))
+    assert launch.stop() == 0
+    assert len([line for line in launch.err if "finished cleanly" in line]) == len(nodes)
+
+
+def test_the_demo_prints_where_the_drone_is(bus: Bus) -> None:
+    """`tfbus launch demo` prints one place of the drone after another, and how to drive by hand."""
+    launch = bus.start("launch", "demo", "headless:=true")
+    launch.wait_for_line(r"^\[hint\] To drive by hand: ")
+
+    def places() -> set[str]:
+        return {line for line in launch.out if "[echo] - Translation" in line}
+
+    eventually(lambda: len(places()) >= 2)
     assert launch.stop() == 0

@@ -77,7 +77,7 @@ class Supervisor:
         self._presence = presence
         self._guard = guard
         self._patience = patience or Patience()
-        self._children: set[Child] = set()
+        self._children: list[Child] = []  # in the order of their starts
         self._arrived: set[str] = set()  # full names of awaited nodes that came
         self._over: set[str] = set()  # full names of programs that will not run again
         self._rung: signal.Signals | None = None  # the last signal that everyone was sent
@@ -182,7 +182,7 @@ class Supervisor:
             reason = f"process cannot be started: {error}: cmd '{program.command_line}'"
             self._fail(program.name, reason)
             return 1
-        self._children.add(child)
+        self._children.append(child)
         if self._guard:
             self._guard.watch(child.pid)
         self._say("INFO", program.name, f"process started with pid [{child.pid}]")

@@ -9,15 +9,15 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from tfbus.session import Session
+from tfbus.session import BytesPublisher, Session
 
 # How soon a subscriber that lost the last message learns of it and asks for it again.
 _HEARTBEAT_S = 0.5
 
 
-def declare_retained_publisher(session: Session, key: str) -> ext.AdvancedPublisher:
+def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
     """A publisher whose last message is kept for late joiners, and sent again where it was lost."""
-    return ext.declare_advanced_publisher(
+    publisher = ext.declare_advanced_publisher(
         session.zenoh,
         key,
         congestion_control=zenoh.CongestionControl.BLOCK,
@@ -27,6 +27,7 @@ def declare_retained_publisher(session: Session, key: str) -> ext.AdvancedPublis
         ),
         publisher_detection=True,
     )
+    return BytesPublisher(key, publisher)
 
 
 def declare_retained_subscriber(

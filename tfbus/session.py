@@ -10,7 +10,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +19,18 @@ import zenoh
 from tfbus.errors import BusError
 from tfbus.settings import NodeSettings
 
+# How soon a client looks for its router again.
+_RETRY_S = 0.5
+
+# What Zenoh itself puts in the place of an answer that has not come in time.
+_NO_ANSWER_IN_TIME = b"Timeout"
+
 
 @dataclass(frozen=True)
 class Answer:
-    """One answer to a query: its key and payload, or the text of a refusal."""
+    """One answer to a query: its key and payload, or the text of a refusal, "" where it has not
+    come in time.
+    """
 
     key: str
     payload: bytes
@@ -60,7 +68,9 @@ class ServedWatch:
         self._listener = querier.declare_matching_listener(
             lambda status: on_change(status.matching)
         )
-        on_change(querier.matching_status)
+        status: Any = querier.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
+        if status.matching:
+            on_change(True)
 
     def close(self) -> None:
         """Watch no more."""
@@ -68,17 +78,41 @@ class ServedWatch:
         self._querier.undeclare()
 
 
+class BytesPublisher:
+    """Sends payloads on one key; made by a session or, for retained ones, by tfbus.retained."""
+
+    def __init__(self, key: str, publisher: Any):
+        self._key = key
+        self._publisher = publisher
+
+    def put(self, payload: bytes) -> None:
+        """Send one payload. Raises BusError where the session is closed."""
+        try:
+            self._publisher.put(payload)
+        except zenoh.ZError as error:
+            raise _as_bus_error(f"publish {self._key}", error) from error
+
+    def undeclare(self) -> None:
+        """Send no more; twice is fine."""
+        with suppress(zenoh.ZError):
+            self._publisher.undeclare()
+
+
 class Session:
     """One process's place on the bus; it closes by `with` or `close()`, twice is fine."""
 
-    def __init__(self, settings: NodeSettings, log: logging.Logger):
-        """Open the session. Raises BusError where that cannot be done, and says why."""
+    def __init__(self, settings: NodeSettings, log: logging.Logger, *, patience_s: float = 0.0):
+        """Open the session.
+
+        A client's router may come later: it is waited for, at most `patience_s` seconds. Raises
+        BusError where the bus cannot be joined, and says why.
+        """
         zenoh.try_init_log_from_env()
         self.settings = settings
         self._log = log
         self._closed = False
         with _bus_errors(f"join the bus{_towards(settings)}"):
-            self.zenoh = zenoh.open(zenoh_config(settings))
+            self.zenoh = self._open(zenoh_config(settings), patience_s)
         self.id = str(self.zenoh.zid())
 
     def __enter__(self) -> "Session":
@@ -94,21 +128,38 @@ class Session:
             with _bus_errors("leave the bus"):
                 self.zenoh.close()
 
-    def publisher(self, key: str) -> zenoh.Publisher:
+    def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
+        """Zenoh's session; tried again here, not by Zenoh, which would not hear Ctrl-C."""
+        deadline = time.monotonic() + patience_s
+        told = False
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError as error:
+                if not _is_nobody_there(error) or time.monotonic() >= deadline:
+                    raise
+            if not told:
+                told = True
+                self._log.warning("Waiting for a router%s", _at(self.settings))
+            time.sleep(_RETRY_S)
+
+    def publisher(self, key: str) -> BytesPublisher:
         """A publisher of topic messages: reliable, and waiting rather than losing one."""
         with _bus_errors(f"publish {key}"):
-            return self.zenoh.declare_publisher(
+            publisher = self.zenoh.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
             )
+        return BytesPublisher(key, publisher)
 
-    def transform_publisher(self, key: str) -> zenoh.Publisher:
+    def transform_publisher(self, key: str) -> BytesPublisher:
         """A publisher of dynamic transforms: a newer one makes an old one worthless, so under
         congestion a message is dropped rather than the publisher held up.
         """
         with _bus_errors(f"publish {key}"):
-            return self.zenoh.declare_publisher(
+            publisher = self.zenoh.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.DROP, express=True
             )
+        return BytesPublisher(key, publisher)
 
     def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
         """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
@@ -154,10 +205,13 @@ class Session:
         def on_reply(reply: zenoh.Reply) -> None:
             on_answer(_answer(reply))
 
+        guarded_end = self._guarded(f"end of the answers of {key}", lambda _: on_end())
         with _bus_errors(f"ask for {key}"):
             self.zenoh.get(
                 key,
-                zenoh.handlers.Callback(self._guarded(f"answer of {key}", on_reply), on_end),
+                zenoh.handlers.Callback(
+                    self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)
+                ),
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -178,12 +232,14 @@ class Session:
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
         keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            keys.put(_answer(reply).key)
+
         with _bus_errors(f"list {key}"):
             self.zenoh.liveliness().get(
                 key,
-                zenoh.handlers.Callback(
-                    lambda reply: keys.put(_answer(reply).key), lambda: keys.put(None)
-                ),
+                zenoh.handlers.Callback(on_reply, lambda: keys.put(None)),
                 timeout=timeout_s,
             )
         return sorted(set(filter(None, iter(keys.get, None))))
@@ -243,9 +299,7 @@ class Session:
             except Exception:
                 failures += 1
                 if failures == 1 and not self._closed:
-                    self._log.exception(
-                        "A %s could not be handled; this is said once and counted", what
-                    )
+                    self._log.exception("Could not handle the %s; this is said once", what)
 
         return guarded
 
@@ -272,6 +326,8 @@ def _answer(reply: zenoh.Reply) -> Answer:
     if reply.ok is not None:
         return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
     payload = reply.err.payload.to_bytes() if reply.err is not None else b""
+    if payload == _NO_ANSWER_IN_TIME:
+        payload = b""
     return Answer("", b"", refusal=payload.decode(errors="replace"))
 
 
@@ -280,7 +336,18 @@ def _bus_errors(doing: str) -> Iterator[None]:
     try:
         yield
     except zenoh.ZError as error:
-        raise BusError(f"could not {doing}: {_first_sentence(str(error))}") from error
+        raise _as_bus_error(doing, error) from error
+
+
+def _as_bus_error(doing: str, error: zenoh.ZError) -> BusError:
+    return BusError(f"could not {doing}: {_first_sentence(str(error))}")
+
+
+def _is_nobody_there(error: zenoh.ZError) -> bool:
+    """Whether a client could not be opened because no router answers, at its endpoints or, where
+    it has none, to its scouting.
+    """
+    return str(error).startswith(("Unable to connect", "timeout"))
 
 
 def _first_sentence(text: str) -> str:
@@ -290,6 +357,10 @@ def _first_sentence(text: str) -> str:
 
 def _towards(settings: NodeSettings) -> str:
     return f" through {', '.join(settings.connect)}" if settings.connect else ""
+
+
+def _at(settings: NodeSettings) -> str:
+    return f" at {' or '.join(settings.connect)}" if settings.connect else " on this network"
 
 
 def within(key: str, expression: str) -> bool:

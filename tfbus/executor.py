@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 Callback = Callable[[], None]
 
@@ -15,12 +16,15 @@ class Timer:
     """A callback that runs every `period_s` seconds until it is cancelled.
 
     A tick that comes late because another callback took long is not made up for: the next one
-    is a whole number of periods after the first.
+    is a whole number of periods after the first. With `once` there is only the first.
     """
 
-    def __init__(self, period_s: float, callback: Callback):
+    def __init__(self, period_s: float, callback: Callback, *, once: bool = False):
+        if not period_s > 0:
+            raise ValueError(f"a timer's period is more than 0 seconds, not {period_s}")
         self.period_s = period_s
         self.callback = callback
+        self.once = once
         self.cancelled = False
 
     def cancel(self) -> None:
@@ -29,7 +33,7 @@ class Timer:
 
 
 class Executor:
-    """Runs callbacks in the order in which they came, timers when they are due.
+    """Runs callbacks in the order in which they came; a timer comes when it is due.
 
     The thread starts with the first callback. An exception in a callback is logged with its
     traceback, once for each callback, and the thread goes on.
@@ -55,23 +59,11 @@ class Executor:
 
     def every(self, period_s: float, callback: Callback) -> Timer:
         """Run `callback` every `period_s` seconds, the first time after one period."""
-        if not period_s > 0:
-            raise ValueError(f"a timer's period is more than 0 seconds, not {period_s}")
-        timer = Timer(period_s, callback)
-        with self._changed:
-            self._schedule(time.monotonic() + period_s, timer)
-            self._wake()
-        return timer
+        return self._start(Timer(period_s, callback))
 
     def after(self, delay_s: float, callback: Callback) -> Timer:
         """Run `callback` once, `delay_s` seconds from now."""
-
-        def once() -> None:
-            timer.cancel()
-            callback()
-
-        timer = self.every(delay_s, once)
-        return timer
+        return self._start(Timer(delay_s, callback, once=True))
 
     def close(self) -> None:
         """Finish the callback that runs now and run no more."""
@@ -82,6 +74,12 @@ class Executor:
             thread = self._thread
         if thread is not None and thread is not threading.current_thread():
             thread.join()
+
+    def _start(self, timer: Timer) -> Timer:
+        with self._changed:
+            self._schedule(time.monotonic() + timer.period_s, timer)
+            self._wake()
+        return timer
 
     def _wake(self) -> None:
         if self._thread is None and not self._closed:
@@ -101,23 +99,30 @@ class Executor:
         with self._changed:
             while not self._closed:
                 now = time.monotonic()
-                if self._due and self._due[0][0] <= now:
-                    task = self._take_timer(now)
-                    if task is not None:
-                        return task
-                elif self._waiting:
+                self._queue_due_timers(now)
+                if self._waiting:
                     return self._waiting.popleft()
-                else:
-                    self._changed.wait(self._due[0][0] - now if self._due else None)
+                self._changed.wait(self._due[0][0] - now if self._due else None)
             return None
 
-    def _take_timer(self, now: float) -> tuple[str, Callback] | None:
-        when, _, timer = heapq.heappop(self._due)
+    def _queue_due_timers(self, now: float) -> None:
+        # Behind what waits already: a timer that is slower than its period holds up nobody.
+        while self._due and self._due[0][0] <= now:
+            when, _, timer = heapq.heappop(self._due)
+            self._waiting.append(
+                (f"timer of {timer.period_s:g} s", partial(self._tick, when, timer))
+            )
+
+    def _tick(self, when: float, timer: Timer) -> None:
         if timer.cancelled:
-            return None
-        late_periods = int((now - when) / timer.period_s)
-        self._schedule(when + (late_periods + 1) * timer.period_s, timer)
-        return f"timer of {timer.period_s:g} s", timer.callback
+            return
+        if timer.once:
+            timer.cancel()
+        else:
+            late_periods = int((time.monotonic() - when) / timer.period_s)
+            with self._changed:
+                self._schedule(when + (late_periods + 1) * timer.period_s, timer)
+        timer.callback()
 
     def _call(self, what: str, callback: Callback) -> None:
         try:

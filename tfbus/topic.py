@@ -1,6 +1,7 @@
 """Topics: publishers and subscriptions of messages of one type."""
 
 import logging
+import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -63,13 +64,16 @@ class Subscription(Generic[M]):
         self._executor = executor
         self._log = log
         self._callback = callback
+        # Holds together the counts, what is pending, and one delivery for each that is.
+        self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
         self._subscriber = session.subscriber(topic, self._on_message)
 
     def close(self) -> None:
         """Call back no more."""
         self._subscriber.undeclare()
-        self._pending.clear()
+        with self._lock:
+            self._pending.clear()
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
@@ -77,21 +81,25 @@ class Subscription(Generic[M]):
         except DecodeError as error:
             self._reject(error)
             return
-        self.received += 1
-        if len(self._pending) == PENDING_MESSAGES:
-            self.dropped += 1
+        with self._lock:
+            self.received += 1
+            full = len(self._pending) == PENDING_MESSAGES
+            self.dropped += full
             self._pending.append(message)
-        else:
-            self._pending.append(message)
+        if not full:
             self._executor.submit(f"topic {self.topic}", self._deliver)
 
     def _deliver(self) -> None:
-        if self._pending:
-            self._callback(self._pending.popleft())
+        with self._lock:
+            message = self._pending.popleft() if self._pending else None
+        if message is not None:
+            self._callback(message)
 
     def _reject(self, error: DecodeError) -> None:
-        self.rejected += 1
-        if self.rejected == 1:
+        with self._lock:
+            self.rejected += 1
+            first = self.rejected == 1
+        if first:
             self._log.warning(
                 "Dropped a message on topic %r that is not %s: %s. More of them are only counted",
                 self.topic,

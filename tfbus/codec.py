@@ -49,7 +49,7 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
 
 def as_map(message: Any) -> dict[str, Any]:
     """The fields of a message by name, all the way down."""
-    return {name: _plain(getattr(message, name)) for name in _shape(type(message))}
+    return {name: _plain(getattr(message, name)) for name in _shape(message.__class__)}
 
 
 def from_map(message_type: type[M], values: Mapping[str, Any], *, unknown_fields: bool = True) -> M:

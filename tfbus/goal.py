@@ -12,7 +12,7 @@ import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, get_args
 
 from tfbus.codec import (
     as_map,
@@ -27,18 +27,13 @@ from tfbus.executor import Executor
 from tfbus.service import Service
 from tfbus.session import Answer, Query, Session
 
+# A class with the dataclasses Goal, Feedback and Result in it, which types cannot say.
+GoalType = Any
+
 GoalStatus = Literal["succeeded", "canceled", "aborted"]
 
 # How long a goal may take before its sender gives up on it.
 GOAL_TIMEOUT_S = 3600.0
-
-
-class GoalType(Protocol):
-    """What a goal type has: the types of the goal, of feedback, and of the result."""
-
-    Goal: type[Any]
-    Feedback: type[Any]
-    Result: type[Any]
 
 
 @dataclass(frozen=True)
@@ -102,11 +97,20 @@ class GoalHandle:
 
     def _end(self, status: GoalStatus, result: Any, reason: str = "") -> None:
         if self.active:
-            self.active = False
-            self._on_end(self)
             ending = {"status": status, "result": as_map(result)}
             self._answer(ending | ({"reason": reason} if reason else {}))
-            self._query.close()
+            self._leave()
+
+    def _refuse(self, reason: str) -> None:
+        if self.active:
+            with suppress(BusError):
+                self._query.refuse(reason)
+            self._leave()
+
+    def _leave(self) -> None:
+        self.active = False
+        self._query.close()
+        self._on_end(self)
 
     def _answer(self, answer: dict[str, Any]) -> None:
         # Where the sender is gone or has given up, the goal itself goes on.
@@ -151,13 +155,20 @@ class GoalServer:
     def _accept(self, query: Query) -> None:
         try:
             request = decode_message(self.goal_type.Goal, query.payload, unknown_fields=False)
-            handle = GoalHandle(self.name, request, query, self._forget)
-            self._active[handle.id] = handle
-            query.answer(self.name, encode_map({"accepted": handle.id}))
-            self._handler(handle)
-        except (DecodeError, ServiceError) as error:
+        except DecodeError as error:
             query.refuse(str(error))
             query.close()
+            return
+        handle = GoalHandle(self.name, request, query, self._forget)
+        self._active[handle.id] = handle
+        handle._answer({"accepted": handle.id})
+        try:
+            self._handler(handle)
+        except ServiceError as error:
+            handle._refuse(str(error))
+        except Exception as error:
+            handle._refuse(f"the goal failed ({type(error).__name__}: {error})")
+            raise
 
     def _forget(self, handle: GoalHandle) -> None:
         self._active.pop(handle.id, None)
@@ -230,8 +241,17 @@ class SentGoal:
         elif "feedback" in values:
             self._on_feedback(from_map(self._goal_type.Feedback, values["feedback"]))
         else:
+            self._outcome = self._read_result(values)
+
+    def _read_result(self, values: dict[str, Any]) -> GoalResult | ServiceError:
+        status: Any = values.get("status")
+        if status not in get_args(GoalStatus):
+            return ServiceError(f"{self._name!r} ended with an unknown status {status!r}")
+        try:
             result = from_map(self._goal_type.Result, values.get("result", {}))
-            self._outcome = GoalResult(values["status"], result, values.get("reason", ""))
+        except DecodeError as error:
+            return ServiceError(f"{self._name!r} ended with a result that cannot be read: {error}")
+        return GoalResult(status, result, str(values.get("reason", "")))
 
     def _on_end(self) -> None:
         self._ended.set()

@@ -7,6 +7,7 @@ set on the bus at `@tfbus/param/<node>/<name>`: a query without payload reads it
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,13 +35,13 @@ class Bounds:
     minimum: float | None = None
     maximum: float | None = None
 
-    def check(self, name: str, value: Value) -> None:
+    def check(self, name: str, value: object) -> None:
         """Raise ParameterError where the value lies outside."""
         if not isinstance(value, int | float):
             return
-        if self.minimum is not None and value < self.minimum:
+        if self.minimum is not None and not value >= self.minimum:  # as NaN is not
             raise ParameterError(f"{name!r} is at least {self.minimum:g}, not {value:g}")
-        if self.maximum is not None and value > self.maximum:
+        if self.maximum is not None and not value <= self.maximum:
             raise ParameterError(f"{name!r} is at most {self.maximum:g}, not {value:g}")
 
 
@@ -72,13 +73,13 @@ class Parameter:
         self._on_change(checked)
         self.value = checked
 
-    def checked(self, value: object) -> Any:
+    def checked(self, value: Any) -> Any:
         """The value as this parameter's type; a text is read as such. Raises ParameterError."""
         if isinstance(value, str) and self._type is not str:
-            value = _read_text(value)
+            value = _read_text(value, self._type)
         if isinstance(value, int) and not isinstance(value, bool) and self._type is float:
             value = float(value)
-        if type(value) is not self._type:
+        if type(value) is not self._type or not _fits_the_wire(value):
             raise ParameterError(
                 f"{self.name!r} is {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
             )
@@ -148,6 +149,9 @@ class Parameters:
                 query.answer(key, encode_map(parameter.describe()))
         except (DecodeError, ParameterError) as error:
             query.refuse(str(error))
+        except Exception as error:
+            query.refuse(f"the node failed ({type(error).__name__}: {error})")
+            raise
         finally:
             query.close()
 
@@ -167,13 +171,26 @@ class Parameters:
         self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
 
 
-def _read_text(text: str) -> object:
+def _read_text(text: str, wanted: type) -> object:
+    """The text as YAML reads it, but as a number is wanted, 1e-3 is one and 010 is ten."""
+    if wanted in (int, float):
+        with suppress(ValueError):
+            return wanted(text)
     import yaml  # only where a value comes as text
 
     try:
         return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ParameterError(f"{text!r} is not a value: it is not YAML") from error
+    except (yaml.YAMLError, RecursionError):
+        return text
+
+
+def _fits_the_wire(value: Any) -> bool:
+    """Whether msgpack has the value: no integer of more than 64 bits, no date of YAML's."""
+    try:
+        encode_map({"value": value})
+    except (OverflowError, TypeError, ValueError):
+        return False
+    return True
 
 
 def _with_article(noun: str) -> str:

@@ -1,5 +1,6 @@
 """A node: one process's name on the bus, and all that it says and hears there."""
 
+import math
 import os
 import socket
 import time
@@ -51,7 +52,7 @@ class Node:
         settings: NodeSettings | None = None,
     ):
         if settings is None:
-            given = {"namespace": namespace, "parameters": parameters}
+            given: dict[str, Any] = {"namespace": namespace, "parameters": parameters}
             settings = NodeSettings(
                 name, **{key: value for key, value in given.items() if value is not None}
             )
@@ -70,7 +71,7 @@ class Node:
         }
         self._signals = StopSignals()
         try:
-            self.session = Session(settings, self.log)
+            self.session = Session(settings, self.log, patience_s=math.inf)
         except BaseException:
             self._signals.uninstall()
             raise
@@ -104,6 +105,8 @@ class Node:
             node = cls(settings=settings_from_args(name, argv))
         except TfbusError as error:
             raise SystemExit(f"Error: {error}") from error
+        except KeyboardInterrupt:
+            raise SystemExit(0) from None
         node._parameters_are_typed_in = True
         return node
 

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 
@@ -25,8 +25,27 @@ def bus_options(name: str) -> Callable[[F], F]:
 def node_options(default_name: str) -> Callable[[F], F]:
     """Give a click command the options of a node: as `bus_options`, with its name, parameters
     and remappings. `default_name` is the node's name without `--name`.
+
+    Ctrl-C and SIGTERM are a node's usual end, also while it is still joining the bus: exit code 0.
     """
-    return _with_options(default_name, {**_NODE_OPTIONS, **_BUS_OPTIONS})
+
+    def decorate(function: F) -> F:
+        return _with_options(default_name, {**_NODE_OPTIONS, **_BUS_OPTIONS})(
+            _interruptible(function)
+        )
+
+    return decorate
+
+
+def _interruptible(function: F) -> F:
+    @functools.wraps(function)
+    def command(*args: Any, **values: Any) -> Any:
+        try:
+            return function(*args, **values)
+        except KeyboardInterrupt:
+            raise SystemExit(0) from None
+
+    return cast(F, command)
 
 
 def _with_options(
@@ -46,9 +65,9 @@ def _with_options(
                 raise click.ClickException(str(error)) from error
 
         decorated: Any = command
-        for option in reversed(options.values()):
+        for option in reversed([*options.values()]):
             decorated = option(decorated)
-        return decorated  # type: ignore[no-any-return]  # click's decorators keep no type
+        return cast(F, decorated)
 
     return decorate
 

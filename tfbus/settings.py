@@ -1,6 +1,7 @@
 """The settings of one node as one frozen value."""
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +13,10 @@ from tfbus.keys import check_namespace, check_node_name, check_topic
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
+PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "serial", "unixpipe", "unixsock-stream", "vsock")
+
+# A port, then Zenoh's own additions: tcp/[::]:7447#iface=eth0
+_PORT = re.compile(r":\d{1,5}([?#].*)?$")
 
 
 def _from_environment(name: str) -> str:
@@ -55,17 +60,28 @@ class NodeSettings:
         _check_choice("mode", self.mode, ("", *MODES))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):
-            if "/" not in endpoint:
-                raise SettingsError(
-                    f"{endpoint!r} is not an endpoint: write protocol/address, "
-                    f"as in tcp/{endpoint if ':' in endpoint else endpoint + ':7447'}"
-                )
+            _check_endpoint(endpoint)
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
 
     def renamed(self, name: str) -> "NodeSettings":
         """These settings for a node of another name."""
         return replace(self, name=name)
+
+
+def _check_endpoint(endpoint: str) -> None:
+    protocol, found, address = endpoint.partition("/")
+    if not found:
+        written = endpoint if ":" in endpoint else f"{endpoint}:7447"
+        raise SettingsError(
+            f"{endpoint!r} is not an endpoint: write protocol/address, as in tcp/{written}"
+        )
+    if protocol not in PROTOCOLS:
+        raise SettingsError(
+            f"endpoint {endpoint!r} has no protocol of Zenoh's: use one of {', '.join(PROTOCOLS)}"
+        )
+    if protocol in ("tcp", "udp") and not _PORT.search(address):
+        raise SettingsError(f"endpoint {endpoint!r} has no port: write {protocol}/{address}:7447")
 
 
 def _check_choice(what: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -21,7 +21,12 @@ from tfbus.settings import NodeSettings
 @click.argument("service")
 @click.argument("request", default="{}")
 @click.option(
-    "--timeout", "timeout_s", default=5.0, metavar="S", help="Wait so long for an answer; 5 s."
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0, 1e6, min_open=True),
+    default=5.0,
+    metavar="S",
+    help="Wait so long for an answer; 5 s.",
 )
 @bus_options("call")
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
@@ -30,7 +35,7 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     REQUEST is a YAML map of its fields. Each answer is printed as one line of JSON: a service
     has one, a goal tells its feedback and then its result.
     """
-    payload = encode_map(_as_map(request))
+    payload = _read_request(request)
     with open_bus(settings) as session:
         answered = False
         for answer in session.ask(
@@ -40,10 +45,25 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
                 raise ServiceError(
                     answer.refusal or f"{service!r} did not answer in {timeout_s:g} s"
                 )
-            click.echo(json.dumps(decode_map(answer.payload)))
+            click.echo(json.dumps(decode_map(answer.payload), default=_as_json))
             answered = True
         if not answered:
             raise ServiceError(_nobody(session, service))
+
+
+def _read_request(text: str) -> bytes:
+    try:
+        return encode_map(_as_map(text))
+    except (OverflowError, TypeError, ValueError) as error:
+        raise click.BadParameter(
+            f"{text!r} has a value that no field can have: use texts, booleans, numbers of at "
+            "most 64 bits, lists and maps",
+            param_hint="REQUEST",
+        ) from error
+
+
+def _as_json(value: object) -> str:
+    return value.hex() if isinstance(value, bytes) else str(value)
 
 
 def _as_map(text: str) -> dict[str, Any]:
@@ -51,7 +71,7 @@ def _as_map(text: str) -> dict[str, Any]:
 
     try:
         value = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise click.BadParameter(f"{text!r} is not YAML", param_hint="REQUEST") from error
     if not isinstance(value, dict):
         raise click.BadParameter(

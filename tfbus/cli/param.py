@@ -40,10 +40,13 @@ def list_command(settings: NodeSettings, node: str | None) -> None:
 def get_command(settings: NodeSettings, node: str, parameter: str) -> None:
     """Print the type and the value of a parameter."""
     with open_bus(settings) as session:
-        (described,) = _ask(session, node, parameter)
-    value = described["value"]
-    shown = value if isinstance(value, str) else json.dumps(value)
-    click.echo(f"{str(described['type']).capitalize()} value is: {shown}")
+        answers = _ask(session, node, parameter)
+    if len(answers) > 1:
+        click.echo(f"Warning: {len(answers)} nodes have the name {node}", err=True)
+    for described in answers:
+        value = described["value"]
+        shown = value if isinstance(value, str) else json.dumps(value)
+        click.echo(f"{str(described['type']).capitalize()} value is: {shown}")
 
 
 @command.command("set", epilog="Example: tfbus param set sim background_r 100")

@@ -1,5 +1,6 @@
 """Launch files: what they mean, and what is said about every mistake in one."""
 
+import re
 from pathlib import Path
 from textwrap import dedent
 
@@ -589,3 +590,39 @@ def test_a_program_that_is_not_there_is_told_before_anything_starts(
     with pytest.raises(LaunchFileError) as caught:
         check_startable(process, {"simulator"})
     assert "robot.yaml:2: nodes[0]: " in str(caught.value) and what in str(caught.value)
+
+
+# -- the page about it
+
+PAGE = Path(__file__).parents[1] / "docs" / "launch.md"
+
+
+def test_the_example_of_the_documentation_can_be_started(tmp_path: Path) -> None:
+    """The launch file shown in docs/launch.md means what it says there."""
+    example = PAGE.read_text().split("```yaml\n")[1].split("```")[0]
+    sim, broadcaster, echo = read(tmp_path, example)
+    assert (sim.name, broadcaster.respawn, echo.after) == ("sim", Respawn(), ("/sim",))
+    assert echo.arguments == ("world", "drone", "--rate", "2")
+
+
+@pytest.mark.parametrize(
+    ("title", "mistake"),
+    [
+        ("key of the file", "x: 1"),
+        ("key of an argument", "arguments: {a: {x: 1}}"),
+        ("key of an include", "includes: [{x: 1}]"),
+        ("key of a node", "nodes: [{x: 1}]"),
+    ],
+)
+def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: str) -> None:
+    """The tables of keys in docs/launch.md are those that the reader knows."""
+    table = PAGE.read_text().split(f"| {title} |")[1].split("\n\n")[0]
+    documented = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in split(row)]
+    with pytest.raises(LaunchFileError) as caught:
+        read(tmp_path, mistake)
+    known = caught.value.reason.split("Known here: ")[1].split(", ")
+    assert sorted(documented) == sorted(known)
+
+
+def split(row: str) -> list[str]:
+    return re.findall(r"`(\w+)`", row)

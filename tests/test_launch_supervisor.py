@@ -26,10 +26,11 @@ from hypothesis import strategies as st
 from tfbus.errors import BusError
 from tfbus.launch.console import Console, Lines, Stream
 from tfbus.launch.description import Respawn
+from tfbus.launch.ladder import Patience
 from tfbus.launch.orphans import adopting_orphans
 from tfbus.launch.program import Program
 from tfbus.launch.run import Wishes
-from tfbus.launch.supervisor import Guard, Patience, Presence, Supervisor
+from tfbus.launch.supervisor import Guard, Presence, Supervisor
 
 NEVER_S = 1000.0
 DEADLINE_S = 20.0
@@ -219,7 +220,8 @@ def test_lines_do_not_depend_on_how_they_are_cut(lines: list[bytes], data: st.Da
     """However a stream of lines is cut into chunks, the same lines come out."""
     lines = [line.rstrip(b"\r") for line in lines]
     stream = b"\n".join([*lines, b""])
-    cutter, found, at = Lines(), [], 0
+    cutter, at = Lines(), 0
+    found: list[bytes] = []
     while at < len(stream):
         size = data.draw(st.integers(1, len(stream) - at))
         found += cutter.feed(stream[at : at + size])
@@ -692,7 +694,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "stdout", "stderr"),
     [
-        (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true\n", ""),
+        (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true", ""),
         (["--show-args"], 0, "No arguments.", ""),
         (["x:=1"], 2, "", "takes no argument 'x'. It takes: none"),
         (["x"], 2, "", "'x' is not of the form NAME:=VALUE"),
@@ -707,8 +709,8 @@ def test_the_command_line_of_launch(
     """What can be asked of `tfbus launch`, and how wrong questions are refused: code 2."""
     with started(tmp_path, "- {command: ['true'], name: a}", *options) as launch:
         assert launch.exit_code() == code
-        for lines, text in ((launch.stdout, stdout), (launch.stderr, stderr)):
-            wait_until(lambda lines=lines, text=text: text.strip() in "\n".join(lines), text)
+        wait_until(lambda: stdout in "\n".join(launch.stdout), stdout)
+        wait_until(lambda: stderr in "\n".join(launch.stderr), stderr)
         assert not any("Traceback" in line for line in launch.lines)
 
 

@@ -12,11 +12,12 @@ import click
 from tfbus.errors import TfbusError
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.find import find_launch_file
+from tfbus.launch.ladder import Patience
 from tfbus.launch.place import LaunchArgumentError
 from tfbus.launch.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.launch.run import run_programs
-from tfbus.launch.supervisor import Patience, Presence
+from tfbus.launch.supervisor import Presence
 from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
 
 _SECONDS = click.FloatRange(min=0)

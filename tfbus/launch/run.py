@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 from tfbus.launch.console import Console, Stream
 from tfbus.launch.guard import Guard
+from tfbus.launch.ladder import Patience
 from tfbus.launch.orphans import Orphans, adopting_orphans
 from tfbus.launch.program import Program
-from tfbus.launch.supervisor import Patience, Presence, Supervisor
+from tfbus.launch.supervisor import Presence, Supervisor
 
 _REASONS = {
     signal.SIGINT: "user interrupted with ctrl-c (SIGINT)",

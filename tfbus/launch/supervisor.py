@@ -1,8 +1,7 @@
 """Starts programs in their order, keeps them running, and ends all of them together.
 
 One asyncio task stands for each program: it waits for those that must be there first, starts
-it, waits for its end and starts it again where that is wanted. The stop ladder stands above
-them: SIGINT to every process group, after a while SIGTERM, after another while SIGKILL.
+it, waits for its end and starts it again where that is wanted.
 """
 
 import asyncio
@@ -10,17 +9,16 @@ import signal
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Protocol
 
 from tfbus.errors import TfbusError
 from tfbus.launch.child import Child
 from tfbus.launch.console import Console
+from tfbus.launch.ladder import RUNGS, Patience, StopLadder
 from tfbus.launch.program import Program
 
-_RUNGS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 # What a process ends with that obeys one of our signals: killed by it, or as a shell says so.
-_OBEYED = {code for rung in _RUNGS for code in (-rung, 128 + rung)}
+_OBEYED = {code for rung in RUNGS for code in (-rung, 128 + rung)}
 # No event tells that a process group is empty.
 _GROUP_POLL_S = 0.02
 
@@ -40,21 +38,6 @@ class Guard(Protocol):
 
     def release(self, group: int) -> None:
         """A group has ended."""
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How long a supervisor waits, in seconds: after each signal, and between two notices."""
-
-    after_sigint_s: float = 5.0
-    after_sigterm_s: float = 5.0
-    after_sigkill_s: float = 5.0
-    notice_s: float = 3.0
-
-    def after(self, number: signal.Signals) -> float:
-        """How long to wait after this signal before the next thing is tried."""
-        waits = (self.after_sigint_s, self.after_sigterm_s, self.after_sigkill_s)
-        return waits[_RUNGS.index(number)]
 
 
 class Supervisor:
@@ -80,8 +63,7 @@ class Supervisor:
         self._children: list[Child] = []  # in the order of their starts
         self._arrived: set[str] = set()  # full names of awaited nodes that came
         self._over: set[str] = set()  # full names of programs that will not run again
-        self._rung: signal.Signals | None = None  # the last signal that everyone was sent
-        self._escalation: asyncio.TimerHandle | None = None
+        self._ladder = StopLadder(self._children, console, self._patience, self._give_up)
         self._was_asked_to_stop = self._has_failed = self._someone_died = False
         self._news = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -100,12 +82,10 @@ class Supervisor:
         self._await_nodes()
         self._tasks = [asyncio.create_task(self._keep(program)) for program in self._programs]
         try:
-            await asyncio.gather(*self._tasks)
-        except asyncio.CancelledError:
-            self._has_failed = True  # by _give_up
+            with suppress(asyncio.CancelledError):  # by _give_up
+                await asyncio.gather(*self._tasks)
         finally:
-            if self._escalation:
-                self._escalation.cancel()
+            self._ladder.leave()
             for child in self._children:
                 child.send(signal.SIGKILL)
         died = self._someone_died and not self._was_asked_to_stop
@@ -113,7 +93,7 @@ class Supervisor:
 
     def stop(self, reason: str) -> None:
         """Begin to end all programs; nothing more happens if that has begun."""
-        if self._rung is None:
+        if not self._is_stopping:
             self.hurry(reason)
 
     def hurry(self, reason: str, at_least: signal.Signals = signal.SIGINT) -> None:
@@ -121,7 +101,7 @@ class Supervisor:
 
         `at_least` skips the signals before it. This is a user's wish: the exit code will be 0.
         """
-        if self._rung is None and not self._has_failed:
+        if not self._is_stopping:
             self._was_asked_to_stop = True
         self._say("WARNING", "launch", reason)
         self._climb(at_least)
@@ -236,7 +216,7 @@ class Supervisor:
 
     @property
     def _is_stopping(self) -> bool:
-        return self._rung is not None
+        return self._ladder.is_climbed
 
     def _fail(self, name: str, text: str) -> None:
         """Say what went wrong and end everything, with exit code 1."""
@@ -247,34 +227,13 @@ class Supervisor:
             self._climb(signal.SIGINT)
 
     def _climb(self, at_least: signal.Signals) -> None:
-        """Send the next signal to every group, and set the time of the one after it."""
-        lowest = 0 if self._rung is None else _RUNGS.index(self._rung) + 1
-        number = _RUNGS[min(max(lowest, _RUNGS.index(at_least)), len(_RUNGS) - 1)]
-        self._rung = number
-        for child in self._children:
-            text = f"sending signal '{number.name}' to process[{child.program.name}]"
-            self._say("INFO", child.program.name, text)
-            child.send(number)
-        if self._escalation:
-            self._escalation.cancel()
-        self._escalation = asyncio.get_running_loop().call_later(
-            self._patience.after(number), self._escalate, number
-        )
+        self._ladder.climb(at_least)
         self._tell()
 
-    def _escalate(self, number: signal.Signals) -> None:
-        """Go on to the signal after `number`, which some did not obey in time."""
-        text = f"'{self._patience.after(number):g}' seconds after receiving '{number.name}'"
-        following = _RUNGS[_RUNGS.index(number) + 1 :]
-        then = f"escalating to '{following[0].name}'" if following else "giving up"
-        for child in self._children:
-            name = child.program.name
-            self._say("ERROR", name, f"process[{name}] failed to terminate {text}, {then}")
-        if following:
-            self._climb(following[0])
-        else:
-            for task in self._tasks:
-                task.cancel()
+    def _give_up(self) -> None:
+        self._has_failed = True
+        for task in self._tasks:
+            task.cancel()
 
     def _await_nodes(self) -> None:
         """Have a thread wait for each node that somebody waits for."""

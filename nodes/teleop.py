@@ -1,0 +1,129 @@
+"""`tfbus teleop`: drive a turtle with the keys of turtlesim's turtle_teleop_key.
+
+Try it, beside `tfbus simulator`: tfbus teleop
+"""
+
+from collections.abc import Callable
+
+import click
+
+from tfbus import Node, NodeSettings, node_options
+from tfbus.messages import RotateAbsolute, Twist, Vector3
+from tfbus.nodes.keyboard import KeyReader
+from tfbus.nodes.terminal import RawTerminal
+
+BANNER = """\
+Reading from keyboard
+---------------------------
+Use arrow keys to move the turtle.
+Use G|B|V|C|D|E|R|T keys to rotate to absolute orientations. 'F' to cancel a rotation.
+'Q' to quit."""
+
+# Forward and left, in parts of scale_linear and scale_angular.
+DRIVES = {"up": (1, 0), "down": (-1, 0), "left": (0, 1), "right": (0, -1)}
+
+# The keys lie around F as the headings lie around the turtle; the numbers are turtlesim's.
+HEADINGS_RAD = {
+    "g": 0.0,
+    "t": 0.7854,
+    "r": 1.5708,
+    "e": 2.3562,
+    "d": 3.1416,
+    "c": -2.3562,
+    "v": -1.5708,
+    "b": -0.7854,
+}
+CANCEL = "f"
+QUIT = ("q", "Q", "\x03")
+
+_STANDARD_INPUT = 0
+
+# By then the rest of an escape sequence that came in pieces is there.
+_PAUSE_S = 0.5
+
+
+class Driver:
+    """Turns keys into velocities and rotations of one turtle."""
+
+    def __init__(self, node: Node, turtle: str):
+        self._log = node.log
+        self._turtle = turtle
+        self._linear = node.declare_parameter(
+            "scale_linear", 2.0, description="Speed of the keys Up and Down, in m/s."
+        )
+        self._angular = node.declare_parameter(
+            "scale_angular", 2.0, description="Speed of the keys Left and Right, in rad/s."
+        )
+        self._velocities = node.create_publisher(Twist, f"{turtle}/cmd_vel")
+        self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/rotate_absolute")
+        self._cancel_rotation: Callable[[], object] = lambda: None
+        self._turtle_is_there = False
+        self._was_missed = False
+        node.session.watch_served(self._rotations.name, self._on_turtle)
+
+    def press(self, key: str) -> None:
+        """Do what the key is for, in upper or lower case; nothing where it is for nothing."""
+        key = key.lower()
+        if key in DRIVES:
+            self._drive(*DRIVES[key])
+        elif key in HEADINGS_RAD:
+            self._rotate(HEADINGS_RAD[key])
+        elif key == CANCEL:
+            self._cancel_rotation()
+
+    def _drive(self, forward: int, left: int) -> None:
+        self._miss_turtle()
+        self._velocities.publish(
+            Twist(
+                linear=Vector3(x=forward * self._linear.value),
+                angular=Vector3(z=left * self._angular.value),
+            )
+        )
+
+    def _rotate(self, theta_rad: float) -> None:
+        self._miss_turtle()
+        goal = self._rotations.send(RotateAbsolute.Goal(theta_rad))
+        self._cancel_rotation = goal.cancel
+
+    def _on_turtle(self, is_there: bool) -> None:
+        self._turtle_is_there = is_there
+        self._was_missed = False
+
+    def _miss_turtle(self) -> None:
+        """Say once that nobody obeys the keys, if so."""
+        if not self._turtle_is_there and not self._was_missed:
+            self._was_missed = True
+            self._log.warning(
+                "There is no %s: start the simulator (tfbus simulator), or name another turtle "
+                "(--turtle)",
+                self._turtle,
+            )
+
+
+def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
+    """Obey the keys until one of them quits, or the node is shut down."""
+    reader = KeyReader()
+    while node.ok:
+        data = terminal.read(_PAUSE_S)
+        for key in reader.feed(data) if data else reader.flush():
+            if key in QUIT:
+                return
+            driver.press(key)
+
+
+@click.command(epilog="Example: tfbus teleop --turtle turtle2")
+@click.option("--turtle", default="turtle1", metavar="NAME", help="The turtle to drive; turtle1.")
+@node_options("teleop_turtle")
+def main(settings: NodeSettings, turtle: str) -> None:
+    """Drive a turtle with the keyboard."""
+    terminal = RawTerminal(_STANDARD_INPUT)
+    with Node.from_settings(settings) as node:
+        driver = Driver(node, turtle)
+        with terminal:
+            click.echo(BANNER)
+            node.ready(f"Driving {turtle}")
+            drive(node, terminal, driver)
+
+
+if __name__ == "__main__":
+    main()

@@ -47,21 +47,21 @@ _SECONDS = click.FloatRange(min=0)
     "longest_s",
     type=_SECONDS,
     metavar="SECONDS",
-    help="Stop as after Ctrl-C when so many seconds have passed.",
+    help="Stop by itself after that time.",
 )
 @click.option(
     "--sigterm-timeout",
     type=_SECONDS,
+    metavar="SECONDS",
     default=5.0,
-    show_default=True,
-    help="Seconds between SIGINT and SIGTERM.",
+    help="Between SIGINT and SIGTERM; 5.",
 )
 @click.option(
     "--sigkill-timeout",
     type=_SECONDS,
+    metavar="SECONDS",
     default=5.0,
-    show_default=True,
-    help="Seconds between SIGTERM and SIGKILL.",
+    help="Between SIGTERM and SIGKILL; 5.",
 )
 def command(
     file: str,

@@ -19,6 +19,9 @@ import pytest
 from tfbus import Node, NodeSettings
 from tfbus.session import Session
 
+# The real tf2 to compare with, and the options for how long.
+pytest_plugins = ["tf2_versus"]
+
 T = TypeVar("T")
 
 DEADLINE_S = 20.0

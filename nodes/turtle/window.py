@@ -30,6 +30,7 @@ class Window:
         self._pygame.display.set_caption(title)
         size = (field.SIZE_PX, field.SIZE_PX)
         self._picture = Picture(self._pygame.display.set_mode(size))
+        self._shown: Snapshot | None = None
         self.is_open = True
 
     def __enter__(self) -> "Window":
@@ -44,12 +45,19 @@ class Window:
         self.close()
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw the snapshot, and notice whether the user closes the window."""
-        if self.is_open:
+        """Draw the snapshot, and notice whether the user closes the window.
+
+        Nothing is drawn anew where the window shows the same already.
+        """
+        if not self.is_open:
+            return
+        events = {event.type for event in self._pygame.event.get()}
+        if self._pygame.QUIT in events:
+            self.close()
+        elif self._pygame.WINDOWEXPOSED in events or not snapshot.looks_like(self._shown):
+            self._shown = snapshot
             self._picture.draw(snapshot)
             self._pygame.display.flip()
-            if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
-                self.close()
 
     def close(self) -> None:
         """Take the window off the screen; twice is fine."""

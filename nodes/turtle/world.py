@@ -46,6 +46,14 @@ class Snapshot:
     turtles: tuple[TurtleView, ...]
     ink: NDArray[np.uint8]
 
+    def looks_like(self, other: "Snapshot | None") -> bool:
+        """Whether a picture of the other one is a picture of this one."""
+        return (
+            other is not None
+            and self.ink is other.ink
+            and (self.background, self.turtles) == (other.background, other.turtles)
+        )
+
 
 class World:
     """The field with turtle1 in its middle. Use it from one thread.

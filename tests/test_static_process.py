@@ -14,7 +14,7 @@ from tfbus.nodes.static import main
 def lookup(bus: Bus, target: str, source: str) -> Transform:
     """The transform as a listener sees it that starts now."""
     buffer = Buffer()
-    with bus.node("late") as node, TransformListener(buffer, node):
+    with TransformListener(buffer, bus.node("late")):
         return buffer.lookup_transform(target, source, timeout_s=10.0).transform
 
 

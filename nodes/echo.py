@@ -10,12 +10,14 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import partial
 
 import click
 
 from tfbus import (
     Buffer,
+    LookupException,
     Node,
     NodeSettings,
     PastExtrapolationException,
@@ -114,9 +116,11 @@ def _wait_for_answer(
             return question.ask(buffer, node.now_ns(), patience_s)
         except TransformException as error:
             if question.is_hopeless(error):
-                raise
+                raise PastExtrapolationException(
+                    f"{_reason(error)}; only what is sent while echo runs is known to it"
+                ) from error
             node.wait(max(0.0, say_at_s - time.monotonic()))
-            reason = f"{_reason(error)}. {_frames_known(buffer)}"
+            reason = _explained(error, buffer)
             if time.monotonic() >= give_up_s:
                 raise TimeoutException(
                     f"no transform {question} within {timeout_s:g} s: {reason}"
@@ -130,13 +134,18 @@ def _reason(error: TransformException) -> TransformException:
     return (error.reason or error) if isinstance(error, TimeoutException) else error
 
 
-def _frames_known(buffer: Buffer) -> str:
-    frames = buffer.frames()
+def _explained(error: TransformException, buffer: Buffer) -> str:
+    """Why there is no answer, what there is, and which names look like the one that is not."""
+    reason, frames = _reason(error), sorted(buffer.frames())
     if not frames:
-        return "No frame is known yet: is a broadcaster running?"
+        return f"{reason}; no frame is known yet: is a broadcaster running?"
+    near = ""
+    if isinstance(reason, LookupException) and not reason.nearest:
+        matches = get_close_matches(reason.frame, frames)
+        near = f"; did you mean {' or '.join(map(repr, matches))}?" if matches else ""
     listed = ", ".join(frames[:_FRAMES_LISTED])
     more = f" and {len(frames) - _FRAMES_LISTED} more" if len(frames) > _FRAMES_LISTED else ""
-    return f"Frames known: {listed}{more}."
+    return f"{reason}{near or '.'} Frames known: {listed}{more}"
 
 
 def _frame(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:

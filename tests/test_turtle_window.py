@@ -72,7 +72,7 @@ def screen(tmp_path: Path) -> Iterator[Screen]:
     number_in, number_out = os.pipe()
     command = ["Xvfb", "-displayfd", str(number_out), "-screen", "0", "500x500x24"]
     server = subprocess.Popen(
-        [*command, "-fbdir", str(tmp_path), "-nolisten", "tcp"],
+        [*command, "-fbdir", str(tmp_path), "-noreset", "-nolisten", "tcp"],
         pass_fds=[number_out],
         stderr=subprocess.DEVNULL,
     )

@@ -3,6 +3,7 @@
 A batch is written and read column by column, without a Python object for each transform.
 """
 
+import reprlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,9 +58,9 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     """
     columns = decode_map(payload)
     version = columns.get("v")
-    if version != VERSION:
+    if type(version) is not int or version != VERSION:
         raise DecodeError(
-            f"a transform message of version {version!r}; this tfbus reads version {VERSION}: "
+            f"a transform message of version {reprlib.repr(version)}; this tfbus reads version {VERSION}: "
             "update the older of the two"
         )
     frames = columns.get("frames")

@@ -1,0 +1,197 @@
+"""Messages of topics and services: dataclasses to bytes and back, and what is refused."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import DecodeError
+from tfbus.codec import decode_map, decode_message, encode_map, encode_message, from_map
+from tfbus.messages import Color, Pose, Twist, Vector3
+
+
+@dataclass(frozen=True)
+class Point:
+    x: float
+    y: float = 0.0
+
+
+@dataclass(frozen=True)
+class Everything:
+    whole: int
+    number: float
+    yes: bool
+    text: str
+    raw: bytes
+    point: Point
+    points: list[Point] = field(default_factory=list)
+    table: list[list[int]] = field(default_factory=list)
+    fixed: tuple[int, ...] = ()
+
+
+int64 = st.integers(-(2**63), 2**63 - 1)
+texts = st.text(st.characters(exclude_categories=["Cs"]))
+points = st.builds(Point, st.floats(allow_nan=False), st.floats(allow_nan=False))
+everything = st.builds(
+    Everything,
+    int64,
+    st.floats(allow_nan=False),
+    st.booleans(),
+    texts,
+    st.binary(),
+    points,
+    st.lists(points),
+    st.lists(st.lists(int64)),
+    st.lists(int64).map(tuple),
+)
+
+VALUES = {
+    "whole": 1,
+    "number": 2.5,
+    "yes": True,
+    "text": "t",
+    "raw": b"r",
+    "point": {"x": 1.0},
+}
+
+
+def refusal(values: object, message_type: type = Everything, **how: bool) -> str:
+    """Why the values are refused."""
+    with pytest.raises(DecodeError) as caught:
+        decode_message(message_type, msgpack.packb(values), **how)
+    return str(caught.value)
+
+
+@given(everything)
+def test_what_is_written_is_read_back(message: Everything) -> None:
+    """Any message comes back equal, nested ones and lists too."""
+    assert decode_message(Everything, encode_message(message)) == message
+
+
+def test_a_message_is_a_map_of_its_fields() -> None:
+    """On the wire a message is a msgpack map from field to value, so any language can read it."""
+    assert msgpack.unpackb(encode_message(Twist(Vector3(x=2.0), Vector3(z=1.5)))) == {
+        "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": 1.5},
+    }
+
+
+def test_fields_with_a_default_may_be_missing() -> None:
+    """A field that has a default need not be sent."""
+    assert decode_message(Everything, msgpack.packb(VALUES)) == Everything(
+        1, 2.5, True, "t", b"r", Point(1.0)
+    )
+
+
+def test_an_integer_stands_for_a_number() -> None:
+    """An integer is taken where a number with a fraction is wanted, and becomes one."""
+    point = from_map(Point, {"x": 3})
+    assert (point, type(point.x)) == (Point(3.0), float)
+
+
+def test_unknown_fields_of_a_message_are_ignored() -> None:
+    """A topic message may have fields that we do not know: its sender may be newer."""
+    assert from_map(Point, {"x": 1.0, "z": 3.0}) == Point(1.0)
+
+
+def test_unknown_fields_of_a_request_are_refused() -> None:
+    """A request with a field that the service does not know is refused with those it has."""
+    assert refusal({"x": 1.0, "z": 3.0}, Point, unknown_fields=False) == (
+        "there is no field 'z'; Point has x, y"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"whole": 1.0}, "field 'whole' is a number, an integer is wanted"),
+        ({"whole": True}, "field 'whole' is a boolean, an integer is wanted"),
+        ({"number": True}, "field 'number' is a boolean, a number is wanted"),
+        ({"number": "2.5"}, "field 'number' is a text, a number is wanted"),
+        ({"yes": 1}, "field 'yes' is an integer, a boolean is wanted"),
+        ({"text": b"t"}, "field 'text' is bytes, a text is wanted"),
+        ({"text": None}, "field 'text' is nothing, a text is wanted"),
+        ({"raw": "r"}, "field 'raw' is a text, bytes is wanted"),
+        ({"point": [1.0]}, "field 'point' is a list, a map is wanted"),
+        ({"point": {}}, "field 'point.x' is missing"),
+        ({"point": {"x": "1"}}, "field 'point.x' is a text, a number is wanted"),
+        ({"points": {"x": 1.0}}, "field 'points' is a map, a list is wanted"),
+        ({"points": [{"x": 1.0}, 7]}, "field 'points[1]' is an integer, a map is wanted"),
+        ({"points": [{"x": None}]}, "field 'points[0].x' is nothing, a number is wanted"),
+        ({"table": [[1], [2, "3"]]}, "field 'table[1][1]' is a text, an integer is wanted"),
+    ],
+)
+def test_a_field_of_the_wrong_type_is_named(change: dict[str, object], reason: str) -> None:
+    """A field of the wrong type is refused, with its path, what it is, and what is wanted."""
+    assert refusal(VALUES | change) == reason
+
+
+def test_a_missing_field_is_named() -> None:
+    """A message without a field that it must have is refused, and the field named."""
+    assert refusal({}, Pose) == "field 'stamp_ns' is missing"
+
+
+def test_a_value_that_the_message_refuses_is_no_message() -> None:
+    """What the dataclass itself refuses is refused as bytes too, in its own words."""
+    assert refusal({"r": 256, "g": 0, "b": 0}, Color) == (
+        "r is 256; a number from 0 to 255 is wanted"
+    )
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [
+        (b"", "not msgpack (ValueError: Unpack failed: incomplete input)"),
+        (b"\x01", "a msgpack map is wanted, this is an integer"),
+        (b"\x80\x80", "not msgpack (ExtraData: unpack(b) received extra data.)"),
+        (b"\x91" * 5000, "not msgpack (StackError: )"),
+    ],
+)
+def test_bytes_that_are_no_map_are_refused(payload: bytes, reason: str) -> None:
+    """Bytes that are not one msgpack map are refused, and the reason is told."""
+    with pytest.raises(DecodeError) as caught:
+        decode_map(payload)
+    assert str(caught.value) == reason
+
+
+@given(st.binary(max_size=200))
+def test_random_bytes_raise_nothing_else(payload: bytes) -> None:
+    """Random bytes are a message, or refused by a DecodeError, and nothing else."""
+    with suppress(DecodeError):
+        decode_message(Everything, payload)
+
+
+values = st.recursive(
+    st.none() | st.booleans() | int64 | st.floats() | texts | st.binary(),
+    lambda inner: st.lists(inner) | st.dictionaries(texts, inner),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(st.sampled_from(list(Everything.__dataclass_fields__)), values))
+def test_any_map_raises_nothing_else(changes: dict[str, object]) -> None:
+    """Fields of any type are read, or refused by a DecodeError, and nothing else."""
+    try:
+        decode_message(Everything, encode_map(VALUES | changes))
+    except DecodeError as error:
+        assert str(error)
+
+
+def test_a_type_that_is_no_dataclass_is_refused_in_words() -> None:
+    """A message type must be a dataclass; another type is our own mistake, and said so."""
+    with pytest.raises(TypeError, match="is not a message: make it a dataclass"):
+        encode_message(3)
+
+
+def test_a_field_of_a_type_that_cannot_be_sent_is_refused_in_words() -> None:
+    """A field of a type that no message can carry is refused when the message is first used."""
+
+    @dataclass
+    class Bad:
+        when: complex
+
+    with pytest.raises(TypeError, match="a message cannot have a field of type"):
+        encode_message(Bad(1j))

@@ -1,0 +1,168 @@
+"""Names and keys: every name of a user becomes a key that Zenoh takes, and comes back."""
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import InvalidNameError, keys
+
+names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
+awkward = st.text("%*$?#/@ \t\n\x00%2Fab", min_size=1)
+
+
+@given(names | awkward)
+def test_any_name_is_one_chunk_and_comes_back(name: str) -> None:
+    """Any name becomes one chunk of a key, and the chunk gives the name back."""
+    chunk = keys.escape(name)
+    assert "/" not in chunk
+    assert keys.unescape(chunk) == name
+
+
+@given(names | awkward)
+def test_zenoh_takes_every_key(name: str) -> None:
+    """Zenoh takes the keys of any stream, node and parameter, and none of them is a wild card."""
+    for key in (
+        keys.transforms_key(name),
+        keys.static_transforms_key(name),
+        keys.stream_key(name),
+        keys.node_key(name),
+        keys.parameter_key(name, name),
+    ):
+        assert str(zenoh.KeyExpr(key)) == key
+        assert not set("*$") & set(key)
+        assert keys.last_name(key) == name
+
+
+@given(st.tuples(names | awkward, names | awkward).filter(lambda pair: pair[0] != pair[1]))
+def test_two_names_have_two_keys(pair: tuple[str, str]) -> None:
+    """Names that differ have keys that differ."""
+    assert keys.stream_key(pair[0]) != keys.stream_key(pair[1])
+
+
+@given(names | awkward)
+def test_the_wild_keys_hold_each_key(name: str) -> None:
+    """A key expression for all streams or nodes holds the key of each of them."""
+    for every, key in (
+        (keys.ALL_TRANSFORMS, keys.transforms_key(name)),
+        (keys.ALL_STATIC_TRANSFORMS, keys.static_transforms_key(name)),
+        (keys.ALL_STREAMS, keys.stream_key(name)),
+        (keys.ALL_NODES, keys.node_key(name)),
+        (keys.node_parameters_key(name), keys.parameter_key(name, name)),
+    ):
+        assert zenoh.KeyExpr(every).includes(zenoh.KeyExpr(key))
+
+
+def test_the_keys_are_those_of_the_wire_format() -> None:
+    """The keys are what others rely on."""
+    assert keys.transforms_key("broadcaster1") == "tf/broadcaster1"
+    assert keys.static_transforms_key("camera/left") == "tf_static/camera%2Fleft"
+    assert keys.stream_key("sim") == "@tfbus/stream/sim"
+    assert keys.node_key("sim") == "@tfbus/node/sim"
+    assert keys.parameter_key("sim", "background_r") == "@tfbus/param/sim/background_r"
+
+
+@pytest.mark.parametrize(
+    ("key", "stream"),
+    [
+        ("tf/sim", "sim"),
+        ("tf_static/camera%2Fleft", "camera/left"),
+        ("robot7/tf/sim", "robot7/sim"),
+        ("lab/robot7/tf_static/sim", "lab/robot7/sim"),
+        ("elsewhere", "elsewhere"),
+        ("tf", ""),
+    ],
+)
+def test_a_key_tells_its_stream(key: str, stream: str) -> None:
+    """The stream is what follows tf or tf_static; a namespace in front stays part of it."""
+    assert keys.stream_of(key) == stream
+
+
+@pytest.mark.parametrize(
+    ("key", "namespace", "name"),
+    [
+        ("@tfbus/node/sim", "", "/sim"),
+        ("@tfbus/node/sim", "robot7", "/robot7/sim"),
+        ("robot7/@tfbus/node/sim", "", "/robot7/sim"),
+        ("robot7/@tfbus/node/sim", "lab", "/lab/robot7/sim"),
+    ],
+)
+def test_a_key_tells_the_full_name_of_a_node(key: str, namespace: str, name: str) -> None:
+    """A node's full name begins with '/' and holds its whole namespace."""
+    assert keys.full_name(key, namespace) == name
+
+
+@pytest.mark.parametrize("name", ["sim", "turtle1", "cam-left", "a.b", "_x", "7"])
+def test_node_names(name: str) -> None:
+    """A node's name is letters, digits, '_', '-' and '.'."""
+    assert keys.check_node_name(name) == name
+
+
+@pytest.mark.parametrize("name", ["", "-x", ".x", "a b", "é", "a*", "a\n", "@tfbus"])
+def test_names_that_no_node_can_have(name: str) -> None:
+    """A name that no node can have is refused with what is allowed."""
+    with pytest.raises(InvalidNameError) as caught:
+        keys.check_node_name(name)
+    assert str(caught.value) == (
+        f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
+        "and begin with a letter, a digit or '_'"
+    )
+
+
+def test_a_node_name_with_a_slash_points_to_the_namespace() -> None:
+    """A node's name with a slash in it is refused, and told where the namespace goes."""
+    with pytest.raises(InvalidNameError, match=r"the namespace is an option of its own"):
+        keys.check_node_name("robot7/sim")
+
+
+@pytest.mark.parametrize("name", ["pose", "turtle1/pose", "a b".replace(" ", "_"), "ü/ö", "a%2Fb"])
+def test_topics(name: str) -> None:
+    """A topic is a relative path."""
+    assert keys.check_topic(name) == name
+    assert str(zenoh.KeyExpr(name)) == name
+
+
+@pytest.mark.parametrize("name", ["", "a//b", "a/", "a b", "a/*", "a$b", "a?b", "a#b", "@tfbus/x"])
+def test_names_that_no_topic_can_have(name: str) -> None:
+    """A topic with an empty part, white space, or a character of Zenoh's is refused."""
+    with pytest.raises(InvalidNameError) as caught:
+        keys.check_topic(name)
+    assert str(caught.value) == (
+        f"{name!r} cannot be the name of a topic: use parts joined by '/', none of them "
+        "empty or beginning with '@', without white space or any of * $ ? #"
+    )
+
+
+def test_a_topic_from_ros_is_told_what_to_write() -> None:
+    """A topic with ROS's leading slash is refused, and told what to write."""
+    with pytest.raises(InvalidNameError) as caught:
+        keys.check_topic("/turtle1/pose")
+    assert str(caught.value) == (
+        "topic '/turtle1/pose' begins with '/': names are relative to the node's namespace, "
+        "write 'turtle1/pose'"
+    )
+
+
+@given(st.text(max_size=8) | awkward)
+def test_zenoh_takes_every_topic_that_is_allowed(name: str) -> None:
+    """What passes as a topic is a key that Zenoh takes as it is."""
+    try:
+        keys.check_topic(name)
+    except InvalidNameError:
+        return
+    assert str(zenoh.KeyExpr(name)) == name
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"), [("", ""), ("/", ""), ("robot7", "robot7"), ("/lab/robot7/", "lab/robot7")]
+)
+def test_namespaces(given: str, kept: str) -> None:
+    """A namespace may be written with slashes around it."""
+    assert keys.check_namespace(given) == kept
+
+
+@pytest.mark.parametrize("namespace", ["a//b", "a b", "robot*", "@tfbus"])
+def test_namespaces_that_cannot_be(namespace: str) -> None:
+    """A namespace follows the rules of a topic."""
+    with pytest.raises(InvalidNameError, match="cannot be the name of a namespace"):
+        keys.check_namespace(namespace)

@@ -1,0 +1,152 @@
+"""The settings of a node: what is given, what the environment gives, and what cannot be."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from tfbus import InvalidNameError, NodeSettings, SettingsError
+
+
+@pytest.fixture(autouse=True)
+def bare_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("NAMESPACE", "MODE", "CONNECT", "LISTEN", "CONFIG", "LOG_LEVEL"):
+        monkeypatch.delenv(f"TFBUS_{name}", raising=False)
+
+
+def test_only_a_name_is_needed() -> None:
+    """A node needs a name and nothing else."""
+    settings = NodeSettings("sim")
+    assert (settings.namespace, settings.mode, settings.connect, settings.listen) == (
+        "",
+        "",
+        (),
+        (),
+    )
+    assert (settings.config, settings.log_level) == ("", "info")
+    assert (dict(settings.parameters), dict(settings.remappings)) == ({}, {})
+
+
+def test_the_environment_gives_what_is_not_given(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One environment can set up all processes of a machine."""
+    config = tmp_path / "zenoh.json5"
+    config.write_text("{}")
+    monkeypatch.setenv("TFBUS_NAMESPACE", "/robot7")
+    monkeypatch.setenv("TFBUS_MODE", "client")
+    monkeypatch.setenv("TFBUS_CONNECT", "tcp/hub:7447, tcp/hub2:7447")
+    monkeypatch.setenv("TFBUS_LISTEN", "tcp/[::]:7448")
+    monkeypatch.setenv("TFBUS_CONFIG", str(config))
+    monkeypatch.setenv("TFBUS_LOG_LEVEL", "debug")
+    assert NodeSettings("sim") == NodeSettings(
+        "sim",
+        namespace="robot7",
+        mode="client",
+        connect=("tcp/hub:7447", "tcp/hub2:7447"),
+        listen=("tcp/[::]:7448",),
+        config=str(config),
+        log_level="debug",
+    )
+
+
+def test_what_is_given_goes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A setting that is given, even as nothing, is not taken from the environment."""
+    monkeypatch.setenv("TFBUS_NAMESPACE", "robot7")
+    monkeypatch.setenv("TFBUS_CONNECT", "tcp/hub:7447")
+    settings = NodeSettings("sim", namespace="", connect=())
+    assert (settings.namespace, settings.connect) == ("", ())
+
+
+def test_settings_do_not_change() -> None:
+    """Settings are a value: neither they nor the maps in them can be changed."""
+    given = {"turtlename": "turtle1"}
+    settings = NodeSettings("broadcaster1", parameters=given)
+    given["turtlename"] = "turtle2"
+    assert settings.parameters["turtlename"] == "turtle1"
+    with pytest.raises(TypeError):
+        settings.parameters["turtlename"] = "x"  # type: ignore[index]  # that is the test
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.name = "x"  # type: ignore[misc]  # that is the test
+
+
+def test_settings_can_be_used_for_another_name() -> None:
+    """The same settings serve a second node under a name of its own."""
+    settings = NodeSettings("a", namespace="robot7", connect=("tcp/hub:7447",))
+    assert settings.renamed("b") == NodeSettings("b", namespace="robot7", connect=("tcp/hub:7447",))
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"mode": "boss"}, "mode 'boss' is not one of peer, client, router"),
+        (
+            {"log_level": "loud"},
+            "log level 'loud' is not one of debug, info, warning, error",
+        ),
+        (
+            {"connect": ("hub",)},
+            "'hub' is not an endpoint: write protocol/address, as in tcp/hub:7447",
+        ),
+        (
+            {"listen": ("hub:1234",)},
+            "'hub:1234' is not an endpoint: write protocol/address, as in tcp/hub:1234",
+        ),
+        (
+            {"connect": ("http/hub:1",)},
+            "endpoint 'http/hub:1' has no protocol of Zenoh's: use one of tcp, udp, tls, quic, ws, "
+            "serial, unixpipe, unixsock-stream, vsock",
+        ),
+        ({"connect": ("tcp/hub",)}, "endpoint 'tcp/hub' has no port: write tcp/hub:7447"),
+        (
+            {"connect": ("tcp/hub:port",)},
+            "endpoint 'tcp/hub:port' has no port: write tcp/hub:port:7447",
+        ),
+        ({"config": "/nowhere.json5"}, "there is no configuration file '/nowhere.json5'"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused(given: dict[str, object], reason: str) -> None:
+    """An impossible setting is refused in one sentence that says what is possible."""
+    with pytest.raises(SettingsError) as caught:
+        NodeSettings("sim", **given)  # type: ignore[arg-type]  # that is the test
+    assert str(caught.value) == reason
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447",
+        "tcp/[::]:0",
+        "udp/hub:7447",
+        "tcp/[::]:7447#iface=eth0",
+        "tcp/h:1?rel=1",
+    ],
+)
+def test_endpoints_of_zenoh(endpoint: str) -> None:
+    """Zenoh's endpoints pass, with what Zenoh allows behind them."""
+    assert NodeSettings("sim", connect=(endpoint,)).connect == (endpoint,)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"name": "robot7/sim"},
+        {"namespace": "a b"},
+        {"remappings": {"pose": "/turtle1/pose"}},
+        {"remappings": {"a//b": "pose"}},
+    ],
+)
+def test_a_name_that_cannot_be_is_refused(given: dict[str, object]) -> None:
+    """Names in the settings follow the rules of names on the bus."""
+    with pytest.raises(InvalidNameError):
+        NodeSettings(**({"name": "sim"} | given))  # type: ignore[arg-type]  # that is the test
+
+
+@pytest.mark.parametrize("variable", ["MODE", "CONNECT", "CONFIG", "LOG_LEVEL"])
+def test_a_mistake_in_the_environment_is_refused_too(
+    monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
+    """A value from the environment is checked as one that is given."""
+    monkeypatch.setenv(f"TFBUS_{variable}", "nonsense")
+    with pytest.raises(SettingsError, match="nonsense"):
+        NodeSettings("sim")

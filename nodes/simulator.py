@@ -17,7 +17,7 @@ from tfbus import Node, NodeSettings, node_options
 from tfbus.messages import Color, Empty, Kill, Spawn
 from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.turtle import TICK_S
-from tfbus.nodes.turtle.window import NoWindowError, Window, save_picture
+from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import BACKGROUND, Snapshot, World
 
 FRAME_S = 1.0 / 60.0
@@ -125,7 +125,7 @@ def _show(node: Node, world: World) -> None:
             while window.is_open and node.wait(FRAME_S):
                 if frames:
                     window.show(frames[-1])
-    except NoWindowError as error:
+    except DisplayError as error:
         node.log.info("No window: %s", error)
         node.spin()
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tfbus.messages import Color, SetPen, TeleportAbsolute
 from tfbus.nodes.turtle.field import SIZE_M, to_pixels
-from tfbus.nodes.turtle.window import NoWindowError, Window, save_picture
+from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import World
 
 pygame = pytest.importorskip("pygame", reason="pygame-ce is not installed (extra sim)")
@@ -164,7 +164,7 @@ def test_a_window_can_be_opened_again(on_screen: Screen) -> None:
 
 def test_without_a_display_there_is_no_window(no_display: None) -> None:
     """Where there is no display, one sentence says so."""
-    with pytest.raises(NoWindowError, match="there is no display"):
+    with pytest.raises(DisplayError, match="there is no display"):
         Window("test")
 
 
@@ -173,7 +173,7 @@ def test_a_display_that_does_not_answer_is_no_display(
 ) -> None:
     """A wrong DISPLAY is told of, rather than drawing where nobody looks."""
     monkeypatch.setenv("DISPLAY", ":59999")
-    with pytest.raises(NoWindowError, match="display"):
+    with pytest.raises(DisplayError, match="display"):
         Window("test")
 
 
@@ -221,7 +221,7 @@ def test_a_name_stays_in_the_picture(tmp_path: Path) -> None:
 
 def test_a_picture_that_cannot_be_written_is_told_of(tmp_path: Path) -> None:
     """A folder that is not there is named in one sentence."""
-    with pytest.raises(NoWindowError, match=r"no_folder/a\.png cannot be written"):
+    with pytest.raises(DisplayError, match=r"no_folder/a\.png cannot be written"):
         save_picture(World().snapshot(), tmp_path / "no_folder" / "a.png")
 
 

@@ -12,14 +12,14 @@ from tfbus.nodes.turtle.world import Snapshot
 _INSTALL = "pip install 'tfbus[sim]'"
 
 
-class NoWindowError(TfbusError):
-    """There is nowhere to draw; the message says why, and what would help."""
+class DisplayError(TfbusError):
+    """The world cannot be shown, or its picture not kept; the message says why."""
 
 
 class Window:
     """An open window; use it from the main thread, and often, or the desktop finds it stuck.
 
-    Raises NoWindowError where there is no display or no pygame.
+    Raises DisplayError where there is no display or no pygame.
     """
 
     def __init__(self, title: str) -> None:
@@ -69,7 +69,7 @@ class Window:
 def save_picture(snapshot: Snapshot, path: Path) -> None:
     """Write the picture that a window would show; the kind of file is as its name ends.
 
-    Needs no display. Raises NoWindowError without pygame, or where the file cannot be written.
+    Needs no display. Raises DisplayError without pygame, or where the file cannot be written.
     """
     pygame = _import_pygame()
     from tfbus.nodes.turtle.picture import Picture
@@ -79,7 +79,7 @@ def save_picture(snapshot: Snapshot, path: Path) -> None:
     try:
         pygame.image.save(surface, str(path))
     except (OSError, pygame.error) as error:
-        raise NoWindowError(f"{path} cannot be written ({error})") from error
+        raise DisplayError(f"{path} cannot be written ({error})") from error
 
 
 def _open_display() -> None:
@@ -88,15 +88,15 @@ def _open_display() -> None:
     asked_for = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")))
     # Without this question SDL would take over the console of a machine that has no desktop.
     if sys.platform.startswith("linux") and not asked_for:
-        raise NoWindowError("there is no display; with DISPLAY or WAYLAND_DISPLAY there is one")
+        raise DisplayError("there is no display; with DISPLAY or WAYLAND_DISPLAY there is one")
     try:
         pygame.display.init()
     except pygame.error as error:
-        raise NoWindowError(f"the display cannot be used ({error})") from error
+        raise DisplayError(f"the display cannot be used ({error})") from error
     # Where no display answers, SDL draws into a memory that nobody sees.
     if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
         pygame.display.quit()
-        raise NoWindowError("the display does not answer; check DISPLAY and WAYLAND_DISPLAY")
+        raise DisplayError("the display does not answer; check DISPLAY and WAYLAND_DISPLAY")
 
 
 def _import_pygame() -> ModuleType:
@@ -104,5 +104,5 @@ def _import_pygame() -> ModuleType:
     try:
         import pygame
     except ImportError as error:
-        raise NoWindowError(f"pygame-ce is not installed; {_INSTALL} brings it") from error
+        raise DisplayError(f"pygame-ce is not installed; {_INSTALL} brings it") from error
     return pygame

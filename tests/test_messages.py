@@ -1,0 +1,91 @@
+"""The messages of the supplied nodes: what can be said, and that it survives the bus."""
+
+import inspect
+import math
+from dataclasses import is_dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import DecodeError, messages
+from tfbus.codec import decode_message, encode_map, encode_message
+from tfbus.messages import (
+    Color,
+    Pose,
+    RotateAbsolute,
+    SetPen,
+    Spawn,
+    TeleportAbsolute,
+    TeleportRelative,
+    Twist,
+    Vector3,
+)
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+vectors = st.builds(Vector3, numbers, numbers, numbers)
+parts = st.integers(0, 255)
+MESSAGES = st.one_of(
+    st.builds(Twist, vectors, vectors),
+    st.builds(Pose, st.integers(0, 2**63 - 1), numbers, numbers, numbers, numbers, numbers),
+    st.builds(Color, parts, parts, parts),
+    st.builds(Spawn.Request, numbers, numbers, numbers, st.text()),
+    st.builds(SetPen.Request, parts, parts, parts, parts, st.booleans()),
+)
+
+
+def message_types() -> list[type]:
+    """Every dataclass of the module, those inside services and goals too."""
+    found = []
+    for _, outer in inspect.getmembers(messages, inspect.isclass):
+        if outer.__module__ == messages.__name__:
+            inner = [value for value in vars(outer).values() if inspect.isclass(value)]
+            found += [one for one in (outer, *inner) if is_dataclass(one)]
+    return found
+
+
+@given(MESSAGES)
+def test_a_message_arrives_as_it_was_sent(message: object) -> None:
+    """Every message that can be made is the same after the bus, to the last bit."""
+    assert decode_message(type(message), encode_message(message)) == message
+
+
+@pytest.mark.parametrize("message_type", message_types(), ids=lambda t: t.__qualname__)
+def test_a_message_never_changes(message_type: type) -> None:
+    """Messages are frozen: many may hold one."""
+    assert message_type.__dataclass_params__.frozen  # type: ignore[attr-defined]  # dataclass
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_number_that_nobody_could_use_is_refused(bad: float) -> None:
+    """What is not finite cannot be said, in any message that asks for something."""
+    for make in (
+        lambda: Vector3(0.0, 0.0, bad),
+        lambda: Spawn.Request(bad, 0.0),
+        lambda: TeleportAbsolute.Request(0.0, bad),
+        lambda: TeleportRelative.Request(0.0, bad),
+        lambda: RotateAbsolute.Goal(bad),
+    ):
+        with pytest.raises(ValueError, match="a finite number is wanted"):
+            make()
+
+
+@pytest.mark.parametrize("bad", [-1, 256, 10**20])
+def test_a_part_of_a_colour_is_a_byte(bad: int) -> None:
+    """Colours and widths outside of 0 to 255 are refused with what is wanted."""
+    with pytest.raises(ValueError, match="from 0 to 255"):
+        Color(0, bad, 0)
+    with pytest.raises(ValueError, match=r"width is .* from 0 to 255"):
+        SetPen.Request(width=bad)
+
+
+def test_what_cannot_be_said_is_not_heard() -> None:
+    """Bytes that hold an impossible message do not decode, and the error says which part."""
+    data = encode_map({"linear": {"x": math.nan}, "angular": {}})
+    with pytest.raises(DecodeError, match="x is nan"):
+        decode_message(Twist, data)
+
+
+def test_an_empty_twist_stops() -> None:
+    """What is left out of a Twist is zero: `{}` on the command line stops a turtle."""
+    assert decode_message(Twist, encode_map({})) == Twist(Vector3(0, 0, 0), Vector3(0, 0, 0))

@@ -83,10 +83,10 @@ class Question:
             self.source, None, self.target, stamp_ns, self.fixed_frame, timeout_s=timeout_s
         )
 
-    def is_hopeless(self, error: TransformException) -> bool:
+    def is_hopeless(self, reason: TransformException) -> bool:
         """Whether no waiting will bring an answer: the past does not come back."""
         is_absolute = self.moment is not None and not self.moment.is_relative
-        return is_absolute and isinstance(_reason(error), PastExtrapolationException)
+        return is_absolute and isinstance(reason, PastExtrapolationException)
 
 
 def answers(
@@ -109,24 +109,38 @@ def _wait_for_answer(
 ) -> TransformStamped | None:
     """The answer as soon as there is one; None where the node is shut down before."""
     give_up_s = time.monotonic() + timeout_s
+    say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
     while node.ok:
-        say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
         try:
-            patience_s = max(0.0, say_at_s - time.monotonic())
-            return question.ask(buffer, node.now_ns(), patience_s)
+            return question.ask(buffer, node.now_ns(), _seconds_until(say_at_s))
         except TransformException as error:
-            if question.is_hopeless(error):
-                raise PastExtrapolationException(
-                    f"{_reason(error)}; only what is sent while echo runs is known to it"
-                ) from error
-            node.wait(max(0.0, say_at_s - time.monotonic()))
-            reason = _explained(error, buffer)
-            if time.monotonic() >= give_up_s:
-                raise TimeoutException(
-                    f"no transform {question} within {timeout_s:g} s: {reason}"
-                ) from error
-            node.log.info("Waiting for transform %s: %s", question, reason)
+            reason = _reason(error)
+        if question.is_hopeless(reason):
+            raise PastExtrapolationException(
+                f"{reason}; only what is sent while echo runs is known to it"
+            )
+        node.wait(min(_seconds_until(say_at_s), _gap_s(reason)))
+        if time.monotonic() >= give_up_s:
+            raise TimeoutException(
+                f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
+            )
+        if time.monotonic() >= say_at_s:
+            node.log.info("Waiting for transform %s: %s", question, _explained(reason, buffer))
+            say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
     return None
+
+
+def _seconds_until(monotonic_s: float) -> float:
+    return max(0.0, monotonic_s - time.monotonic())
+
+
+def _gap_s(reason: TransformException) -> float:
+    """In how long a moment that goes with the clock comes to where data begins."""
+    if not isinstance(reason, PastExtrapolationException):
+        return math.inf
+    if reason.oldest_ns is None or reason.requested_ns is None:
+        return math.inf
+    return (reason.oldest_ns - reason.requested_ns) / 1e9
 
 
 def _reason(error: TransformException) -> TransformException:
@@ -134,9 +148,9 @@ def _reason(error: TransformException) -> TransformException:
     return (error.reason or error) if isinstance(error, TimeoutException) else error
 
 
-def _explained(error: TransformException, buffer: Buffer) -> str:
+def _explained(reason: TransformException, buffer: Buffer) -> str:
     """Why there is no answer, what there is, and which names look like the one that is not."""
-    reason, frames = _reason(error), sorted(buffer.frames())
+    frames = sorted(buffer.frames())
     if not frames:
         return f"{reason}; no frame is known yet: is a broadcaster running?"
     near = ""

@@ -35,6 +35,7 @@ import click
 import pytest
 import zenoh
 from conftest import DEADLINE_S, Bus, Process, eventually, free_port
+from test_wire import SAMPLE
 
 from tfbus.cli import main
 

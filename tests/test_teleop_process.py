@@ -3,12 +3,14 @@
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import termios
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from conftest import DEADLINE_S, Bus, eventually
@@ -211,6 +213,32 @@ def test_it_drives_the_turtle_it_is_told_to(bus: Bus) -> None:
     terminal.type(b"Q")
     assert terminal.exit_code() == 0
     terminal.close()
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
+def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
+    """In tmux, which sends arrows its own way, keys drive and Q gives the shell back."""
+    heard: list[Twist] = []
+    bus.node("listener").create_subscription(Twist, "turtle1/cmd_vel", heard.append)
+    env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color"}
+
+    def tmux(*arguments: str) -> str:
+        command = ["tmux", "-f", "/dev/null", *arguments]
+        return subprocess.run(command, env=env, capture_output=True, text=True).stdout
+
+    def press_until_heard() -> bool:
+        tmux("send-keys", "Left")
+        return bool(heard)
+
+    tmux("new-session", "-d", "-x", "90", "-y", "20", f"{' '.join(TELEOP)}; echo left; cat")
+    try:
+        eventually(lambda: BANNER in tmux("capture-pane", "-p"))
+        eventually(press_until_heard)
+        tmux("send-keys", "q")
+        eventually(lambda: "left" in tmux("capture-pane", "-p"))
+    finally:
+        tmux("kill-server")
+    assert heard[0] == Twist(angular=Vector3(z=2.0))
 
 
 @pytest.mark.parametrize(

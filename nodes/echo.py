@@ -188,9 +188,15 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
 @click.argument("source", callback=_frame)
 @click.argument("target", callback=_frame)
-@click.option("--rate", type=float, default=1.0, callback=_positive, help="Blocks per second; 1.")
 @click.option(
-    "--precision", type=click.IntRange(0, 17), default=3, help="Digits after the point in text; 3."
+    "-r", "--rate", type=float, default=1.0, callback=_positive, help="Blocks per second; 1."
+)
+@click.option(
+    "-p",
+    "--precision",
+    type=click.IntRange(0, 17),
+    default=3,
+    help="Digits after the point in text; 3.",
 )
 @click.option(
     "--style",
@@ -209,6 +215,7 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
 @click.option("--once", is_flag=True, help="Print one block and exit.")
 @click.option("--count", type=click.IntRange(min=1), help="Print so many blocks and exit.")
 @click.option(
+    "-t",
     "--at",
     "moment",
     metavar="TIME",

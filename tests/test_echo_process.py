@@ -64,8 +64,8 @@ def test_it_prints_the_block_of_tf2_echo(bus: Bus, turtle: Node) -> None:
 
 
 def test_styles_and_precision_change_the_text(bus: Bus, turtle: Node) -> None:
-    """`--style foxy` has three lines, `--precision` sets digits, `--count` ends it."""
-    options = ("--style", "foxy", "--precision", "1", "--count", "2", "--rate", "20")
+    """`--style foxy` has three lines, `-p` sets digits, `-r` the rate, `--count` ends it."""
+    options = ("--style", "foxy", "-p", "1", "--count", "2", "-r", "20")
     done = bus.run("echo", "world", "turtle1", *options)
     assert done.stdout == 2 * (
         "At time 1649109418.061570822\n"

@@ -105,8 +105,11 @@ def test_the_installed_launch_files_bring_their_nodes(
     launch = bus.start("launch", name, "headless:=true")
     watcher = bus.node("watcher")
     eventually(lambda: list_nodes(watcher.session) == sorted(["/watcher", *nodes]))
+    for node in nodes:
+        launch.wait_for_line(rf"\[{node[1:]}\]: ready$")
     assert launch.stop() == 0
-    assert len([line for line in launch.err if "finished cleanly" in line]) == len(nodes)
+    clean = [line for line in launch.err if "finished cleanly" in line]
+    assert len(clean) == len(nodes), "\n".join(launch.err)
 
 
 def test_the_demo_prints_where_the_drone_is(bus: Bus) -> None:

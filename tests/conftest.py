@@ -114,16 +114,24 @@ class Process:
         self.popen.wait(DEADLINE_S)
 
 
+def _config(*, scouting_delay_ms: int = 500) -> str:
+    return (
+        f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
+        " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
+    )
+
+
 class Bus:
     """Peers that meet on loopback without a router and without multicast."""
 
     def __init__(self, folder: Path):
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.config = folder / "zenoh.json5"
-        self.config.write_text(
-            "{scouting: {multicast: {enabled: false}}, timestamping: {enabled: true},"
-            " listen: {endpoints: ['tcp/127.0.0.1:0']}}"
-        )
+        self.config.write_text(_config())
+        # A process has found the others when its session is open; a node of the test itself is
+        # open at once, and the test waits for what it needs.
+        self._quick_config = folder / "quick.json5"
+        self._quick_config.write_text(_config(scouting_delay_ms=10))
         self.options = ["--config", str(self.config), "--connect", self.endpoint]
         self.env = {
             **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},
@@ -134,7 +142,9 @@ class Bus:
         }
         self._nodes: list[Node] = []
         self._processes: list[Process] = []
-        meeting_point = NodeSettings("test", config=str(self.config), listen=(self.endpoint,))
+        meeting_point = NodeSettings(
+            "test", config=str(self._quick_config), listen=(self.endpoint,)
+        )
         self._meeting_point = Session(meeting_point, logging.getLogger("test"))
 
     def node(self, name: str, *, namespace: str = "", **given: object) -> Node:
@@ -142,7 +152,7 @@ class Bus:
         settings = NodeSettings(
             name,
             namespace=namespace,
-            config=str(self.config),
+            config=str(self._quick_config),
             connect=(self.endpoint,),
             **given,  # type: ignore[arg-type]  # fields of NodeSettings
         )

@@ -109,8 +109,8 @@ class GoalHandle:
 
     def _leave(self) -> None:
         self.active = False
-        self._query.close()
         self._on_end(self)
+        self._query.close()
 
     def _answer(self, answer: dict[str, Any]) -> None:
         # Where the sender is gone or has given up, the goal itself goes on.

@@ -4,12 +4,11 @@ All that tfbus uses of Zenoh's unstable `zenoh.ext` is in this file.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import zenoh
 from zenoh import ext
 
-from tfbus.session import BytesPublisher, Session
+from tfbus.session import BytesPublisher, Declaration, Session
 
 # How soon a subscriber that lost the last message learns of it and asks for it again.
 _HEARTBEAT_S = 0.5
@@ -32,11 +31,11 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
 
 def declare_retained_subscriber(
     session: Session, key: str, callback: Callable[[str, bytes], None]
-) -> ext.AdvancedSubscriber[Any]:
+) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`,
     whoever was there first, then for each new one.
     """
-    return ext.declare_advanced_subscriber(
+    subscriber = ext.declare_advanced_subscriber(
         session.zenoh,
         key,
         session.sample_callback(key, callback),
@@ -44,3 +43,4 @@ def declare_retained_subscriber(
         recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
         subscriber_detection=True,
     )
+    return Declaration(subscriber)

@@ -60,13 +60,25 @@ class Query:
         self._query.drop()
 
 
+class Declaration:
+    """Something that a session has declared; it ends with the session, or before."""
+
+    def __init__(self, declared: Any):
+        self._declared = declared
+
+    def undeclare(self) -> None:
+        """End it; twice is fine."""
+        with suppress(zenoh.ZError):
+            self._declared.undeclare()
+
+
 class ServedWatch:
     """Tells whether somebody serves a key; closed when nobody needs to know any more."""
 
     def __init__(self, querier: zenoh.Querier, on_change: Callable[[bool], None]):
-        self._querier = querier
-        self._listener = querier.declare_matching_listener(
-            lambda status: on_change(status.matching)
+        self._querier = Declaration(querier)
+        self._listener = Declaration(
+            querier.declare_matching_listener(lambda status: on_change(status.matching))
         )
         status: Any = querier.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
         if status.matching:
@@ -78,24 +90,19 @@ class ServedWatch:
         self._querier.undeclare()
 
 
-class BytesPublisher:
+class BytesPublisher(Declaration):
     """Sends payloads on one key; made by a session or, for retained ones, by tfbus.retained."""
 
     def __init__(self, key: str, publisher: Any):
+        super().__init__(publisher)
         self._key = key
-        self._publisher = publisher
 
     def put(self, payload: bytes) -> None:
         """Send one payload. Raises BusError where the session is closed."""
         try:
-            self._publisher.put(payload)
+            self._declared.put(payload)
         except zenoh.ZError as error:
             raise _as_bus_error(f"publish {self._key}", error) from error
-
-    def undeclare(self) -> None:
-        """Send no more; twice is fine."""
-        with suppress(zenoh.ZError):
-            self._publisher.undeclare()
 
 
 class Session:
@@ -161,12 +168,13 @@ class Session:
             )
         return BytesPublisher(key, publisher)
 
-    def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
+    def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
         """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
         with _bus_errors(f"subscribe to {key}"):
-            return self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
+            subscriber = self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
+        return Declaration(subscriber)
 
-    def queryable(self, key: str, callback: Callable[[Query], None]) -> Any:
+    def queryable(self, key: str, callback: Callable[[Query], None]) -> Declaration:
         """Call `callback(query)` for each question on `key`, on a thread of Zenoh's.
 
         The callback closes the query when it has sent its answers.
@@ -176,7 +184,8 @@ class Session:
             callback(Query(query))
 
         with _bus_errors(f"serve {key}"):
-            return self.zenoh.declare_queryable(key, self._guarded(f"query of {key}", on_query))
+            guarded = self._guarded(f"query of {key}", on_query)
+            return Declaration(self.zenoh.declare_queryable(key, guarded))
 
     def ask(
         self, key: str, payload: bytes | None = None, *, timeout_s: float = 5.0
@@ -224,10 +233,10 @@ class Session:
             querier = self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL)
             return ServedWatch(querier, self._guarded(f"service {key}", callback))
 
-    def token(self, key: str) -> Any:
+    def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
         with _bus_errors(f"declare {key}"):
-            return self.zenoh.liveliness().declare_token(key)
+            return Declaration(self.zenoh.liveliness().declare_token(key))
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
@@ -244,7 +253,7 @@ class Session:
             )
         return sorted(set(filter(None, iter(keys.get, None))))
 
-    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
+    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
         """Call `callback(key, alive)` for each token within the key expression: first for those
         that are alive already, then at each change.
         """
@@ -253,8 +262,9 @@ class Session:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         with _bus_errors(f"watch {key}"):
-            return self.zenoh.liveliness().declare_subscriber(
-                key, self._guarded(f"token of {key}", on_sample), history=True
+            guarded = self._guarded(f"token of {key}", on_sample)
+            return Declaration(
+                self.zenoh.liveliness().declare_subscriber(key, guarded, history=True)
             )
 
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
@@ -272,12 +282,11 @@ class Session:
                 break
         watch.undeclare()
 
-    def watch_links(self, callback: Callable[[], None]) -> Any:
+    def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
         with _bus_errors("watch links"):
-            return self.zenoh.info.declare_transport_events_listener(
-                self._guarded("link", lambda _: callback())
-            )
+            guarded = self._guarded("link", lambda _: callback())
+            return Declaration(self.zenoh.info.declare_transport_events_listener(guarded))
 
     def sample_callback(
         self, key: str, callback: Callable[[str, bytes], None]

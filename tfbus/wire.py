@@ -60,8 +60,8 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     version = columns.get("v")
     if type(version) is not int or version != VERSION:
         raise DecodeError(
-            f"a transform message of version {reprlib.repr(version)}; this tfbus reads version {VERSION}: "
-            "update the older of the two"
+            f"a transform message of version {reprlib.repr(version)}; this tfbus reads version "
+            f"{VERSION}: update the older of the two"
         )
     frames = columns.get("frames")
     if not isinstance(frames, list) or not all(isinstance(name, str) for name in frames):

@@ -1,13 +1,16 @@
 """Ctrl-C and SIGTERM as the clean end of a process."""
 
+import os
+import select
 import signal
 import threading
+import time
 from types import FrameType
 from typing import Any
 
 
 class StopSignals:
-    """An event that SIGINT and SIGTERM set, from construction until `uninstall()`.
+    """A stop that SIGINT and SIGTERM call for, from construction until `uninstall()`.
 
     Where the main thread is in the middle of something else than `wait`, a signal also raises
     KeyboardInterrupt there, so that a blocking call ends too. Several may be installed in one
@@ -15,7 +18,7 @@ class StopSignals:
     """
 
     def __init__(self) -> None:
-        self._stopped = threading.Event()
+        self._stop = _Stop()
         self._main_thread_waits = False
         if _in_main_thread():
             if not _previous:
@@ -26,19 +29,20 @@ class StopSignals:
     @property
     def stopped(self) -> bool:
         """Whether it is time to end."""
-        return self._stopped.is_set()
+        return self._stop.called
 
     def stop(self) -> None:
         """Say that it is time to end; from any thread, twice is fine."""
-        self._stopped.set()
+        self._stop.call()
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Whether it is time to end, waited for at most `timeout_s` (None: for ever)."""
         if not _in_main_thread():
-            return self._stopped.wait(timeout_s)
+            return self._stop.wait(timeout_s)
         self._main_thread_waits = True
         try:
-            return self._stopped.wait(timeout_s)
+            with _SignalWakeup() as wakeup:
+                return self._stop.wait(timeout_s, wakeup)
         finally:
             self._main_thread_waits = False
 
@@ -48,6 +52,59 @@ class StopSignals:
             _installed.remove(self)
             if not _installed and _in_main_thread():
                 _give_back()
+
+
+class _Stop:
+    """A flag that threads can wait for, and that a signal handler may raise at any instant.
+
+    threading.Event will not do: its lock may be held by the very code that the handler
+    interrupts, and a signal that comes just before the lock is waited for would wake nobody.
+    A file that becomes readable has neither fault.
+    """
+
+    def __init__(self) -> None:
+        self.called = False
+        self._readable, self._writable = os.pipe()
+
+    def __del__(self) -> None:
+        os.close(self._readable)
+        os.close(self._writable)
+
+    def call(self) -> None:
+        if not self.called:
+            self.called = True
+            os.write(self._writable, b"!")
+
+    def wait(self, timeout_s: float | None, wakeup: "_SignalWakeup | None" = None) -> bool:
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        files = [self._readable, *([wakeup.readable] if wakeup else [])]
+        while not self.called:
+            left_s = None if deadline is None else deadline - time.monotonic()
+            if left_s is not None and left_s <= 0:
+                break
+            ready, _, _ = select.select(files, [], [], left_s)
+            if wakeup and wakeup.readable in ready:
+                wakeup.drain()
+        return self.called
+
+
+class _SignalWakeup:
+    """A file that becomes readable at every signal, for as long as its `with` lasts."""
+
+    def __enter__(self) -> "_SignalWakeup":
+        self.readable, self._writable = os.pipe()
+        os.set_blocking(self._writable, False)
+        self._previous = signal.set_wakeup_fd(self._writable, warn_on_full_buffer=False)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.set_wakeup_fd(self._previous)
+        os.close(self.readable)
+        os.close(self._writable)
+
+    def drain(self) -> None:
+        """Wait for the next signal from now on; Python has run the handlers of the last."""
+        os.read(self.readable, 4096)
 
 
 _installed: list[StopSignals] = []

@@ -26,6 +26,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -362,3 +363,22 @@ def test_the_sample_in_the_docs_is_the_frozen_one() -> None:
         r"<!-- sample -->\n```text\n(.*?)```", (ROOT / "docs" / "wire.md").read_text(), re.S
     )
     assert bytes.fromhex("".join(re.split("  +", line)[0] for line in shown.splitlines())) == SAMPLE
+
+
+@pytest.mark.parametrize(
+    "path", [*(ROOT / "tfbus").glob("*.py"), *(ROOT / "tfbus").glob("*/")], ids=lambda path: path.name
+)
+def test_the_architecture_page_knows_every_file(path: Path) -> None:
+    """docs/architecture.md says of every file and folder of the library what it is for."""
+    name = f"`{path.name}/`" if path.is_dir() else f"`{path.name}`"
+    if path.name != "__pycache__":
+        assert name in (ROOT / "docs" / "architecture.md").read_text()
+
+
+def test_the_architecture_page_knows_every_dependency() -> None:
+    """docs/architecture.md says of every package that tfbus depends on why."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    names = {re.split(r"[^\w-]", entry)[0] for entry in needed} - {"tfbus"}
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    assert {name for name in names if name not in text} == set()

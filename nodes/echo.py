@@ -36,6 +36,7 @@ from tfbus.nodes.echo_format import (
     tf2_block,
 )
 from tfbus.nodes.moment import Moment, parse_moment
+from tfbus.nodes.names import frame_mistake, named_apart
 
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0
@@ -163,12 +164,8 @@ def _explained(reason: TransformException, buffer: Buffer) -> str:
 
 
 def _frame(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
-    if name == "":
-        raise click.BadParameter("the name of a frame is not empty")
-    if name is not None and name.startswith("/"):
-        raise click.BadParameter(
-            f"{name!r} begins with a slash, which frames do not: write {name.lstrip('/')!r}"
-        )
+    if name is not None and (mistake := frame_mistake(name)):
+        raise click.BadParameter(mistake)
     return name
 
 
@@ -259,7 +256,7 @@ def main(
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
     buffer = Buffer(question.cache_time_s)
     with (
-        Node.from_settings(_named_apart(settings)) as node,
+        Node.from_settings(named_apart(settings, "echo")) as node,
         TransformListener(buffer, node),
     ):
         node.ready(f"Printing {question} at {rate:g} Hz")
@@ -278,11 +275,6 @@ def _print_all(blocks: Iterator[str], header: str) -> None:
     except BrokenPipeError:
         # Python flushes stdout once more at exit, and would complain there.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _named_apart(settings: NodeSettings) -> NodeSettings:
-    """The settings with a name of this process's own, so that many can run at once."""
-    return settings.renamed(f"echo_{os.urandom(4).hex()}") if settings.name == "echo" else settings
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 Try it: tfbus static world camera --x 1 --yaw 0.5
 """
 
-import os
 from pathlib import Path
 
 import click
@@ -15,6 +14,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
+from tfbus.nodes.names import named_apart
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
 
 
@@ -64,7 +64,7 @@ def main(
 
 
 def _publish(settings: NodeSettings, edges: list[TransformStamped]) -> None:
-    with Node.from_settings(_named_apart(settings)) as node:
+    with Node.from_settings(named_apart(settings, "static")) as node:
         StaticTransformBroadcaster(node).send_transform(
             TransformStamped(node.now_ns(), edge.frame_id, edge.child_frame_id, edge.transform)
             for edge in edges
@@ -114,13 +114,6 @@ def _edges_of_file(path: Path, degrees: bool, *, alone: bool) -> list[TransformS
     from tfbus.nodes.static_file import read_edges  # YAML, which one edge does not need
 
     return read_edges(path, degrees=degrees)
-
-
-def _named_apart(settings: NodeSettings) -> NodeSettings:
-    """The settings with a name of this process's own, so that many can run at once."""
-    return (
-        settings.renamed(f"static_{os.urandom(4).hex()}") if settings.name == "static" else settings
-    )
 
 
 if __name__ == "__main__":

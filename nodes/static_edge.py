@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 from tfbus import InvalidArgumentException, TfbusError, Transform, TransformStamped
+from tfbus.nodes.names import frame_mistake
 
 XYZ = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
@@ -42,13 +43,10 @@ def make_edge(
 
 def _check_frames(frames: Mapping[str, str]) -> None:
     for field in FRAMES:
-        name = frames.get(field, "")
-        if not name:
+        if field not in frames:
             raise EdgeMistake(field, "is missing: name the parent frame and the child frame")
-        if name.startswith("/"):
-            raise EdgeMistake(
-                field, f"{name!r} begins with a slash, which frames do not: write {name[1:]!r}"
-            )
+        if mistake := frame_mistake(frames[field]):
+            raise EdgeMistake(field, mistake)
     if frames["frame_id"] == frames["child_frame_id"]:
         raise EdgeMistake(
             "child_frame_id",

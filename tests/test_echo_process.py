@@ -166,7 +166,7 @@ def node_name(process: Process) -> str:
     ("arguments", "complaint"),
     [
         (["/world", "turtle1"], "write 'world'"),
-        (["world", ""], "is not empty"),
+        (["world", ""], "name is not empty"),
         (["world", "turtle1", "--rate", "0"], "greater than 0"),
         (["world", "turtle1", "--rate", "nan"], "greater than 0"),
         (["world", "turtle1", "--timeout", "-1"], "greater than 0"),

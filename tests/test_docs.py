@@ -28,7 +28,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -38,6 +38,7 @@ import zenoh
 from conftest import DEADLINE_S, Bus, Process, eventually, free_port
 from test_wire import SAMPLE
 
+import tfbus.messages
 from tfbus.cli import main
 
 ROOT = Path(__file__).parent.parent
@@ -382,3 +383,18 @@ def test_the_architecture_page_knows_every_dependency() -> None:
     names = {re.split(r"[^\w-]", entry)[0] for entry in needed} - {"tfbus"}
     text = (ROOT / "docs" / "architecture.md").read_text()
     assert {name for name in names if name not in text} == set()
+
+
+def message_types() -> Iterator[tuple[str, type]]:
+    """The dataclasses of tfbus.messages, those of services and goals by their outer name."""
+    for name, value in vars(tfbus.messages).items():
+        if isinstance(value, type) and value.__module__ == "tfbus.messages":
+            yield from ((name, inner) for inner in (value, *vars(value).values()) if is_dataclass(inner))
+
+
+@pytest.mark.parametrize(("name", "message_type"), list(message_types()), ids=str)
+def test_the_messages_page_knows_every_field(name: str, message_type: type) -> None:
+    """docs/messages.md names every message of tfbus.messages, with all its fields."""
+    text = (ROOT / "docs" / "messages.md").read_text()
+    assert f"`{name}`" in text
+    assert [entry.name for entry in fields(message_type) if f"`{entry.name}`" not in text] == []

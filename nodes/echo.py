@@ -36,7 +36,7 @@ from tfbus.nodes.echo_format import (
     tf2_block,
 )
 from tfbus.nodes.moment import Moment, parse_moment
-from tfbus.nodes.names import frame_mistake, named_apart
+from tfbus.nodes.names import frame_mistake, own_name
 
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0
@@ -232,7 +232,7 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
     metavar="SECONDS",
     help="Give up with exit code 1 when there is no transform for so long.",
 )
-@node_options("echo")
+@node_options(own_name("echo"))
 def main(
     settings: NodeSettings,
     source: str,
@@ -256,7 +256,7 @@ def main(
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
     buffer = Buffer(question.cache_time_s)
     with (
-        Node.from_settings(named_apart(settings, "echo")) as node,
+        Node.from_settings(settings) as node,
         TransformListener(buffer, node),
     ):
         node.ready(f"Printing {question} at {rate:g} Hz")

@@ -1,8 +1,6 @@
-"""Names as the command line gives them: of frames, and of nodes of which many run at once."""
+"""Names as the command line gives them: of frames, and of nodes that nobody named."""
 
 import os
-
-from tfbus import NodeSettings
 
 
 def frame_mistake(name: str) -> str:
@@ -14,8 +12,6 @@ def frame_mistake(name: str) -> str:
     return ""
 
 
-def named_apart(settings: NodeSettings, default_name: str) -> NodeSettings:
-    """The settings with a name of this process's own, unless they have another than the default."""
-    if settings.name != default_name:
-        return settings
-    return settings.renamed(f"{default_name}_{os.urandom(4).hex()}")
+def own_name(kind: str) -> str:
+    """A node's name that no other process has: `echo_5d205229`."""
+    return f"{kind}_{os.urandom(4).hex()}"

@@ -14,7 +14,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.nodes.names import named_apart
+from tfbus.nodes.names import own_name
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
 
 
@@ -42,7 +42,7 @@ from tfbus.nodes.static_edge import EdgeMistake, make_edge
     type=click.Path(path_type=Path),
     help="A YAML list of edges, whose keys are these flags: frame_id, child_frame_id, x, yaw ...",
 )
-@node_options("static")
+@node_options(own_name("static"))
 def main(
     settings: NodeSettings,
     frame_id: str | None,
@@ -64,7 +64,7 @@ def main(
 
 
 def _publish(settings: NodeSettings, edges: list[TransformStamped]) -> None:
-    with Node.from_settings(named_apart(settings, "static")) as node:
+    with Node.from_settings(settings) as node:
         StaticTransformBroadcaster(node).send_transform(
             TransformStamped(node.now_ns(), edge.frame_id, edge.child_frame_id, edge.transform)
             for edge in edges

@@ -153,7 +153,7 @@ def test_many_echoes_run_at_once(bus: Bus, turtle: Node) -> None:
     """Every echo is a node with a name of its own."""
     names = {node_name(bus.start("echo", "world", "turtle1")) for _ in range(2)}
     assert len(names) == 2
-    assert node_name(bus.start("echo", "world", "turtle1", "--name", "eye")) == "eye"
+    assert node_name(bus.start("echo", "world", "turtle1", "--name", "echo")) == "echo"
 
 
 def node_name(process: Process) -> str:

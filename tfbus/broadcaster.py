@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from tfbus.batch import TransformBatch
+from tfbus.errors import InvalidArgumentException
 from tfbus.node import Node
 from tfbus.transform import TransformStamped
 
@@ -44,8 +45,14 @@ class StaticTransformBroadcaster:
 
 
 def _as_batch(transforms: Transforms) -> TransformBatch:
-    if isinstance(transforms, TransformBatch):
-        return transforms
     if isinstance(transforms, TransformStamped):
         transforms = (transforms,)
-    return TransformBatch.from_transforms(transforms)
+    if not isinstance(transforms, TransformBatch):
+        transforms = TransformBatch.from_transforms(transforms)
+    for parent, child in transforms.edges.tolist():
+        if parent == child:
+            raise InvalidArgumentException(
+                f"frame {transforms.frames[child]!r} cannot be its own parent; "
+                "frame_id and child_frame_id differ"
+            )
+    return transforms

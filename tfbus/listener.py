@@ -15,13 +15,15 @@ class TransformListener:
 
     It works on threads of its own: there is nothing to spin, and a lookup may wait anywhere.
     The authority of a transform is the stream that it came in. A message that cannot be read is
-    counted in `rejected` by its stream, reported once, and dropped.
+    counted in `rejected` by its stream, reported once, and dropped; a transform that the buffer
+    refuses is counted there, and reported once a stream.
     """
 
     def __init__(self, buffer: Buffer, node: Node):
         self.buffer = buffer
         self.rejected: Counter[str] = Counter()
         self._log = node.log
+        self._told: set[str] = set()
         self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_transforms)
         self._static = declare_retained_subscriber(
             node.session, ALL_STATIC_TRANSFORMS, self._on_static_transforms
@@ -54,7 +56,22 @@ class TransformListener:
         except DecodeError as error:
             self._reject(stream, error)
         else:
-            self.buffer.set_transforms(batch, static=static, authority=stream)
+            before = self.buffer.rejected.copy()
+            taken = self.buffer.set_transforms(batch, static=static, authority=stream)
+            if taken < len(batch) and stream not in self._told:
+                self._tell_refused(stream, before)
+
+    def _tell_refused(self, stream: str, before: Counter[str]) -> None:
+        """Say why transforms of the stream were refused; one that is only too old was not."""
+        counts = self.buffer.rejected
+        reasons = [reason for reason in list(counts) if counts[reason] > before[reason]]
+        if reasons:
+            self._told.add(stream)
+            self._log.warning(
+                "Refused a transform of stream %r: %s. More of them are only counted",
+                stream,
+                reasons[0],
+            )
 
     def _reject(self, stream: str, error: DecodeError) -> None:
         self.rejected[stream] += 1

@@ -1,4 +1,4 @@
-# demo, test, check, bench: each sets up what it needs, in .venv.
+# demo, test, check, bench: each sets up what it needs, in .venv (bench: .venv-bench).
 
 PYTHON ?= python3
 VENV := .venv
@@ -25,8 +25,19 @@ types: $(VENV)/dev.stamp
 	ln -s $(CURDIR)/tfbus/* $(CURDIR)/nodes $(CURDIR)/configs $(TREE)/tfbus/
 	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml -p tfbus
 
+# The peers have an environment of their own, of the newest Python there is: schiebung wants 3.12.
+bench: $(VENV)-bench/bench.stamp
+	$(VENV)-bench/bin/python -m benchmarks $(ARGS)
+
+$(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard setup.py tfbus/*.p*)
+	for python in python3.13 python3.12 ~/.pyenv/versions/3.1[23].*/bin/python $(PYTHON); do \
+	  $$python -c '' 2>/dev/null && break; done; $$python -m venv $(VENV)-bench
+	$(VENV)-bench/bin/python -m pip install --quiet --disable-pip-version-check \
+	  -r benchmarks/requirements.txt .
+	touch $@
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) $(VENV)-bench build dist *.egg-info
 
 # An extra of pyproject.toml, installed: demo.stamp stands for [sim], dev.stamp for [dev].
 $(VENV)/demo.stamp: EXTRA := sim

@@ -1,0 +1,45 @@
+"""Measure tfbus beside its peers, print the table, and write docs/performance.md: `make bench`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks import growth, machine, page, report
+from benchmarks.measure import Bench, measure
+from benchmarks.measures import comparisons
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def main() -> None:
+    """All of it, or the rows with a word in them."""
+    parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
+    parser.add_argument("--runs", type=int, default=9, help="of which the median counts (9)")
+    parser.add_argument("--only", default="", metavar="WORD", help="rows that have this in them")
+    parser.add_argument(
+        "--docs", type=Path, default=DOCS, help="folder for performance.md and its plot"
+    )
+    arguments = parser.parse_args()
+    chosen = [row for row in comparisons() if arguments.only in f"{row.what} {row.peer}"]
+    place = machine.describe()
+    with Bench() as bench:
+        versions = bench.versions()
+        results = measure(bench, chosen, arguments.runs, _tell)
+        curves = [] if arguments.only else growth.grow(bench, 3, _tell)
+    print(report.as_text(results))
+    for line in report.left_out(results):
+        print(f"left out: {line}")
+    print(place, *(f"{peer}: {version}" for peer, version in versions.items()), sep="\n")
+    if curves:
+        growth.plot(curves, str(arguments.docs / "performance.svg"))
+        (arguments.docs / "performance.md").write_text(
+            page.performance(results, curves, place, versions)
+        )
+
+
+def _tell(what: str) -> None:
+    print(f"  {what}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    main()

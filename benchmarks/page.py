@@ -1,0 +1,69 @@
+"""docs/performance.md, written by the benchmark."""
+
+from collections.abc import Mapping, Sequence
+
+from benchmarks import growth, report
+from benchmarks.growth import Curve
+from benchmarks.measure import Result
+
+_PAGE = """\
+# How fast the buffer is
+
+`make bench` measured this and wrote this page; the numbers are of one machine, and of another
+they are others, so look at the ratios. {place}
+
+{versions}
+
+## Beside its peers
+
+The ratio is what the peer takes over what tfbus takes: above one, tfbus is faster (or smaller).
+*At least* is what we set out to reach.
+
+{table}
+
+All are given the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps
+of today. Lookups go from end to end of a chain and interpolate on every edge, at stamps scattered
+over the last tenth of a second, as a robot mostly asks, unless the row says 10 s. Each peer is a
+process of its own, warmed up; those in one group of rows take turns, so that a busy moment of the
+machine hits all, and a number is the median of their runs. What a loop in Python costs is in all
+numbers of Python.
+
+What is not the same:
+
+- tf2 from C++ is called from C++, with strings that are made before; all others from Python.
+- transform-tree has a fixed topology, one writer an edge, and refuses what is out of order; its
+  plan is compiled before and needs no names; its latest is by plan, too. It and pytransform3d
+  answer with matrices, all others with a translation and a quaternion.
+- schiebung's latest is the newest of each edge, which need not be of one time.
+- pytransform3d takes its series whole, so it has no insert; it interpolates along screws.
+- Inserts are timed with messages, transforms or arrays that are made before. transform-tree has
+  columns of one edge only, so 50 edges are 50 calls, as with tf2.
+- Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the
+  peer is tfbus alone.
+- Memory is what the process grows by, with a million samples over 100 edges.
+- The interpreted kernel is the same source without a C compiler.
+
+{left_out}
+
+## How it grows
+
+![The time of one lookup by depth, number of frames and number of samples](performance.svg)
+
+{curves}
+"""
+
+
+def performance(
+    results: Sequence[Result], curves: Sequence[Curve], place: str, versions: Mapping[str, str]
+) -> str:
+    """The whole page."""
+    missing = report.left_out(results)
+    return _PAGE.format(
+        place=place,
+        versions="\n".join(f"- {peer}: {version}" for peer, version in versions.items()),
+        table=report.as_markdown(results),
+        left_out="Left out:\n\n" + "\n".join(f"- {line}" for line in missing) if missing else "",
+        curves="\n\n".join(
+            f"{curve.axis.title}:\n\n{growth.as_markdown(curve)}" for curve in curves
+        ),
+    )

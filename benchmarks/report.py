@@ -1,0 +1,73 @@
+"""The table, for people at a terminal and for docs/performance.md."""
+
+from collections.abc import Sequence
+
+from benchmarks.measure import Result
+
+HEADINGS = ("measure", "peer", "peer takes", "tfbus takes", "at least", "reached", "ratio")
+
+
+def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
+    """The cells, in words."""
+    return [_row(result) for result in results]
+
+
+def as_text(results: Sequence[Result]) -> str:
+    """Columns, the numbers flush right."""
+    table = [HEADINGS, *rows(results)]
+    widths = [max(len(row[column]) for row in table) for column in range(len(HEADINGS))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if column < 2 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in table
+    )
+
+
+def as_markdown(results: Sequence[Result]) -> str:
+    """The same as a table of Markdown."""
+    return markdown_table(HEADINGS, rows(results))
+
+
+def markdown_table(headings: Sequence[str], table: Sequence[Sequence[str]]) -> str:
+    """Any table; all but the first two columns flush right."""
+    rule = ["---" if column < 2 else "---:" for column in range(len(headings))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (headings, rule, *table))
+
+
+def left_out(results: Sequence[Result]) -> list[str]:
+    """What could not be measured, and why, each once."""
+    return list(
+        dict.fromkeys(
+            f"{result.comparison.peer}, {result.comparison.what}: {result.missing}"
+            for result in results
+            if result.missing
+        )
+    )
+
+
+def amount(number: float | None, unit: str = "ns") -> str:
+    """A time in the unit that suits it, or bytes."""
+    if number is None:
+        return "-"
+    if unit == "bytes":
+        return f"{number:.0f} B"
+    for scale, name in ((1e9, "s"), (1e6, "ms"), (1e3, "us")):
+        if number >= scale:
+            return f"{number / scale:.2f} {name}"
+    return f"{number:.0f} ns"
+
+
+def _row(result: Result) -> tuple[str, ...]:
+    comparison = result.comparison
+    ratio = result.ratio
+    return (
+        comparison.what,
+        comparison.peer,
+        amount(result.theirs, comparison.unit),
+        amount(result.ours, comparison.unit),
+        f"{comparison.at_least:.3g} x",
+        "-" if ratio is None else "yes" if ratio >= comparison.at_least else "NO",
+        "-" if ratio is None else f"{ratio:.2f} x",
+    )

@@ -1,0 +1,109 @@
+"""The process of one peer: does what it is asked, and answers how long it took.
+
+    python -m benchmarks.worker PEER
+
+A line in is a measure and its argument, such as "lookup 3"; a line out is nanoseconds per
+operation (or bytes, for "memory"), or "unavailable: " and why. A peer is a module of
+benchmarks.peers with a function for each measure that it can do; the function answers a `Loop`.
+"""
+
+import gc
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from resource import getpagesize
+from time import perf_counter_ns
+from types import ModuleType
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Operations to be timed: `run` does one for each item; `items` makes them, untimed."""
+
+    items: Callable[[int], Any]
+    run: Callable[[Any], None]
+    # How many at once, where that is part of the measure; else as many as fill the time.
+    count: int | None = None
+    fill_ns: int = 50_000_000
+    # What goes on meanwhile.
+    beside: Callable[[], AbstractContextManager[Any]] = field(default=nullcontext)
+
+    def time_ns(self, count: int) -> float:
+        """How long one of `count` operations takes."""
+        items = self.items(count)
+        with self.beside():
+            gc.collect()
+            gc.disable()
+            start = perf_counter_ns()
+            self.run(items)
+            elapsed = perf_counter_ns() - start
+            gc.enable()
+        return elapsed / count
+
+
+class Worker:
+    """Keeps what it has made and warmed up for a measure until it is told to forget."""
+
+    def __init__(self, peer: ModuleType):
+        self._peer = peer
+        self._warm: dict[str, tuple[Loop, int]] = {}
+
+    def answer(self, request: str) -> str:
+        """The answer to one line."""
+        name, _, argument = request.partition(" ")
+        if name == "forget":
+            self._warm.clear()
+            return "0"
+        if not hasattr(self._peer, name):
+            return "unavailable: not measured"
+        if name == "version":
+            return str(self._peer.version())
+        if name == "memory":
+            return str(self._bytes_per_sample(int(argument)))
+        if request not in self._warm:
+            loop = getattr(self._peer, name)(int(argument))
+            self._warm[request] = (loop, loop.count or _enough(loop))
+        loop, count = self._warm[request]
+        return str(loop.time_ns(count))
+
+    def _bytes_per_sample(self, samples: int) -> float:
+        before = _resident_bytes()
+        kept = self._peer.memory(samples)
+        grown = _resident_bytes() - before
+        del kept
+        return grown / samples
+
+
+def _enough(loop: Loop) -> int:
+    """How many operations fill the time; finding out warms up."""
+    count = 100
+    while loop.time_ns(count) * count < loop.fill_ns:
+        count *= 2
+    return count
+
+
+def _resident_bytes() -> int:
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * getpagesize()
+
+
+def main() -> None:
+    """Answer line by line, until there are no more."""
+    try:
+        worker = Worker(import_module(f"benchmarks.peers.{sys.argv[1]}"))
+    except ImportError as error:
+        print(f"unavailable: {error}", flush=True)
+        return
+    for line in sys.stdin:
+        try:
+            print(worker.answer(line.strip()), flush=True)
+        except Exception as error:  # whatever a peer raises is what the table is to say
+            print(f"unavailable: {type(error).__name__}: {error}".splitlines()[0], flush=True)
+
+
+if __name__ == "__main__":
+    main()

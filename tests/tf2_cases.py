@@ -224,7 +224,7 @@ def _questions(rng: Random, scene: _Scene, known: list[str], count: int) -> Iter
 
 
 def _name(rng: Random, scene: _Scene, known: list[str]) -> str:
-    """Nearly always a frame that is known; sometimes one that has not arrived yet, or never will."""
+    """Nearly always a frame that is known; at times one that has not arrived, or never will."""
     if rng.random() < 0.97:
         return rng.choice(known)
     return rng.choice((*scene.names, "nowhere"))

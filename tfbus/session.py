@@ -78,7 +78,7 @@ class ServedWatch:
     def __init__(self, querier: zenoh.Querier, on_change: Callable[[bool], None]):
         self._querier = Declaration(querier)
         self._listener = Declaration(
-            querier.declare_matching_listener(lambda status: on_change(status.matching))
+            querier.declare_matching_listener(_direct(lambda status: on_change(status.matching)))
         )
         status: Any = querier.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
         if status.matching:
@@ -185,7 +185,7 @@ class Session:
 
         with _bus_errors(f"serve {key}"):
             guarded = self._guarded(f"query of {key}", on_query)
-            return Declaration(self.zenoh.declare_queryable(key, guarded))
+            return Declaration(self.zenoh.declare_queryable(key, _direct(guarded)))
 
     def ask(
         self, key: str, payload: bytes | None = None, *, timeout_s: float = 5.0
@@ -218,9 +218,7 @@ class Session:
         with _bus_errors(f"ask for {key}"):
             self.zenoh.get(
                 key,
-                zenoh.handlers.Callback(
-                    self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)
-                ),
+                _direct(self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)),
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -248,7 +246,7 @@ class Session:
         with _bus_errors(f"list {key}"):
             self.zenoh.liveliness().get(
                 key,
-                zenoh.handlers.Callback(on_reply, lambda: keys.put(None)),
+                _direct(on_reply, lambda: keys.put(None)),
                 timeout=timeout_s,
             )
         return sorted(set(filter(None, iter(keys.get, None))))
@@ -264,7 +262,7 @@ class Session:
         with _bus_errors(f"watch {key}"):
             guarded = self._guarded(f"token of {key}", on_sample)
             return Declaration(
-                self.zenoh.liveliness().declare_subscriber(key, guarded, history=True)
+                self.zenoh.liveliness().declare_subscriber(key, _direct(guarded), history=True)
             )
 
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
@@ -286,17 +284,16 @@ class Session:
         """Call `callback()` whenever a link to another process opens or closes."""
         with _bus_errors("watch links"):
             guarded = self._guarded("link", lambda _: callback())
-            return Declaration(self.zenoh.info.declare_transport_events_listener(guarded))
+            listener = self.zenoh.info.declare_transport_events_listener(_direct(guarded))
+            return Declaration(listener)
 
-    def sample_callback(
-        self, key: str, callback: Callable[[str, bytes], None]
-    ) -> Callable[[zenoh.Sample], None]:
+    def sample_callback(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
         """`callback(key, payload)` as Zenoh wants it, with its exceptions caught and reported."""
 
         def on_sample(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.payload.to_bytes())
 
-        return self._guarded(f"message of {key}", on_sample)
+        return _direct(self._guarded(f"message of {key}", on_sample))
 
     def _guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         failures = 0
@@ -329,6 +326,16 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """The callback as Zenoh wants it: called on Zenoh's own thread.
+
+    By default zenoh-python starts a thread for each callback, which now and then outlives its
+    session and then keeps the process from ending. Ours only decode and store, or hand over to
+    the node's thread, and so one that falls behind holds up its own link, not the memory.
+    """
+    return zenoh.handlers.Callback(callback, drop, indirect=False)
 
 
 def _answer(reply: zenoh.Reply) -> Answer:

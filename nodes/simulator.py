@@ -102,10 +102,10 @@ class Simulator:
 @node_options("sim")
 def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> None:
     """Turtles on a field: drive them, watch their poses (turtlesim)."""
+    if screenshot:  # a file that cannot be written is told of now, not after an hour
+        save_picture(World().snapshot(), screenshot)
     with Node.from_settings(settings) as node:
         simulator = Simulator(node)
-        if screenshot:  # a file that cannot be written is told of now, not after an hour
-            save_picture(simulator.world.snapshot(), screenshot)
         if headless:
             node.spin()
         else:

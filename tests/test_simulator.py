@@ -176,6 +176,7 @@ def test_reset_keeps_turtle1_on_the_bus(user: Node) -> None:
 def test_a_rotation_tells_how_it_goes_and_how_it_ended(user: Node) -> None:
     """rotate_absolute sends what is left, less and less, then the turn that it made."""
     remaining: list[float] = []
+    poses_of(user, "turtle1")  # a goal is not kept for a simulator that is yet to be found
     goal = user.create_goal_client(RotateAbsolute, "turtle1/rotate_absolute").send(
         RotateAbsolute.Goal(0.5), on_feedback=lambda feedback: remaining.append(feedback.remaining)
     )

@@ -52,6 +52,8 @@ class _Scene:
     start_ns: int
     span_ns: int
     reparenting: float
+    # Under any frame, be it one below: what would close a loop is refused.
+    under_any: bool
     shuffle_ns: int
     stamps: list[int] = field(default_factory=list)
 
@@ -81,7 +83,7 @@ class _Scene:
         assert parent is not None
         for stamp_ns in sorted(stamps):
             if rng.random() < self.reparenting:
-                parent = rng.randrange(child)
+                parent = self._new_parent(rng, child)
             yield Insert(
                 self.names[parent],
                 self.names[child],
@@ -89,6 +91,11 @@ class _Scene:
                 motion.at(stamp_ns - self.start_ns),
                 self.static[child],
             )
+
+    def _new_parent(self, rng: Random, child: int) -> int:
+        if self.under_any:
+            return rng.choice([other for other in range(len(self.names)) if other != child])
+        return rng.randrange(child)
 
 
 def _under_known_parents(inserts: list[Insert]) -> Iterator[Insert]:
@@ -138,7 +145,8 @@ def _random_scene(rng: Random) -> _Scene:
         start_ns=start_ns,
         span_ns=span_ns,
         reparenting=rng.choice((0.0, 0.0, 0.02, 0.2)),
-        shuffle_ns=rng.choice((0, 0, span_ns // 20, span_ns)),
+        under_any=rng.random() < 0.2,
+        shuffle_ns=rng.choice((0, 0, span_ns // 20, span_ns // 2, span_ns)),
     )
 
 
@@ -159,7 +167,8 @@ def _tree(rng: Random) -> list[int | None]:
 
 
 def _forest(rng: Random) -> list[int | None]:
-    return [None, *(rng.choice((None, rng.randint(0, i), i)) for i in range(rng.randint(4, 25)))]
+    others = range(1, rng.randint(4, 25))
+    return [None, 0, *(rng.choice((None, rng.randint(0, i), i)) for i in others)]
 
 
 def _stamps(rng: Random, start_ns: int, span_ns: int) -> list[int]:
@@ -224,10 +233,10 @@ def _questions(rng: Random, scene: _Scene, known: list[str], count: int) -> Iter
 
 
 def _name(rng: Random, scene: _Scene, known: list[str]) -> str:
-    """Nearly always a frame that is known; at times one that has not arrived, or never will."""
+    """Nearly always a known frame; at times one that has not arrived, never will, or cannot be."""
     if rng.random() < 0.97:
         return rng.choice(known)
-    return rng.choice((*scene.names, "nowhere"))
+    return rng.choice((*scene.names, "nowhere", "", "/f0"))
 
 
 def _moment(rng: Random, scene: _Scene) -> int | None:

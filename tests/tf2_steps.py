@@ -67,6 +67,10 @@ class Step:
         """The times that it names."""
         return ()
 
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """The (target, source) that it asks about."""
+        return ()
+
     def python(self) -> str:
         """The step as a line of Python, where `buffer` is a tfbus.Buffer."""
         raise NotImplementedError
@@ -122,6 +126,9 @@ class Lookup(Step):
     def stamps(self) -> tuple[int | None, ...]:
         return (self.stamp_ns,)
 
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        return ((self.target, self.source),)
+
     def python(self) -> str:
         return f"buffer.lookup_transform({self.target!r}, {self.source!r}, {self.stamp_ns})"
 
@@ -149,6 +156,9 @@ class LookupFull(Step):
 
     def stamps(self) -> tuple[int | None, ...]:
         return self.target_stamp_ns, self.source_stamp_ns
+
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        return (self.fixed, self.source), (self.target, self.fixed)
 
     def python(self) -> str:
         return (

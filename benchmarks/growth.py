@@ -74,8 +74,8 @@ def plot(curves: Sequence[Curve], file: str) -> None:
     import matplotlib
 
     matplotlib.use("svg")
-    # The same numbers make the same file.
-    matplotlib.rcParams["svg.hashsalt"] = "tfbus"
+    # Letters stay letters, and the same numbers make the same file.
+    matplotlib.rcParams |= {"svg.fonttype": "none", "svg.hashsalt": "tfbus"}
     from matplotlib import pyplot
 
     figure, panels = pyplot.subplots(1, len(curves), figsize=(4 * len(curves), 3.4), sharey=True)

@@ -57,9 +57,7 @@ class Driver:
         self._velocities = node.create_publisher(Twist, f"{turtle}/cmd_vel")
         self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/rotate_absolute")
         self._cancel_rotation: Callable[[], object] = lambda: None
-        self._turtle_is_there = False
         self._was_missed = False
-        node.session.watch_served(self._rotations.name, self._on_turtle)
 
     def press(self, key: str) -> None:
         """Do what the key is for, in upper or lower case; nothing where it is for nothing."""
@@ -72,7 +70,7 @@ class Driver:
             self._cancel_rotation()
 
     def _drive(self, forward: int, left: int) -> None:
-        self._miss_turtle()
+        self._sees_turtle()
         self._velocities.publish(
             Twist(
                 linear=Vector3(x=forward * self._linear.value),
@@ -81,23 +79,22 @@ class Driver:
         )
 
     def _rotate(self, theta_rad: float) -> None:
-        self._miss_turtle()
+        if not self._sees_turtle():
+            return
         goal = self._rotations.send(RotateAbsolute.Goal(theta_rad))
         self._cancel_rotation = goal.cancel
 
-    def _on_turtle(self, is_there: bool) -> None:
-        self._turtle_is_there = is_there
-        self._was_missed = False
-
-    def _miss_turtle(self) -> None:
-        """Say once that nobody obeys the keys, if so."""
-        if not self._turtle_is_there and not self._was_missed:
-            self._was_missed = True
+    def _sees_turtle(self) -> bool:
+        """Whether somebody obeys the keys; says once if not."""
+        is_there = self._rotations.served
+        if not is_there and not self._was_missed:
             self._log.warning(
                 "There is no %s: start the simulator (tfbus simulator), or name another turtle "
                 "(--turtle)",
                 self._turtle,
             )
+        self._was_missed = not is_there
+        return is_there
 
 
 def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:

@@ -24,6 +24,7 @@ from tfbus.codec import (
 )
 from tfbus.errors import BusError, DecodeError, ServiceError
 from tfbus.executor import Executor
+from tfbus.interface import Interface
 from tfbus.service import Service
 from tfbus.session import Answer, Query, Session
 
@@ -118,7 +119,7 @@ class GoalHandle:
             self._query.answer(self._name, encode_map(answer))
 
 
-class GoalServer:
+class GoalServer(Interface):
     """Takes goals by calling `handler(handle)` once for each, on the node's thread.
 
     The handler raises ServiceError to refuse a goal; otherwise it returns soon, and the handle
@@ -134,20 +135,15 @@ class GoalServer:
         name: str,
         handler: Callable[[GoalHandle], None],
     ):
+        super().__init__(name, goal_type)
         self.goal_type = goal_type
-        self.name = name
         self._executor = executor
         self._handler = handler
         self._active: dict[str, GoalHandle] = {}
-        self._queryable = session.queryable(name, self._on_query)
-        self._cancel_service = Service(
-            session, executor, log, CancelGoal, f"{name}/cancel", self._cancel
-        )
-
-    def close(self) -> None:
-        """Take no more goals."""
-        self._queryable.undeclare()
-        self._cancel_service.close()
+        self._parts = [
+            session.queryable(name, self._on_query),
+            Service(session, executor, log, CancelGoal, f"{name}/cancel", self._cancel),
+        ]
 
     def _on_query(self, query: Query) -> None:
         self._executor.submit(f"goal {self.name}", lambda: self._accept(query))
@@ -260,13 +256,24 @@ class SentGoal:
             self._on_result(self._outcome)
 
 
-class GoalClient:
+class GoalClient(Interface):
     """Sends goals of one type to their server."""
 
     def __init__(self, session: Session, goal_type: type[GoalType], name: str):
+        super().__init__(name, goal_type)
         self.goal_type = goal_type
-        self.name = name
         self._session = session
+        self._watch = session.watch_served(name)
+        self._parts = [self._watch]
+
+    @property
+    def served(self) -> bool:
+        """Whether a server is there now."""
+        return self._watch.served
+
+    def wait_for_server(self, timeout_s: float | None = None) -> bool:
+        """Whether a server is there, waited for at most `timeout_s` (None: for ever)."""
+        return self._watch.wait(timeout_s)
 
     def send(
         self,
@@ -274,6 +281,13 @@ class GoalClient:
         *,
         on_feedback: Callable[[Any], None] = lambda feedback: None,
         on_result: Callable[[GoalResult], None] = lambda result: None,
+        timeout_s: float = 5.0,
     ) -> SentGoal:
-        """Send a Goal and return at once; the callbacks come on a thread of the bus."""
+        """Send a Goal; the callbacks come on a thread of the bus.
+
+        Waits for a server to be there, but not for what it does. Raises ServiceError where
+        there is none within `timeout_s`.
+        """
+        if not self.wait_for_server(timeout_s):
+            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

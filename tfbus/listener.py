@@ -40,8 +40,8 @@ class TransformListener:
         """Listen no more; the buffer keeps what it has. Twice is fine."""
         if not self._closed:
             self._closed = True
-            self._dynamic.undeclare()
-            self._static.undeclare()
+            self._dynamic.close()
+            self._static.close()
 
     def _on_transforms(self, key: str, payload: bytes) -> None:
         self._insert(key, payload, static=False)

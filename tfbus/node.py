@@ -8,15 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
-from tfbus.codec import decode_map, encode_map, type_name
+from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.executor import Executor, Timer
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
+from tfbus.interface import Interface
 from tfbus.keys import check_topic, node_key
 from tfbus.log import open_log
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.service import Client, Service, ServiceType
-from tfbus.session import Query, Session
+from tfbus.session import Answer, Query, Session
 from tfbus.settings import NodeSettings
 from tfbus.signals import StopSignals
 from tfbus.stream import Stream
@@ -24,6 +25,7 @@ from tfbus.topic import Publisher, Subscription
 from tfbus.version import VERSION
 
 M = TypeVar("M")
+Kept = TypeVar("Kept", bound=Interface)
 
 # After a link to another process has opened, its declarations take a moment to arrive.
 _NAMESAKE_CHECK_AFTER_S = 0.3
@@ -66,8 +68,8 @@ class Node:
         self._is_ready = False
         self._parameters_are_typed_in = False
         self._streams: dict[str, Stream] = {}
-        self._interfaces: dict[str, dict[str, str]] = {
-            kind: {} for kind in ("publishes", "subscribes", "serves", "calls")
+        self._interfaces: dict[str, list[Interface]] = {
+            kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
         self._signals = StopSignals()
         try:
@@ -75,6 +77,11 @@ class Node:
         except BaseException:
             self._signals.uninstall()
             raise
+        with self._signals.held():
+            self._declare_itself()
+
+    def _declare_itself(self) -> None:
+        settings = self.settings
         self._executor = Executor(self.full_name, self.log)
         self._parameters = Parameters(
             self.name, settings.parameters, self.session, self._executor, self.log
@@ -179,44 +186,45 @@ class Node:
     def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
         """A publisher of messages of this type, a dataclass."""
         topic = self._resolve(topic)
-        self._interfaces["publishes"][topic] = type_name(message_type)
-        return Publisher(self.session, message_type, topic)
+        return self._keep("publishes", Publisher(self.session, message_type, topic))
 
     def create_subscription(
         self, message_type: type[M], topic: str, callback: Callable[[M], Any]
     ) -> Subscription[M]:
         """Call `callback(message)` for each message on the topic."""
         topic = self._resolve(topic)
-        self._interfaces["subscribes"][topic] = type_name(message_type)
-        return Subscription(self.session, self._executor, self.log, message_type, topic, callback)
+        return self._keep(
+            "subscribes",
+            Subscription(self.session, self._executor, self.log, message_type, topic, callback),
+        )
 
     def create_service(
         self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
     ) -> Service:
         """Serve requests: `handler(request)` returns a Response or raises ServiceError."""
         name = self._resolve(name)
-        self._interfaces["serves"][name] = type_name(service_type)
-        return Service(self.session, self._executor, self.log, service_type, name, handler)
+        return self._keep(
+            "serves", Service(self.session, self._executor, self.log, service_type, name, handler)
+        )
 
     def create_client(self, service_type: type[ServiceType], name: str) -> Client:
         """A client that calls a service."""
         name = self._resolve(name)
-        self._interfaces["calls"][name] = type_name(service_type)
-        return Client(self.session, service_type, name)
+        return self._keep("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
         self, goal_type: type[GoalType], name: str, handler: Callable[[GoalHandle], None]
     ) -> GoalServer:
         """Take goals: `handler(handle)` is called once for each and ends the handle later."""
         name = self._resolve(name)
-        self._interfaces["serves"][name] = type_name(goal_type)
-        return GoalServer(self.session, self._executor, self.log, goal_type, name, handler)
+        return self._keep(
+            "serves", GoalServer(self.session, self._executor, self.log, goal_type, name, handler)
+        )
 
     def create_goal_client(self, goal_type: type[GoalType], name: str) -> GoalClient:
         """A client that sends goals."""
         name = self._resolve(name)
-        self._interfaces["calls"][name] = type_name(goal_type)
-        return GoalClient(self.session, goal_type, name)
+        return self._keep("calls", GoalClient(self.session, goal_type, name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Any]) -> Timer:
         """Call `callback()` every `period_s` seconds, the first time after one period."""
@@ -263,8 +271,17 @@ class Node:
             "started_ns": self.started_ns,
             "streams": sorted(self._streams),
             "parameters": [parameter.describe() for parameter in self._parameters],
-            **self._interfaces,
+            **{
+                kind: {each.name: each.type_name for each in interfaces if not each.closed}
+                for kind, interfaces in self._interfaces.items()
+            },
         }
+
+    def _keep(self, kind: str, interface: Kept) -> Kept:
+        """Remember the interface for `describe`, and forget those that have been closed."""
+        living = [each for each in self._interfaces[kind] if not each.closed]
+        self._interfaces[kind] = [*living, interface]
+        return interface
 
     def _resolve(self, name: str) -> str:
         return self.settings.remappings.get(name, check_topic(name))
@@ -283,16 +300,20 @@ class Node:
         """Warn where another node has this node's name: its parameters and services are mixed
         with ours.
         """
-        for answer in self.session.ask(node_key(self.name), timeout_s=1.0):
-            other = decode_map(answer.payload) if answer.refusal is None else {}
-            session = other.get("session", self.session.id)
-            newer = (self.started_ns, self.session.id) > (other.get("started_ns", 0), session)
-            if session != self.session.id and session not in self._namesakes and newer:
-                self._namesakes.add(session)
-                self.log.warning(
-                    "There is another node %s, on %s with pid %s: give this one a name of its "
-                    "own (--name), or a namespace (--namespace)",
-                    self.full_name,
-                    other["host"],
-                    other["pid"],
-                )
+        self.session.ask_later(
+            node_key(self.name), None, self._on_namesake, lambda: None, timeout_s=1.0
+        )
+
+    def _on_namesake(self, answer: Answer) -> None:
+        other = decode_map(answer.payload) if answer.refusal is None else {}
+        session = other.get("session", self.session.id)
+        newer = (self.started_ns, self.session.id) > (other.get("started_ns", 0), session)
+        if session != self.session.id and session not in self._namesakes and newer:
+            self._namesakes.add(session)
+            self.log.warning(
+                "There is another node %s, on %s with pid %s: give this one a name of its "
+                "own (--name), or a namespace (--namespace)",
+                self.full_name,
+                other["host"],
+                other["pid"],
+            )

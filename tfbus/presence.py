@@ -42,7 +42,7 @@ class NodeWatch:
 
     def close(self) -> None:
         """Watch no more."""
-        self._subscriber.undeclare()
+        self._subscriber.close()
 
     def is_present(self, name: str) -> bool:
         """Whether the node of this full name is there."""

@@ -4,7 +4,6 @@ A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,13 +11,14 @@ from typing import Any
 from tfbus.codec import decode_message, encode_message
 from tfbus.errors import DecodeError, ServiceError
 from tfbus.executor import Executor
+from tfbus.interface import Interface
 from tfbus.session import Query, Session
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
 ServiceType = Any
 
 
-class Service:
+class Service(Interface):
     """Answers requests by calling `handler(request)` on the node's thread.
 
     The handler returns a Response, or raises ServiceError to refuse, with the reason that the
@@ -34,16 +34,12 @@ class Service:
         name: str,
         handler: Callable[[Any], Any],
     ):
+        super().__init__(name, service_type)
         self.service_type = service_type
-        self.name = name
         self._executor = executor
         self._log = log
         self._handler = handler
-        self._queryable = session.queryable(name, self._on_query)
-
-    def close(self) -> None:
-        """Serve no more."""
-        self._queryable.undeclare()
+        self._parts = [session.queryable(name, self._on_query)]
 
     def _on_query(self, query: Query) -> None:
         self._executor.submit(f"service {self.name}", lambda: self._serve(query))
@@ -61,23 +57,24 @@ class Service:
             query.close()
 
 
-class Client:
+class Client(Interface):
     """Calls a service of another node, or of this one."""
 
     def __init__(self, session: Session, service_type: type[ServiceType], name: str):
+        super().__init__(name, service_type)
         self.service_type = service_type
-        self.name = name
         self._session = session
-        self._served = threading.Event()
-        self._watch = session.watch_served(name, self._on_served)
+        self._watch = session.watch_served(name)
+        self._parts = [self._watch]
 
-    def close(self) -> None:
-        """Watch for the service no more."""
-        self._watch.close()
+    @property
+    def served(self) -> bool:
+        """Whether somebody serves it now."""
+        return self._watch.served
 
     def wait_for_service(self, timeout_s: float | None = None) -> bool:
         """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
-        return self._served.wait(timeout_s)
+        return self._watch.wait(timeout_s)
 
     def call(self, request: Any, *, timeout_s: float = 5.0) -> Any:
         """The Response to this Request.
@@ -95,9 +92,3 @@ class Client:
                 raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
             return decode_message(self.service_type.Response, answer.payload)
         raise ServiceError(f"{self.name!r} did not answer within {timeout_s:g} s")
-
-    def _on_served(self, served: bool) -> None:
-        if served:
-            self._served.set()
-        else:
-            self._served.clear()

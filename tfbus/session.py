@@ -66,28 +66,44 @@ class Declaration:
     def __init__(self, declared: Any):
         self._declared = declared
 
-    def undeclare(self) -> None:
+    def close(self) -> None:
         """End it; twice is fine."""
         with suppress(zenoh.ZError):
             self._declared.undeclare()
 
 
 class ServedWatch:
-    """Tells whether somebody serves a key; closed when nobody needs to know any more."""
+    """Knows at any time whether somebody serves a key; closed when nobody asks any more."""
 
-    def __init__(self, querier: zenoh.Querier, on_change: Callable[[bool], None]):
+    def __init__(self, querier: zenoh.Querier):
+        self._served = threading.Event()
         self._querier = Declaration(querier)
         self._listener = Declaration(
-            querier.declare_matching_listener(_direct(lambda status: on_change(status.matching)))
+            querier.declare_matching_listener(_direct(lambda status: self._set(status.matching)))
         )
         status: Any = querier.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
         if status.matching:
-            on_change(True)
+            self._set(True)
+
+    @property
+    def served(self) -> bool:
+        """Whether somebody serves it now."""
+        return self._served.is_set()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
+        return self._served.wait(timeout_s)
 
     def close(self) -> None:
         """Watch no more."""
-        self._listener.undeclare()
-        self._querier.undeclare()
+        self._listener.close()
+        self._querier.close()
+
+    def _set(self, served: bool) -> None:
+        if served:
+            self._served.set()
+        else:
+            self._served.clear()
 
 
 class BytesPublisher(Declaration):
@@ -225,11 +241,10 @@ class Session:
                 timeout=timeout_s,
             )
 
-    def watch_served(self, key: str, callback: Callable[[bool], None]) -> ServedWatch:
-        """Call `callback(served)` with whether somebody serves `key`: now, and at each change."""
+    def watch_served(self, key: str) -> ServedWatch:
+        """A watch that knows whether somebody serves `key`."""
         with _bus_errors(f"watch {key}"):
-            querier = self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL)
-            return ServedWatch(querier, self._guarded(f"service {key}", callback))
+            return ServedWatch(self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
 
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
@@ -278,7 +293,7 @@ class Session:
             changed.clear()
             if time.monotonic() >= deadline:
                 break
-        watch.undeclare()
+        watch.close()
 
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""

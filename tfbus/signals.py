@@ -5,6 +5,8 @@ import select
 import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
@@ -19,7 +21,7 @@ class StopSignals:
 
     def __init__(self) -> None:
         self._stop = _Stop()
-        self._main_thread_waits = False
+        self._interrupts_nothing = False
         if _in_main_thread():
             if not _previous:
                 for number in (signal.SIGINT, signal.SIGTERM):
@@ -39,12 +41,17 @@ class StopSignals:
         """Whether it is time to end, waited for at most `timeout_s` (None: for ever)."""
         if not _in_main_thread():
             return self._stop.wait(timeout_s)
-        self._main_thread_waits = True
+        with self.held(), _SignalWakeup() as wakeup:
+            return self._stop.wait(timeout_s, wakeup)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """While it lasts a signal only calls for the stop, and interrupts nothing."""
+        self._interrupts_nothing = _in_main_thread()
         try:
-            with _SignalWakeup() as wakeup:
-                return self._stop.wait(timeout_s, wakeup)
+            yield
         finally:
-            self._main_thread_waits = False
+            self._interrupts_nothing = False
 
     def uninstall(self) -> None:
         """Give the signals back to whom they belonged; from any thread, twice is fine."""
@@ -121,10 +128,10 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
         signal.raise_signal(number)
         return
     is_known = all(signals.stopped for signals in _installed)
-    is_waited_for = any(signals._main_thread_waits for signals in _installed)
+    is_enough = any(signals._interrupts_nothing for signals in _installed)
     for signals in _installed:
         signals.stop()
-    if not is_known and not is_waited_for:
+    if not is_known and not is_enough:
         raise KeyboardInterrupt
 
 

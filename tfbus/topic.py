@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 from tfbus.codec import decode_message, encode_message, type_name
 from tfbus.errors import DecodeError
 from tfbus.executor import Executor
+from tfbus.interface import Interface
 from tfbus.session import Session
 
 M = TypeVar("M")
@@ -17,29 +18,25 @@ M = TypeVar("M")
 PENDING_MESSAGES = 10
 
 
-class Publisher(Generic[M]):
+class Publisher(Interface, Generic[M]):
     """Sends messages of one type to all who subscribe to the topic."""
 
     def __init__(self, session: Session, message_type: type[M], topic: str):
+        super().__init__(topic, message_type)
         self.message_type = message_type
-        self.topic = topic
         self._publisher = session.publisher(topic)
+        self._parts = [self._publisher]
 
     def publish(self, message: M) -> None:
         """Send a message. Raises TypeError where it is not of the publisher's type."""
         if not isinstance(message, self.message_type):
             raise TypeError(
-                f"topic {self.topic!r} carries {type_name(self.message_type)}, "
-                f"this is {type_name(type(message))}"
+                f"topic {self.name!r} carries {self.type_name}, this is {type_name(type(message))}"
             )
         self._publisher.put(encode_message(message))
 
-    def close(self) -> None:
-        """Send no more."""
-        self._publisher.undeclare()
 
-
-class Subscription(Generic[M]):
+class Subscription(Interface, Generic[M]):
     """Calls back with each message of a topic, on the node's thread.
 
     A message of the wrong shape is counted in `rejected`, reported once, and dropped; where
@@ -56,8 +53,8 @@ class Subscription(Generic[M]):
         topic: str,
         callback: Callable[[M], Any],
     ):
+        super().__init__(topic, message_type)
         self.message_type = message_type
-        self.topic = topic
         self.received = 0
         self.rejected = 0
         self.dropped = 0
@@ -67,11 +64,11 @@ class Subscription(Generic[M]):
         # Holds together the counts, what is pending, and one delivery for each that is.
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
-        self._subscriber = session.subscriber(topic, self._on_message)
+        self._parts = [session.subscriber(topic, self._on_message)]
 
     def close(self) -> None:
-        """Call back no more."""
-        self._subscriber.undeclare()
+        """Call back no more. Twice is fine."""
+        super().close()
         with self._lock:
             self._pending.clear()
 
@@ -87,7 +84,7 @@ class Subscription(Generic[M]):
             self.dropped += full
             self._pending.append(message)
         if not full:
-            self._executor.submit(f"topic {self.topic}", self._deliver)
+            self._executor.submit(f"topic {self.name}", self._deliver)
 
     def _deliver(self) -> None:
         with self._lock:
@@ -102,7 +99,7 @@ class Subscription(Generic[M]):
         if first:
             self._log.warning(
                 "Dropped a message on topic %r that is not %s: %s. More of them are only counted",
-                self.topic,
-                type_name(self.message_type),
+                self.name,
+                self.type_name,
                 error,
             )

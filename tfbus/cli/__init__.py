@@ -24,12 +24,13 @@ TOOLS = {
     "router": "Run a Zenoh router, where nodes of several networks meet.",
 }
 NODES = {
-    "broadcaster": "Broadcast a turtle's frame and its drone's, from the turtle's pose.",
-    "carrot": "Broadcast a carrot frame that hangs near a turtle.",
+    "broadcaster": "Broadcast a turtle's frame and its drone's.",
+    "carrot": "Broadcast a frame fixed to another one, or circling it.",
     "draw_square": "Drive a turtle along a square.",
     "echo": "Print the pose of the frame TARGET seen from the frame SOURCE.",
-    "follow": "Spawn a turtle that follows another by looking its frame up.",
-    "simulator": "Simulate turtles that drive on a field.",
+    "follow": "Spawn a turtle that follows a frame.",
+    "mimic": "Command the speeds of input/pose to output/cmd_vel.",
+    "simulator": "Turtles on a field: drive them, watch their poses (turtlesim).",
     "static": "Publish transforms that never change.",
     "teleop": "Drive a turtle with the keyboard.",
 }

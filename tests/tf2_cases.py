@@ -6,7 +6,7 @@ slash, stamp 0, quaternions that are not unit, a child that changes between stat
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, sin
 from random import Random
@@ -67,8 +67,7 @@ class _Scene:
             for insert in self._samples(rng, child, ticks)
         ]
         self.stamps = [insert.stamp_ns for insert in inserts]
-        inserts.sort(key=lambda insert: insert.stamp_ns + rng.uniform(0, self.shuffle_ns))
-        return list(_under_known_parents(inserts))
+        return sorted(inserts, key=lambda insert: insert.stamp_ns + rng.uniform(0, self.shuffle_ns))
 
     def _samples(self, rng: Random, child: int, ticks: list[int]) -> Iterator[Insert]:
         if self.static[child]:
@@ -96,20 +95,6 @@ class _Scene:
         if self.under_any:
             return rng.choice([other for other in range(len(self.names)) if other != child])
         return rng.randrange(child)
-
-
-def _under_known_parents(inserts: list[Insert]) -> Iterator[Insert]:
-    """A child moves only to a parent that has arrived: tf2 would know the name of a parent even
-    from a transform that it rejects as too old.
-    """
-    parent_of: dict[str, str] = {}
-    known: set[str] = set()
-    for insert in inserts:
-        if insert.child in parent_of and insert.parent not in known:
-            insert = replace(insert, parent=parent_of[insert.child])
-        parent_of[insert.child] = insert.parent
-        known |= {insert.parent, insert.child}
-        yield insert
 
 
 class _Motion:

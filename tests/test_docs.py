@@ -30,7 +30,9 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
+from itertools import chain
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import click
@@ -228,7 +230,9 @@ class Reader:
             text=True,
             timeout=3 * DEADLINE_S,
         )
-        assert done.returncode == exit_code, f"{command} ended with {done.returncode}: {done.stdout}"
+        assert done.returncode == exit_code, (
+            f"{command} ended with {done.returncode}: {done.stdout}"
+        )
         return done.stdout
 
     def _here(self, line: str) -> str:
@@ -280,9 +284,7 @@ def test_what_a_page_shows_works(section: Section, bus: Bus, tmp_path: Path) -> 
     reader.end()
 
 
-@pytest.mark.parametrize(
-    "block", BLOCKS, ids=lambda block: f"{block.page.name}:{block.line}"
-)
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{block.page.name}:{block.line}")
 def test_every_block_says_what_it_is(block: Block) -> None:
     """A block has a language; one that is not run has its reason, and is sound all the same."""
     assert block.language, "write ```text where it is no program"
@@ -296,7 +298,9 @@ def test_every_block_says_what_it_is(block: Block) -> None:
 def test_every_command_and_option_that_is_mentioned_exists(page: Path) -> None:
     """`tfbus NAME --option` is known to tfbus wherever a page writes it, run or not."""
     text = page.read_text().replace("\\\n", "")
-    mentioned = re.findall(r"^(?:\$ | {4,}|//\s+)?(tfbus [a-z].*)$|`(tfbus [a-z][^`]*)`", text, re.M)
+    mentioned = re.findall(
+        r"^(?:\$ | {4,}|//\s+)?(tfbus [a-z].*)$|`(tfbus [a-z][^`]*)`", text, re.M
+    )
     for line in filter(None, (block or inline for block, inline in mentioned)):
         check_command_line(shlex.split(line.split(" | ")[0], comments=True)[1:])
 
@@ -375,7 +379,9 @@ def test_the_sample_in_the_docs_is_the_frozen_one() -> None:
 
 
 @pytest.mark.parametrize(
-    "path", [*(ROOT / "tfbus").glob("*.py"), *(ROOT / "tfbus").glob("*/")], ids=lambda path: path.name
+    "path",
+    [*(ROOT / "tfbus").glob("*.py"), *(ROOT / "tfbus").glob("*/")],
+    ids=lambda path: path.name,
 )
 def test_the_architecture_page_knows_every_file(path: Path) -> None:
     """docs/architecture.md says of every file and folder of the library what it is for."""
@@ -387,22 +393,30 @@ def test_the_architecture_page_knows_every_file(path: Path) -> None:
 def test_the_architecture_page_knows_every_dependency() -> None:
     """docs/architecture.md says of every package that tfbus depends on why."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    needed = [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    needed = chain(project["dependencies"], *project["optional-dependencies"].values())
     names = {re.split(r"[^\w-]", entry)[0] for entry in needed} - {"tfbus"}
     text = (ROOT / "docs" / "architecture.md").read_text()
     assert {name for name in names if name not in text} == set()
 
 
-def message_types() -> Iterator[tuple[str, type]]:
+def message_types() -> Iterator[tuple[str, Any]]:
     """The dataclasses of tfbus.messages, those of services and goals by their outer name."""
     for name, value in vars(tfbus.messages).items():
         if isinstance(value, type) and value.__module__ == "tfbus.messages":
-            yield from ((name, inner) for inner in (value, *vars(value).values()) if is_dataclass(inner))
+            for message_type in filter(is_dataclass, (value, *vars(value).values())):
+                yield name, message_type
 
 
 @pytest.mark.parametrize(("name", "message_type"), list(message_types()), ids=str)
-def test_the_messages_page_knows_every_field(name: str, message_type: type) -> None:
+def test_the_messages_page_knows_every_field(name: str, message_type: Any) -> None:
     """docs/messages.md names every message of tfbus.messages, with all its fields."""
     text = (ROOT / "docs" / "messages.md").read_text()
     assert f"`{name}`" in text
     assert [entry.name for entry in fields(message_type) if f"`{entry.name}`" not in text] == []
+
+
+def test_the_picture_in_the_readme_can_be_made_again(bus: Bus) -> None:
+    """docs/picture.yaml, which makes docs/turtle.png, is a launch file without mistakes."""
+    dry = bus.run("launch", str(ROOT / "docs" / "picture.yaml"), "--dry-run")
+    assert dry.returncode == 0, dry.stderr
+    assert f"--screenshot {ROOT}/docs/turtle.png" in dry.stdout

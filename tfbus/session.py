@@ -17,6 +17,7 @@ from typing import Any
 import zenoh
 
 from tfbus.errors import BusError
+from tfbus.scouting import loopback_where_alone
 from tfbus.settings import NodeSettings
 
 # How soon a client looks for its router again.
@@ -332,6 +333,7 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
         # Retained messages carry a time, by which late joiners order them.
         config.insert_json5("timestamping/enabled", "true")
     given: dict[str, Any] = {
+        "scouting/multicast/interface": "" if settings.config else loopback_where_alone(),
         "namespace": settings.namespace,
         "mode": settings.mode,
         "connect/endpoints": list(settings.connect),

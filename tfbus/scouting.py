@@ -1,10 +1,11 @@
 """How the processes of one machine find each other where the machine has no network."""
 
-from pathlib import Path
+import socket
+import struct
+import sys
 
-_INTERFACES = Path("/sys/class/net")
-
-# Of Linux's <net/if.h>.
+# Of Linux's <linux/sockios.h> and <net/if.h>.
+_GET_FLAGS = 0x8913
 _UP = 0x1
 _LOOPBACK = 0x8
 _MULTICAST = 0x1000
@@ -17,10 +18,20 @@ def loopback_where_alone() -> str:
     even on the same machine. Known on Linux only; "" elsewhere.
     """
     loopback = ""
-    for interface in sorted(_INTERFACES.iterdir()) if _INTERFACES.is_dir() else ():
-        flags = int((interface / "flags").read_text(), 16)
+    for _, name in socket.if_nameindex() if sys.platform == "linux" else ():
+        flags = _flags(name)
         if flags & _LOOPBACK:
-            loopback = interface.name
+            loopback = name
         elif flags & _UP and flags & _MULTICAST:
             return ""
     return loopback
+
+
+def _flags(interface: str) -> int:
+    import fcntl  # not there on Windows
+
+    request = struct.pack("16sh14x", interface.encode(), 0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        answer = fcntl.ioctl(any_socket, _GET_FLAGS, request)
+    flags: int = struct.unpack("16sh14x", answer)[1]
+    return flags

@@ -48,6 +48,9 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CONFIGURATIONS = sorted((ROOT / "configs").glob("*.json5"))
 
+# With the command `tfbus` of this environment, activated or not.
+PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+
 # The port of the router in the docs; here another one that is free.
 ROUTER_PORT = "7447"
 
@@ -161,7 +164,7 @@ class Reader:
         self._folder = folder
         self._port = str(free_port())
         self._env = bus.env | {
-            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "PATH": PATH,
             "ZENOH_CONFIG": str(_for_plain_zenoh(bus, folder / "zenoh.json5")),
         }
         self._going_on: list[Process] = []
@@ -417,6 +420,6 @@ def test_the_messages_page_knows_every_field(name: str, message_type: Any) -> No
 
 def test_the_picture_in_the_readme_can_be_made_again(bus: Bus) -> None:
     """docs/picture.yaml, which makes docs/turtle.png, is a launch file without mistakes."""
-    dry = bus.run("launch", str(ROOT / "docs" / "picture.yaml"), "--dry-run")
+    dry = bus.run("launch", str(ROOT / "docs" / "picture.yaml"), "--dry-run", env={"PATH": PATH})
     assert dry.returncode == 0, dry.stderr
     assert f"--screenshot {ROOT}/docs/turtle.png" in dry.stdout

@@ -26,6 +26,12 @@ T = TypeVar("T")
 
 DEADLINE_S = 20.0
 
+# Where the tests run in the background their children would inherit that these are ignored.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 
 def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:
     """The first true value of the condition; an AssertionError where none comes in time."""

@@ -297,12 +297,12 @@ def test_every_block_says_what_it_is(block: Block) -> None:
         compile(block.text, f"{block.page.name}:{block.line}", "exec")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *CONFIGURATIONS], ids=lambda page: page.name)
 def test_every_command_and_option_that_is_mentioned_exists(page: Path) -> None:
     """`tfbus NAME --option` is known to tfbus wherever a page writes it, run or not."""
     text = page.read_text().replace("\\\n", "")
     mentioned = re.findall(
-        r"^(?:\$ | {4,}|//\s+)?(tfbus [a-z].*)$|`(tfbus [a-z][^`]*)`", text, re.M
+        r"^(?:\w*\$ | {4,}|// +)?(tfbus [a-z].*)$|`(tfbus [a-z][^`]*)`", text, re.M
     )
     for line in filter(None, (block or inline for block, inline in mentioned)):
         check_command_line(shlex.split(line.split(" | ")[0], comments=True)[1:])

@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from signal import SIGINT, SIGKILL
+from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
+from signal import signal as set_handler
 from typing import TypeVar
 
 import pytest
@@ -27,10 +28,10 @@ T = TypeVar("T")
 DEADLINE_S = 20.0
 
 # Where the tests run in the background their children would inherit that these are ignored.
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if getsignal(SIGINT) == SIG_IGN:
+    set_handler(SIGINT, default_int_handler)
+if getsignal(SIGHUP) == SIG_IGN:
+    set_handler(SIGHUP, SIG_DFL)
 
 
 def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:

@@ -1,6 +1,7 @@
 """`tfbus call`: call a service, or send a goal and follow it, from the command line."""
 
 import json
+import math
 from typing import Any
 
 import click
@@ -35,6 +36,8 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     REQUEST is a YAML map of its fields. Each answer is printed as one line of JSON: a service
     has one, a goal tells its feedback and then its result.
     """
+    if math.isnan(timeout_s):
+        raise click.BadParameter("a number of seconds is wanted, not nan", param_hint="--timeout")
     payload = _read_request(request)
     with open_bus(settings) as session:
         answered = False

@@ -1,0 +1,115 @@
+"""Imports point one way: a lower module never knows of a higher one."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+# Lowest first; the modules of a line may import those of lower lines, and each other.
+LAYERS = [
+    {"errors", "version", "signals", "log", "frame"},
+    {"pose", "transform"},
+    {"batch"},
+    {"history"},
+    {"buffer"},
+    {"codec", "keys", "messages"},
+    {"wire"},
+    {"settings", "executor", "interface"},
+    {"options"},
+    {"scouting"},
+    {"session"},
+    {"retained"},
+    {"topic", "service", "goal", "parameters", "stream"},
+    {"node"},
+    {"broadcaster", "listener", "presence"},
+    {"launch"},
+    {"nodes", "cli", "__main__"},
+]
+RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
+
+# Imported where they are used, inside a function, as the loading of a command line is by a node.
+LATE = {("node", "options")}
+
+
+def sources(folder: str) -> list[Path]:
+    """The source files below a folder, templates left out."""
+    return [path for path in sorted((ROOT / folder).rglob("*.py")) if "template" not in path.parts]
+
+
+def imports(path: Path) -> set[str]:
+    """All names of modules that a file imports, anywhere in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import"
+            assert node.module is not None
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def module_of(path: Path) -> str:
+    """The module, or subpackage, of tfbus that a file is or belongs to."""
+    return path.relative_to(ROOT / "tfbus").parts[0].removesuffix(".py")
+
+
+def libraries(path: Path) -> set[str]:
+    """The top-level packages that a file imports."""
+    return {name.partition(".")[0] for name in imports(path)}
+
+
+LIBRARY = [path for path in sources("tfbus") if module_of(path) not in ("__init__",)]
+
+
+def test_every_module_has_its_layer() -> None:
+    """A new module of the library is given a layer here."""
+    assert {module_of(path) for path in LIBRARY} <= set(RANK)
+
+
+@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_point_one_way(path: Path) -> None:
+    """A module imports modules of its own layer and of lower ones."""
+    module = module_of(path)
+    used = {
+        parts[1] for name in imports(path) if (parts := name.split("."))[0] == "tfbus" and parts[1:]
+    }
+    higher = {other for other in used & set(RANK) if RANK[other] > RANK[module]}
+    assert higher == set()
+
+
+def test_only_the_session_and_what_is_retained_import_zenoh() -> None:
+    """Zenoh is opened and spoken to in one place; the rest of tfbus uses its words."""
+    users = {module_of(path) for path in LIBRARY if "zenoh" in libraries(path)}
+    assert users == {"session", "retained"}
+    assert [path for path in sources("nodes") if "zenoh" in libraries(path)] == []
+
+
+@pytest.mark.parametrize("name", ["pose", "transform", "batch", "history", "buffer"])
+def test_transforms_and_the_buffer_know_nothing_of_the_bus(name: str) -> None:
+    """Transforms and the buffer are usable without Zenoh and msgpack."""
+    path = ROOT / "tfbus" / f"{name}.py"
+    if path.exists():
+        assert libraries(path).isdisjoint({"zenoh", "msgpack", "click"})
+
+
+@pytest.mark.parametrize("path", sources("nodes"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_nodes_use_public_names_only(path: Path) -> None:
+    """A node uses what any other package could: the public names, the messages, its neighbours."""
+    public = {f"tfbus.{name}" for name in importlib.import_module("tfbus").__all__}
+    allowed = {"tfbus", "tfbus.messages", *public}
+    used = {name for name in imports(path) if name.partition(".")[0] == "tfbus"}
+    neighbours = {n for n in used if n.startswith(("tfbus.nodes", "tfbus.messages."))}
+    assert used - allowed - neighbours == set()
+
+
+def test_every_public_name_is_there() -> None:
+    """Each name in the list of public names can be imported, and is what it says."""
+    tfbus = importlib.import_module("tfbus")
+    for name in tfbus.__all__:
+        assert getattr(tfbus, name).__name__ == name
+    with pytest.raises(AttributeError, match="module 'tfbus' has no attribute 'nonsense'"):
+        tfbus.nonsense  # noqa: B018  # the access is the test

@@ -3,7 +3,6 @@
 A batch is written and read column by column, without a Python object for each transform.
 """
 
-import reprlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,7 +59,7 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     version = columns.get("v")
     if type(version) is not int or version != VERSION:
         raise DecodeError(
-            f"a transform message of version {reprlib.repr(version)}; this tfbus reads version "
+            f"a transform message of version {version!r:.40}; this tfbus reads version "
             f"{VERSION}: update the older of the two"
         )
     frames = columns.get("frames")

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import ClassVar
 
 HERE = Path(__file__).parent
 _DEBIANS_PYTHON = "/usr/bin/python3"
@@ -19,11 +20,14 @@ class Unavailable(Exception):
 class Process:
     """A peer that speaks the protocol of worker.py."""
 
+    # What the commands of all processes are put behind, such as a profiler's.
+    under: ClassVar[list[str]] = []
+
     def __init__(self, command: list[str], folder: Path):
         # A peer sees what is installed for its Python, and `folder`; never the tree of sources.
         env = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
         self._popen = subprocess.Popen(
-            command,
+            [*self.under, *command],
             cwd=folder,
             env=env,
             stdin=subprocess.PIPE,

@@ -3,7 +3,7 @@
 What is not here is the same: test_against_tf2.py.
 """
 
-from math import inf, nan, sqrt
+from math import cos, inf, nan, sin, sqrt
 
 import pytest
 from tf2_steps import (
@@ -78,6 +78,16 @@ def test_a_quaternion_within_tolerance_is_made_a_unit(tf2: Oracle) -> None:
         off: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, sqrt(squared_norm))
         ours, theirs = last_answers(tf2, Insert("map", "base", S, off))
         assert (ours.word, theirs.word) == ("InvalidArgumentException", "rejected")
+
+
+def test_the_smallest_rotations_are_interpolated_too(tf2: Oracle) -> None:
+    """Below some 2e-8 rad tf2's arc cosine is 0, and it answers the older rotation unblended."""
+    angle = 2e-8
+    turned: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, sin(angle / 2), cos(angle / 2))
+    inserts = Insert("map", "base", 1 * S, HERE), Insert("map", "base", 3 * S, turned)
+    ours, theirs = last_answers(tf2, *inserts, Lookup("map", "base", 2 * S))
+    assert ours.pose and ours.pose[5] == pytest.approx(sin(angle / 4))
+    assert theirs.pose == HERE
 
 
 def test_of_equal_stamps_the_latest_arrival_counts(tf2: Oracle) -> None:

@@ -107,14 +107,16 @@ class Mismatch:
         return f"{program(self.steps)}\n# tfbus: {self.tfbus}\n# tf2:   {self.tf2}\n"
 
 
-def first_mismatch(tf2: Oracle, steps: Sequence[Step]) -> Mismatch | None:
+def first_mismatch(
+    tf2: Oracle, steps: Sequence[Step], tolerance: float = TOLERANCE
+) -> Mismatch | None:
     """Put all the steps to both; the first that they do not agree about."""
     buffer = Buffer(CACHE_TIME_S)
     ours = [step.ask(buffer) for step in steps]
     for_tf2 = as_tf2_takes(steps, ours)
     theirs = tf2.ask(list(for_tf2.values()))
     for index, answer in zip(for_tf2, theirs, strict=True):
-        if not ours[index].agrees(answer, TOLERANCE):
+        if not ours[index].agrees(answer, tolerance):
             before = [step for at, step in for_tf2.items() if at < index]
             mismatch = Mismatch(steps[: index + 1], ours[index], answer)
             if not _is_meant(tf2, before, mismatch):
@@ -152,7 +154,7 @@ def last_answers(tf2: Oracle, *steps: Step) -> tuple[Answer, Answer]:
     return ours[-1], tf2.ask(steps)[-1]
 
 
-def shrunk(tf2: Oracle, mismatch: Mismatch) -> Mismatch:
+def shrunk(tf2: Oracle, mismatch: Mismatch, tolerance: float = TOLERANCE) -> Mismatch:
     """The same mismatch after as few steps as can be had by leaving out, first many, then one."""
     *before, last = mismatch.steps
     before = [step for step in before if not _is_question(step)]
@@ -161,7 +163,7 @@ def shrunk(tf2: Oracle, mismatch: Mismatch) -> Mismatch:
         start = 0
         while start < len(before):
             fewer = before[:start] + before[start + size :]
-            found = first_mismatch(tf2, [*fewer, last])
+            found = first_mismatch(tf2, [*fewer, last], tolerance)
             if mismatch.is_like(found):
                 assert found
                 before, mismatch = fewer, found

@@ -8,6 +8,7 @@ the HTML comment above it:
                           lines, `^C` for the Ctrl-C that ends it
     <!-- goes on -->      the last command of the block goes on until the end of the section, in
                           a terminal of its own, and prints the lines shown, in any order
+    <!-- typed: up q -->  is given a terminal, and these keys once it has printed its lines
     <!-- numbers differ --> numbers in the output are not compared
     <!-- exits with 1 --> the last command of the block ends with that code; 0 otherwise
     ```python             is run to its end, as a program
@@ -22,6 +23,7 @@ What differs between two runs (stamps, process ids, ports) is not compared.
 
 import json
 import os
+import pty
 import re
 import shlex
 import signal
@@ -29,7 +31,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -57,7 +59,7 @@ ROUTER_PORT = "7447"
 _FENCE = re.compile(
     r"(?:^<!--\s*(?P<rule>.*?)\s*-->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.M | re.S
 )
-_RULE = re.compile(r"(goes on|numbers differ|exits with|file:|not run:)\s*(.*)", re.S)
+_RULE = re.compile(r"(goes on|typed:|numbers differ|exits with|file:|not run:)\s*(.*)", re.S)
 
 _DIFFERS = [
     (re.compile(r"\b\d{10}\.\d{9}\b|\b\d{19}\b"), "STAMP"),
@@ -67,6 +69,7 @@ _DIFFERS = [
     (re.compile(r"\b[0-9a-f]{32}\b|(?<=_)[0-9a-f]{8}\b"), "ID"),
 ]
 
+_KEYS = {"up": b"\x1b[A", "down": b"\x1b[B", "right": b"\x1b[C", "left": b"\x1b[D"}
 _NUMBER = re.compile(r"-?\d+\.\d+")
 
 
@@ -186,6 +189,8 @@ class Reader:
                 self._do(command)
             if block.rule == "goes on":
                 self._going_on.append(self._start(last))
+            elif block.rule == "typed:":
+                self._type(last, block.rule_value.split())
             else:
                 self._do(last, exit_code=int(block.rule_value or 0))
 
@@ -203,6 +208,16 @@ class Reader:
             [same(line, command.numbers_differ) for line in printed.splitlines()],
             [same(self._here(line), command.numbers_differ) for line in command.output],
         ), f"$ {command.line}\nprinted:\n{printed}"
+
+    def _type(self, command: Command, keys: list[str]) -> None:
+        keyboard, terminal = pty.openpty()
+        at_terminal = f"exec {command.line} <{os.ttyname(terminal)}"
+        process = self._start(replace(command, line=at_terminal))
+        for key in keys:
+            os.write(keyboard, _KEYS.get(key, key.encode()))
+        assert process.wait() == 0
+        os.close(keyboard)
+        os.close(terminal)
 
     def _start(self, command: Command) -> Process:
         process = self._bus.start_command(

@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.errors import BusError
+from tfbus.errors import BusError, SettingsError
 from tfbus.scouting import loopback_where_alone
 from tfbus.settings import NodeSettings
 
@@ -327,22 +327,39 @@ class Session:
 
 
 def zenoh_config(settings: NodeSettings) -> zenoh.Config:
-    """Zenoh's configuration for these settings: the file's, with what is given put over it."""
-    config = zenoh.Config.from_file(settings.config) if settings.config else zenoh.Config()
-    if not settings.config:
+    """Zenoh's configuration for these settings: the file's, with what is given put over it.
+
+    Raises SettingsError where the file is not one.
+    """
+    config = _config_of(settings.config)
+    defaults = {
         # Retained messages carry a time, by which late joiners order them.
-        config.insert_json5("timestamping/enabled", "true")
+        "timestamping/enabled": True,
+        "scouting/multicast/interface": loopback_where_alone(),
+    }
     given: dict[str, Any] = {
-        "scouting/multicast/interface": "" if settings.config else loopback_where_alone(),
         "namespace": settings.namespace,
         "mode": settings.mode,
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
-    for key, value in given.items():
+    unset = {key: value for key, value in defaults.items() if config.get_json(key) == "null"}
+    for key, value in {**unset, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
+
+
+def _config_of(path: str) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(path) if path else zenoh.Config()
+    except zenoh.ZError as error:
+        # Zenoh draws the place over several lines, the first and the last of which say it all.
+        drawn = _first_sentence(str(error)).splitlines()
+        reason = ", ".join(dict.fromkeys(line.strip(" =->|") for line in (drawn[0], drawn[-1])))
+        raise SettingsError(
+            f"{path} is not a configuration of Zenoh, in JSON5: {reason}"
+        ) from error
 
 
 def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:

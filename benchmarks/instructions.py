@@ -2,9 +2,10 @@
 
     python -m benchmarks.instructions ["lookup 3" "insert 1" ...]
 
-Needs valgrind. Each peer runs twice, with more lookups the second time; the rest is the same.
+Needs valgrind. Each peer runs twice, with more lookups the second time and all else the same.
 """
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -20,6 +21,7 @@ LEFT_OUT = ("tf2_py", "pytransform3d")
 def main() -> None:
     """Print a line for each peer."""
     measures = sys.argv[1:] or ["lookup 3"]
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # numpy's threads would spin meanwhile
     print("instructions of one", *measures, sep="\t")
     for peer in PEERS:
         if peer not in LEFT_OUT:
@@ -32,7 +34,7 @@ def main() -> None:
 
 def instructions(peer: str, measure: str) -> float:
     """Of one operation of the measure."""
-    few, many = (_collected(peer, f"repeat {measure} {count}") for count in (LESS, MORE))
+    few, many = (_collected(peer, f"repeat {measure} {count} {MORE}") for count in (LESS, MORE))
     return (many - few) / (MORE - LESS)
 
 

@@ -58,11 +58,8 @@ class Worker:
         if name == "forget":
             self._warm.clear()
             return "0"
-        if name == "repeat":  # "repeat lookup 3 1000": untimed, for a profiler
-            measure, edges, count = argument.split()
-            loop = getattr(self._peer, measure)(int(edges))
-            loop.run(loop.items(int(count)))
-            return "0"
+        if name == "repeat":
+            return self._repeat(*argument.split())
         if not hasattr(self._peer, name):
             return "unavailable: not measured"
         if name == "version":
@@ -74,6 +71,13 @@ class Worker:
             self._warm[request] = (loop, loop.count or _enough(loop))
         loop, count = self._warm[request]
         return str(loop.time_ns(count))
+
+    def _repeat(self, measure: str, argument: str, count: str, of: str) -> str:
+        """For a profiler: make the items of so many operations, and do some of them."""
+        loop = getattr(self._peer, measure)(int(argument))
+        loop.items(int(of) - int(count))
+        loop.run(loop.items(int(count)))
+        return "0"
 
     def _bytes_per_sample(self, samples: int) -> float:
         before = _resident_bytes()

@@ -199,11 +199,13 @@ int main() {
     } else if (name == "forget") {
       warm.clear();
       std::cout << 0 << std::endl;
-    } else if (name == "repeat") {  // "repeat lookup 3 1000": untimed, for a profiler
+    } else if (name == "repeat") {  // as worker.py has it
+      int64_t count = 0, of = 0;
       std::istringstream rest(line);
-      int64_t count = 0;
-      rest >> name >> name >> argument >> count;
-      measures.at(name)(argument)(count)();
+      rest >> name >> name >> argument >> count >> of;
+      Loop loop = measures.at(name)(argument);
+      loop(of - count);
+      loop(count)();
       std::cout << 0 << std::endl;
     } else if (measures.count(name)) {
       if (!warm.count(line)) {

@@ -157,7 +157,7 @@ def last_answers(tf2: Oracle, *steps: Step) -> tuple[Answer, Answer]:
 def shrunk(tf2: Oracle, mismatch: Mismatch, tolerance: float = TOLERANCE) -> Mismatch:
     """The same mismatch after as few steps as can be had by leaving out, first many, then one."""
     *before, last = mismatch.steps
-    before = [step for step in before if not _is_question(step)]
+    before = [step for step in before if isinstance(step, Insert | Clear)]
     size = len(before)
     while size:
         start = 0
@@ -200,7 +200,3 @@ def _epoch_ns(steps: Sequence[Step]) -> int:
     """A whole second before all that are named, but for 0."""
     stamps = [stamp_ns for step in steps for stamp_ns in step.stamps() if stamp_ns]
     return max(0, min(stamps, default=0) // NS_PER_S - 1) * NS_PER_S
-
-
-def _is_question(step: Step) -> bool:
-    return type(step).__name__ not in ("Insert", "Clear")

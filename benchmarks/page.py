@@ -45,6 +45,9 @@ What is not the same:
 
 {left_out}
 
+Times of a busy machine are doubtful; `python -m benchmarks.instructions "lookup 3"` counts the
+instructions instead, under valgrind.
+
 ## How it grows
 
 ![The time of one lookup by depth, number of frames and number of samples](performance.svg)

@@ -27,12 +27,14 @@ def as_text(results: Sequence[Result]) -> str:
 
 def as_markdown(results: Sequence[Result]) -> str:
     """The same as a table of Markdown."""
-    return markdown_table(HEADINGS, rows(results))
+    return markdown_table(HEADINGS, rows(results), words=2)
 
 
-def markdown_table(headings: Sequence[str], table: Sequence[Sequence[str]]) -> str:
-    """Any table; all but the first two columns flush right."""
-    rule = ["---" if column < 2 else "---:" for column in range(len(headings))]
+def markdown_table(
+    headings: Sequence[str], table: Sequence[Sequence[str]], *, words: int = 0
+) -> str:
+    """Any table; all but the first columns, of `words`, flush right."""
+    rule = ["---" if column < words else "---:" for column in range(len(headings))]
     return "\n".join(f"| {' | '.join(row)} |" for row in (headings, rule, *table))
 
 

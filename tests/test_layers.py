@@ -22,7 +22,7 @@ LAYERS = [
     {"scouting"},
     {"session"},
     {"retained"},
-    {"topic", "service", "goal", "parameters", "stream"},
+    {"topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
     {"broadcaster", "listener", "presence"},
     {"launch"},

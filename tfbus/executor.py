@@ -5,11 +5,14 @@ import itertools
 import logging
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from functools import partial
 
 Callback = Callable[[], None]
+
+# How long the end of a node waits for a callback; one that waits for a lookup may take longer.
+_LAST_CALLBACK_S = 2.0
 
 
 class Timer:
@@ -20,8 +23,11 @@ class Timer:
     """
 
     def __init__(self, period_s: float, callback: Callback, *, once: bool = False):
-        if not period_s > 0:
-            raise ValueError(f"a timer's period is more than 0 seconds, not {period_s}")
+        if not 0 < period_s < threading.TIMEOUT_MAX:
+            raise ValueError(
+                f"a timer's period is more than 0 s and less than {threading.TIMEOUT_MAX:.0f} s, "
+                f"not {period_s}"
+            )
         self.period_s = period_s
         self.callback = callback
         self.once = once
@@ -35,8 +41,8 @@ class Timer:
 class Executor:
     """Runs callbacks in the order in which they came; a timer comes when it is due.
 
-    The thread starts with the first callback. An exception in a callback is logged with its
-    traceback, once for each callback, and the thread goes on.
+    The thread starts with the first callback. An exception in a callback is counted, and logged
+    with its traceback the first, tenth, hundredth ... time; the thread goes on.
     """
 
     def __init__(self, name: str, log: logging.Logger):
@@ -48,14 +54,21 @@ class Executor:
         self._order = itertools.count()
         self._thread: threading.Thread | None = None
         self._closed = False
-        self._reported: set[str] = set()
+        self._running = ""
+        self._failures: Counter[str] = Counter()
 
-    def submit(self, what: str, callback: Callback) -> None:
-        """Run `callback` after those that came before; `what` names it in the log."""
+    def submit(self, what: str, callback: Callback, *, limit: int | None = None) -> bool:
+        """Run `callback` after those that came before; `what` names it in the log.
+
+        False where `limit` callbacks of this name wait already: then it will not run.
+        """
         with self._changed:
+            if limit is not None and self._count_waiting(what) >= limit:
+                return False
             if not self._closed:
                 self._waiting.append((what, callback))
                 self._wake()
+            return True
 
     def every(self, period_s: float, callback: Callback) -> Timer:
         """Run `callback` every `period_s` seconds, the first time after one period."""
@@ -66,14 +79,19 @@ class Executor:
         return self._start(Timer(delay_s, callback, once=True))
 
     def close(self) -> None:
-        """Finish the callback that runs now and run no more."""
+        """Run no more; the callback that runs now is given a moment to finish."""
         with self._changed:
             self._closed = True
             self._waiting.clear()
             self._changed.notify_all()
             thread = self._thread
         if thread is not None and thread is not threading.current_thread():
-            thread.join()
+            thread.join(_LAST_CALLBACK_S)
+            if thread.is_alive():
+                self._log.warning("Did not wait for a callback that goes on: %s", self._running)
+
+    def _count_waiting(self, what: str) -> int:
+        return sum(name == what for name, _ in self._waiting)
 
     def _start(self, timer: Timer) -> Timer:
         with self._changed:
@@ -109,9 +127,9 @@ class Executor:
         # Behind what waits already: a timer that is slower than its period holds up nobody.
         while self._due and self._due[0][0] <= now:
             when, _, timer = heapq.heappop(self._due)
-            self._waiting.append(
-                (f"timer of {timer.period_s:g} s", partial(self._tick, when, timer))
-            )
+            name = getattr(timer.callback, "__qualname__", repr(timer.callback))
+            what = f"timer of {timer.period_s:g} s, {name}"
+            self._waiting.append((what, partial(self._tick, when, timer)))
 
     def _tick(self, when: float, timer: Timer) -> None:
         if timer.cancelled:
@@ -125,9 +143,11 @@ class Executor:
         timer.callback()
 
     def _call(self, what: str, callback: Callback) -> None:
+        self._running = what
         try:
             callback()
         except Exception:
-            if what not in self._reported:
-                self._reported.add(what)
-                self._log.exception("A callback failed (%s); this is said once", what)
+            self._failures[what] += 1
+            count = self._failures[what]
+            if str(count).strip("0") == "1":  # a power of ten
+                self._log.exception("A callback failed, %d times so far (%s)", count, what)

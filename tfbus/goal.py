@@ -25,7 +25,7 @@ from tfbus.codec import (
 from tfbus.errors import BusError, DecodeError, ServiceError
 from tfbus.executor import Executor
 from tfbus.interface import Interface
-from tfbus.service import Service
+from tfbus.service import Caller, Service, submit_or_refuse
 from tfbus.session import Answer, Query, Session
 
 # A class with the dataclasses Goal, Feedback and Result in it, which types cannot say.
@@ -146,7 +146,7 @@ class GoalServer(Interface):
         ]
 
     def _on_query(self, query: Query) -> None:
-        self._executor.submit(f"goal {self.name}", lambda: self._accept(query))
+        submit_or_refuse(self._executor, f"goal {self.name}", self._accept, query)
 
     def _accept(self, query: Query) -> None:
         try:
@@ -256,24 +256,16 @@ class SentGoal:
             self._on_result(self._outcome)
 
 
-class GoalClient(Interface):
+class GoalClient(Caller):
     """Sends goals of one type to their server."""
 
     def __init__(self, session: Session, goal_type: type[GoalType], name: str):
-        super().__init__(name, goal_type)
+        super().__init__(session, goal_type, name)
         self.goal_type = goal_type
-        self._session = session
-        self._watch = session.watch_served(name)
-        self._parts = [self._watch]
-
-    @property
-    def served(self) -> bool:
-        """Whether a server is there now."""
-        return self._watch.served
 
     def wait_for_server(self, timeout_s: float | None = None) -> bool:
         """Whether a server is there, waited for at most `timeout_s` (None: for ever)."""
-        return self._watch.wait(timeout_s)
+        return self._wait(timeout_s)
 
     def send(
         self,
@@ -288,6 +280,5 @@ class GoalClient(Interface):
         Waits for a server to be there, but not for what it does. Raises ServiceError where
         there is none within `timeout_s`.
         """
-        if not self.wait_for_server(timeout_s):
-            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
+        self._require_server(timeout_s)
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

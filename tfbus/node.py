@@ -3,21 +3,23 @@
 import math
 import os
 import socket
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
-from tfbus.codec import decode_map, encode_map
+from tfbus.codec import encode_map
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.executor import Executor, Timer
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.interface import Interface
 from tfbus.keys import check_topic, node_key
 from tfbus.log import open_log
+from tfbus.namesake import NamesakeWatch
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.service import Client, Service, ServiceType
-from tfbus.session import Answer, Query, Session
+from tfbus.session import Query, Session
 from tfbus.settings import NodeSettings
 from tfbus.signals import StopSignals
 from tfbus.stream import Stream
@@ -26,9 +28,6 @@ from tfbus.version import VERSION
 
 M = TypeVar("M")
 Kept = TypeVar("Kept", bound=Interface)
-
-# After a link to another process has opened, its declarations take a moment to arrive.
-_NAMESAKE_CHECK_AFTER_S = 0.3
 
 
 class Node:
@@ -65,6 +64,7 @@ class Node:
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
         self._closed = False
+        self._lock = threading.Lock()
         self._is_ready = False
         self._parameters_are_typed_in = False
         self._streams: dict[str, Stream] = {}
@@ -79,6 +79,9 @@ class Node:
             raise
         with self._signals.held():
             self._declare_itself()
+        if not self.ok:
+            self.close()
+            raise KeyboardInterrupt
 
     def _declare_itself(self) -> None:
         settings = self.settings
@@ -88,10 +91,9 @@ class Node:
         )
         self.session.queryable(node_key(self.name), self._on_info_query)
         self._token = self.session.token(node_key(self.name))
-        self._namesakes: set[str] = set()
-        self._namesake_check: Timer | None = None
-        self.session.watch_links(self._check_namesakes_soon)
-        self._check_namesakes_soon()
+        self._namesakes = NamesakeWatch(
+            self.name, self.full_name, self.started_ns, self.session, self._executor, self.log
+        )
 
     @classmethod
     def from_settings(cls, settings: NodeSettings) -> "Node":
@@ -173,8 +175,9 @@ class Node:
         if not self._closed:
             self._closed = True
             self.shutdown()
-            self._executor.close()
-            self.session.close()
+            with self._signals.held():
+                self._executor.close()
+                self.session.close()
             self._signals.uninstall()
 
     def now_ns(self) -> int:
@@ -252,11 +255,12 @@ class Node:
     def stream(self, name: str | None = None) -> Stream:
         """The stream of this name that the node publishes; the node's own where it is None."""
         name = name or self.name
-        if name not in self._streams:
-            self._streams[name] = Stream(
-                name, self.full_name, self.started_ns, self.session, self._executor
-            )
-        return self._streams[name]
+        with self._lock:
+            if name not in self._streams:
+                self._streams[name] = Stream(
+                    name, self.full_name, self.started_ns, self.session, self._executor
+                )
+            return self._streams[name]
 
     # What it tells about itself
 
@@ -279,8 +283,9 @@ class Node:
 
     def _keep(self, kind: str, interface: Kept) -> Kept:
         """Remember the interface for `describe`, and forget those that have been closed."""
-        living = [each for each in self._interfaces[kind] if not each.closed]
-        self._interfaces[kind] = [*living, interface]
+        with self._lock:
+            living = [each for each in self._interfaces[kind] if not each.closed]
+            self._interfaces[kind] = [*living, interface]
         return interface
 
     def _resolve(self, name: str) -> str:
@@ -289,31 +294,3 @@ class Node:
     def _on_info_query(self, query: Query) -> None:
         query.answer(node_key(self.name), encode_map(self.describe()))
         query.close()
-
-    def _check_namesakes_soon(self) -> None:
-        if self._namesake_check is None or self._namesake_check.cancelled:
-            self._namesake_check = self._executor.after(
-                _NAMESAKE_CHECK_AFTER_S, self._check_namesakes
-            )
-
-    def _check_namesakes(self) -> None:
-        """Warn where another node has this node's name: its parameters and services are mixed
-        with ours.
-        """
-        self.session.ask_later(
-            node_key(self.name), None, self._on_namesake, lambda: None, timeout_s=1.0
-        )
-
-    def _on_namesake(self, answer: Answer) -> None:
-        other = decode_map(answer.payload) if answer.refusal is None else {}
-        session = other.get("session", self.session.id)
-        newer = (self.started_ns, self.session.id) > (other.get("started_ns", 0), session)
-        if session != self.session.id and session not in self._namesakes and newer:
-            self._namesakes.add(session)
-            self.log.warning(
-                "There is another node %s, on %s with pid %s: give this one a name of its "
-                "own (--name), or a namespace (--namespace)",
-                self.full_name,
-                other["host"],
-                other["pid"],
-            )

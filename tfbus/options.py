@@ -103,7 +103,7 @@ class _click_exits:
 
 
 def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
-    values = {name: value for name, value in given.items() if value}
+    values = {name: value for name, value in given.items() if value not in (None, ())}
     values["parameters"] = _pairs(given.get("parameters", ()), "=", "--param name=value")
     values["remappings"] = _pairs(given.get("remappings", ()), ":=", "--remap from:=to")
     return NodeSettings(**({"name": default_name} | values))
@@ -115,7 +115,7 @@ def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
         name, found, value = text.partition(separator)
         if not found or not name:
             raise SettingsError(f"{text!r} is not of the form {form}")
-        pairs[name.strip()] = value.strip()
+        pairs[name] = value
     return pairs
 
 

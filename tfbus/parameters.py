@@ -6,15 +6,17 @@ set on the bus at `@tfbus/param/<node>/<name>`: a query without payload reads it
 """
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from tfbus.codec import decode_map, encode_map
-from tfbus.errors import DecodeError, ParameterError
+from tfbus.errors import ParameterError
 from tfbus.executor import Executor
 from tfbus.keys import check_topic, last_name, node_parameters_key, parameter_key
+from tfbus.service import submit_or_refuse
 from tfbus.session import Query, Session, within
 
 Value = bool | int | float | str | list[Any]
@@ -83,6 +85,8 @@ class Parameter:
             raise ParameterError(
                 f"{self.name!r} is {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
             )
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ParameterError(f"{self.name!r} is a finite number, not {value}")
         self._bounds.check(self.name, value)
         return value
 
@@ -136,10 +140,10 @@ class Parameters:
         return sorted(set(self._given) - set(self._parameters))
 
     def _on_query(self, query: Query) -> None:
-        self._executor.submit("parameters", lambda: self._serve(query))
+        submit_or_refuse(self._executor, "parameters", self._serve, query)
 
     def _serve(self, query: Query) -> None:
-        try:
+        with query.answering("the node"):
             asked = self._asked_for(query.key)
             if query.payload:
                 for parameter in asked:
@@ -147,13 +151,6 @@ class Parameters:
             for parameter in asked:
                 key = parameter_key(self._node, parameter.name)
                 query.answer(key, encode_map(parameter.describe()))
-        except (DecodeError, ParameterError) as error:
-            query.refuse(str(error))
-        except Exception as error:
-            query.refuse(f"the node failed ({type(error).__name__}: {error})")
-            raise
-        finally:
-            query.close()
 
     def _asked_for(self, key: str) -> list[Parameter]:
         asked = [p for p in self if within(parameter_key(self._node, p.name), key)]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import zenoh
 from zenoh import ext
 
-from tfbus.session import BytesPublisher, Declaration, Session
+from tfbus.session import BytesPublisher, Declaration, Session, bus_errors
 
 # How soon a subscriber that lost the last message learns of it and asks for it again.
 _HEARTBEAT_S = 0.5
@@ -16,16 +16,17 @@ _HEARTBEAT_S = 0.5
 
 def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
     """A publisher whose last message is kept for late joiners, and sent again where it was lost."""
-    publisher = ext.declare_advanced_publisher(
-        session.zenoh,
-        key,
-        congestion_control=zenoh.CongestionControl.BLOCK,
-        cache=ext.CacheConfig(max_samples=1),
-        sample_miss_detection=ext.MissDetectionConfig(
-            heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
-        ),
-        publisher_detection=True,
-    )
+    with bus_errors(f"publish {key}"):
+        publisher = ext.declare_advanced_publisher(
+            session.zenoh,
+            key,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            cache=ext.CacheConfig(max_samples=1),
+            sample_miss_detection=ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+            ),
+            publisher_detection=True,
+        )
     return BytesPublisher(key, publisher)
 
 
@@ -35,12 +36,13 @@ def declare_retained_subscriber(
     """Call `callback(key, payload)` for the retained message of each publisher within `key`,
     whoever was there first, then for each new one.
     """
-    subscriber = ext.declare_advanced_subscriber(
-        session.zenoh,
-        key,
-        session.sample_callback(key, callback),
-        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        subscriber_detection=True,
-    )
+    with bus_errors(f"subscribe to {key}"):
+        subscriber = ext.declare_advanced_subscriber(
+            session.zenoh,
+            key,
+            session.sample_callback(key, callback),
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            subscriber_detection=True,
+        )
     return Declaration(subscriber)

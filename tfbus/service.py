@@ -9,13 +9,25 @@ from collections.abc import Callable
 from typing import Any
 
 from tfbus.codec import decode_message, encode_message
-from tfbus.errors import DecodeError, ServiceError
+from tfbus.errors import ServiceError
 from tfbus.executor import Executor
 from tfbus.interface import Interface
 from tfbus.session import Query, Session
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
 ServiceType = Any
+
+# A node that is busy lets this many requests of a kind wait, and refuses more.
+PENDING_REQUESTS = 100
+
+
+def submit_or_refuse(
+    executor: Executor, what: str, serve: Callable[[Query], None], query: Query
+) -> None:
+    """Have the node's thread serve the query, or refuse it where too many wait already."""
+    if not executor.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
+        query.refuse(f"busy: {PENDING_REQUESTS} requests wait already")
+        query.close()
 
 
 class Service(Interface):
@@ -42,27 +54,19 @@ class Service(Interface):
         self._parts = [session.queryable(name, self._on_query)]
 
     def _on_query(self, query: Query) -> None:
-        self._executor.submit(f"service {self.name}", lambda: self._serve(query))
+        submit_or_refuse(self._executor, f"service {self.name}", self._serve, query)
 
     def _serve(self, query: Query) -> None:
-        try:
+        with query.answering("the service"):
             request = decode_message(self.service_type.Request, query.payload, unknown_fields=False)
             query.answer(self.name, encode_message(self._handler(request)))
-        except (DecodeError, ServiceError) as error:
-            query.refuse(str(error))
-        except Exception as error:
-            query.refuse(f"the service failed ({type(error).__name__}: {error})")
-            raise
-        finally:
-            query.close()
 
 
-class Client(Interface):
-    """Calls a service of another node, or of this one."""
+class Caller(Interface):
+    """One who asks: knows at any time whether somebody serves what is asked for."""
 
-    def __init__(self, session: Session, service_type: type[ServiceType], name: str):
-        super().__init__(name, service_type)
-        self.service_type = service_type
+    def __init__(self, session: Session, type_: type, name: str):
+        super().__init__(name, type_)
         self._session = session
         self._watch = session.watch_served(name)
         self._parts = [self._watch]
@@ -72,9 +76,27 @@ class Client(Interface):
         """Whether somebody serves it now."""
         return self._watch.served
 
+    def _wait(self, timeout_s: float | None) -> bool:
+        return self._watch.wait(timeout_s)
+
+    def _require_server(self, timeout_s: float) -> None:
+        if not self._wait(timeout_s):
+            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
+
+
+class Client(Caller):
+    """Calls a service of another node.
+
+    A callback that calls a service of its own node waits in vain: one runs at a time.
+    """
+
+    def __init__(self, session: Session, service_type: type[ServiceType], name: str):
+        super().__init__(session, service_type, name)
+        self.service_type = service_type
+
     def wait_for_service(self, timeout_s: float | None = None) -> bool:
         """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
-        return self._watch.wait(timeout_s)
+        return self._wait(timeout_s)
 
     def call(self, request: Any, *, timeout_s: float = 5.0) -> Any:
         """The Response to this Request.
@@ -83,8 +105,7 @@ class Client(Interface):
         it refuses, where nobody serves it, or where no answer comes within `timeout_s`.
         """
         deadline = time.monotonic() + timeout_s
-        if not self.wait_for_service(timeout_s):
-            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
+        self._require_server(timeout_s)
         remaining_s = max(deadline - time.monotonic(), 0.001)
         payload = encode_message(request)
         for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):

@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.errors import BusError, SettingsError
+from tfbus.errors import BusError, SettingsError, TfbusError
 from tfbus.scouting import loopback_where_alone
 from tfbus.settings import NodeSettings
 
@@ -48,13 +48,26 @@ class Query:
 
     def answer(self, key: str, payload: bytes) -> None:
         """Send one answer; `key` lies within the key expression that was asked."""
-        with _bus_errors(f"answer the query for {self.key}"):
+        with bus_errors(f"answer the query for {self.key}"):
             self._query.reply(key, payload)
 
     def refuse(self, reason: str) -> None:
         """Answer that this cannot be done, and why."""
-        with _bus_errors(f"refuse the query for {self.key}"):
+        with bus_errors(f"refuse the query for {self.key}"):
             self._query.reply_err(reason.encode())
+
+    @contextmanager
+    def answering(self, what: str) -> Iterator[None]:
+        """Close the query at the end; an error becomes a refusal that says so."""
+        try:
+            yield
+        except TfbusError as error:
+            self.refuse(str(error))
+        except Exception as error:
+            self.refuse(f"{what} failed ({type(error).__name__}: {error})")
+            raise
+        finally:
+            self.close()
 
     def close(self) -> None:
         """Tell the asker that no more answers come."""
@@ -135,7 +148,7 @@ class Session:
         self.settings = settings
         self._log = log
         self._closed = False
-        with _bus_errors(f"join the bus{_towards(settings)}"):
+        with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(zenoh_config(settings), patience_s)
         self.id = str(self.zenoh.zid())
 
@@ -149,7 +162,7 @@ class Session:
         """Leave the bus: every declaration of this session ends with it."""
         if not self._closed:
             self._closed = True
-            with _bus_errors("leave the bus"):
+            with bus_errors("leave the bus"):
                 self.zenoh.close()
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
@@ -168,18 +181,13 @@ class Session:
             time.sleep(_RETRY_S)
 
     def publisher(self, key: str) -> BytesPublisher:
-        """A publisher of topic messages: reliable, and waiting rather than losing one."""
-        with _bus_errors(f"publish {key}"):
-            publisher = self.zenoh.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
-            )
-        return BytesPublisher(key, publisher)
+        """A publisher of messages or dynamic transforms.
 
-    def transform_publisher(self, key: str) -> BytesPublisher:
-        """A publisher of dynamic transforms: a newer one makes an old one worthless, so under
-        congestion a message is dropped rather than the publisher held up.
+        A newer message makes an old one worthless, so where a link is congested one is dropped:
+        a subscriber that has stopped must not hold up the publisher's node, and with it all
+        others.
         """
-        with _bus_errors(f"publish {key}"):
+        with bus_errors(f"publish {key}"):
             publisher = self.zenoh.declare_publisher(
                 key, congestion_control=zenoh.CongestionControl.DROP, express=True
             )
@@ -187,7 +195,7 @@ class Session:
 
     def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
         """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
-        with _bus_errors(f"subscribe to {key}"):
+        with bus_errors(f"subscribe to {key}"):
             subscriber = self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
         return Declaration(subscriber)
 
@@ -200,7 +208,7 @@ class Session:
         def on_query(query: zenoh.Query) -> None:
             callback(Query(query))
 
-        with _bus_errors(f"serve {key}"):
+        with bus_errors(f"serve {key}"):
             guarded = self._guarded(f"query of {key}", on_query)
             return Declaration(self.zenoh.declare_queryable(key, _direct(guarded)))
 
@@ -232,7 +240,7 @@ class Session:
             on_answer(_answer(reply))
 
         guarded_end = self._guarded(f"end of the answers of {key}", lambda _: on_end())
-        with _bus_errors(f"ask for {key}"):
+        with bus_errors(f"ask for {key}"):
             self.zenoh.get(
                 key,
                 _direct(self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)),
@@ -244,12 +252,12 @@ class Session:
 
     def watch_served(self, key: str) -> ServedWatch:
         """A watch that knows whether somebody serves `key`."""
-        with _bus_errors(f"watch {key}"):
+        with bus_errors(f"watch {key}"):
             return ServedWatch(self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
 
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
-        with _bus_errors(f"declare {key}"):
+        with bus_errors(f"declare {key}"):
             return Declaration(self.zenoh.liveliness().declare_token(key))
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
@@ -259,7 +267,7 @@ class Session:
         def on_reply(reply: zenoh.Reply) -> None:
             keys.put(_answer(reply).key)
 
-        with _bus_errors(f"list {key}"):
+        with bus_errors(f"list {key}"):
             self.zenoh.liveliness().get(
                 key,
                 _direct(on_reply, lambda: keys.put(None)),
@@ -275,7 +283,7 @@ class Session:
         def on_sample(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        with _bus_errors(f"watch {key}"):
+        with bus_errors(f"watch {key}"):
             guarded = self._guarded(f"token of {key}", on_sample)
             return Declaration(
                 self.zenoh.liveliness().declare_subscriber(key, _direct(guarded), history=True)
@@ -298,7 +306,7 @@ class Session:
 
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
-        with _bus_errors("watch links"):
+        with bus_errors("watch links"):
             guarded = self._guarded("link", lambda _: callback())
             listener = self.zenoh.info.declare_transport_events_listener(_direct(guarded))
             return Declaration(listener)
@@ -382,7 +390,8 @@ def _answer(reply: zenoh.Reply) -> Answer:
 
 
 @contextmanager
-def _bus_errors(doing: str) -> Iterator[None]:
+def bus_errors(doing: str) -> Iterator[None]:
+    """Zenoh's errors as BusError that says what could not be done: "publish turtle1/pose"."""
     try:
         yield
     except zenoh.ZError as error:
@@ -415,4 +424,4 @@ def _at(settings: NodeSettings) -> str:
 
 def within(key: str, expression: str) -> bool:
     """Whether the key lies within the key expression."""
-    return zenoh.KeyExpr(expression).intersects(zenoh.KeyExpr(key))
+    return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))

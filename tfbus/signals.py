@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM as the clean end of a process."""
 
+import math
 import os
 import select
 import signal
@@ -9,6 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
+
+# The kernel's clock for this wait is 32 bits of milliseconds wide; a longer one is begun anew.
+_LONGEST_MS = 86_400_000
 
 
 class StopSignals:
@@ -84,13 +88,16 @@ class _Stop:
 
     def wait(self, timeout_s: float | None, wakeup: "_SignalWakeup | None" = None) -> bool:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        files = [self._readable, *([wakeup.readable] if wakeup else [])]
+        poll = select.poll()
+        poll.register(self._readable, select.POLLIN)
+        if wakeup:
+            poll.register(wakeup.readable, select.POLLIN)
         while not self.called:
             left_s = None if deadline is None else deadline - time.monotonic()
             if left_s is not None and left_s <= 0:
                 break
-            ready, _, _ = select.select(files, [], [], left_s)
-            if wakeup and wakeup.readable in ready:
+            ready = poll.poll(_LONGEST_MS if left_s is None else min(left_s * 1e3, _LONGEST_MS))
+            if wakeup and any(file == wakeup.readable for file, _ in ready):
                 wakeup.drain()
         return self.called
 
@@ -114,6 +121,11 @@ class _SignalWakeup:
         os.read(self.readable, 4096)
 
 
+# `timeout`, `make` and shells send a signal to a process and to its group, so that it comes twice
+# within an instant: the second one must not interrupt what the first one began.
+_ONE_WISH_S = 0.2
+
+_interrupted_s = -math.inf
 _installed: list[StopSignals] = []
 _previous: dict[int, Any] = {}
 
@@ -127,11 +139,13 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
         _give_back()
         signal.raise_signal(number)
         return
-    is_known = all(signals.stopped for signals in _installed)
-    is_enough = any(signals._interrupts_nothing for signals in _installed)
+    global _interrupted_s
     for signals in _installed:
         signals.stop()
-    if not is_known and not is_enough:
+    is_enough = any(signals._interrupts_nothing for signals in _installed)
+    now_s = time.monotonic()
+    if not is_enough and now_s - _interrupted_s > _ONE_WISH_S:
+        _interrupted_s = now_s
         raise KeyboardInterrupt
 
 

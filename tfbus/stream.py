@@ -35,11 +35,11 @@ class Stream:
         self._epoch_ns = epoch_ns
         self._executor = executor
         self._lock = threading.Lock()
-        self._edges: dict[tuple[str, str], bool] = {}
+        self._edges: dict[str, tuple[str, bool]] = {}  # of each child: its parent, static
         self._last_table: tuple[tuple[str, ...], bytes] | None = None
         self._statics: dict[str, TransformStamped] = {}
         self._description_is_due = False
-        self._transforms = session.transform_publisher(transforms_key(name))
+        self._transforms = session.publisher(transforms_key(name))
         self._static_transforms = declare_retained_publisher(session, static_transforms_key(name))
         self._description = declare_retained_publisher(session, stream_key(name))
         self._token = session.token(stream_key(name))
@@ -68,7 +68,7 @@ class Stream:
         if not static:
             self._last_table = table
         frames = batch.frames
-        edges = {(frames[parent], frames[child]): static for parent, child in batch.edges.tolist()}
+        edges = {frames[child]: (frames[parent], static) for parent, child in batch.edges.tolist()}
         if not edges.items() <= self._edges.items():
             self._edges |= edges
             self._describe_soon()
@@ -87,7 +87,10 @@ class Stream:
                         "v": DESCRIPTION_VERSION,
                         "node": self._node,
                         "epoch": self._epoch_ns,
-                        "frames": [[*edge, static] for edge, static in self._edges.items()],
+                        "frames": [
+                            [parent, child, static]
+                            for child, (parent, static) in self._edges.items()
+                        ],
                     }
                 )
             )

@@ -1,0 +1,72 @@
+"""Two nodes of one name: the one that came second says so."""
+
+import logging
+from typing import Any
+
+from tfbus.codec import decode_map
+from tfbus.errors import DecodeError
+from tfbus.executor import Executor, Timer
+from tfbus.keys import node_key
+from tfbus.session import Answer, Session
+
+# After a link to another process has opened, its declarations take a moment to arrive.
+_CHECK_AFTER_S = 0.3
+
+
+class NamesakeWatch:
+    """Warns once of each other node that has this node's name: their parameters and services
+    are mixed up.
+
+    Whoever is there when a node starts was there first, whatever the clocks say. One that is met
+    later, when two networks join, warns where it was started later.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        full_name: str,
+        started_ns: int,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
+    ):
+        self._name = name
+        self._full_name = full_name
+        self._started_ns = started_ns
+        self._session = session
+        self._executor = executor
+        self._log = log
+        self._known = {session.id}
+        self._check: Timer = executor.after(_CHECK_AFTER_S, self._ask)
+        session.watch_links(self._ask_soon)
+        self._ask(first=True)
+
+    def _ask_soon(self) -> None:
+        if self._check.cancelled:
+            self._check = self._executor.after(_CHECK_AFTER_S, self._ask)
+
+    def _ask(self, *, first: bool = False) -> None:
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None:
+                self._judge(decode_map(answer.payload), first)
+
+        self._session.ask_later(node_key(self._name), None, on_answer, lambda: None, timeout_s=1.0)
+
+    def _judge(self, other: dict[str, Any], first: bool) -> None:
+        try:
+            session, started_ns = str(other["session"]), int(other["started_ns"])
+            host, pid = other["host"], other["pid"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise DecodeError(
+                f"what a node of the same name tells cannot be read: {error}"
+            ) from error
+        is_second = first or (self._started_ns, self._session.id) > (started_ns, session)
+        if session not in self._known and is_second:
+            self._known.add(session)
+            self._log.warning(
+                "There is another node %s, on %s with pid %s: give this one a name of its own "
+                "(--name), or a namespace (--namespace)",
+                self._full_name,
+                host,
+                pid,
+            )

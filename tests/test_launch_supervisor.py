@@ -617,9 +617,11 @@ def test_a_killed_launch_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux lets launch adopt daemons")
 def test_daemons_end_with_the_launch(tmp_path: Path) -> None:
     """A process that left its group and its parent is found, and ended with the launch."""
-    nodes = """
-        - command: [sh, -c, "setsid sh -c 'trap : INT; echo ready $$; while :; do sleep 0.01;
-            done' & exit 0"]
+    # The parent ends when the daemon has left its group, not before.
+    away = tmp_path / "away"
+    nodes = f"""
+        - command: [sh, -c, "setsid sh -c 'trap : INT; echo ready $$; : > {away}; while :; do
+            sleep 0.01; done' & while [ ! -e {away} ]; do sleep 0.01; done; exit 0"]
           name: daemon
         - {command: [sh, -c, "trap 'exit 0' INT; while :; do sleep 0.01; done"], name: other}
     """

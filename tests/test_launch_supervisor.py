@@ -623,7 +623,8 @@ def test_daemons_end_with_the_launch(tmp_path: Path) -> None:
         - command: [sh, -c, "setsid sh -c 'trap : INT; echo ready $$; : > {away}; while :; do
             sleep 0.01; done' & while [ ! -e {away} ]; do sleep 0.01; done; exit 0"]
           name: daemon
-        - {command: [sh, -c, "trap 'exit 0' INT; while :; do sleep 0.01; done"], name: other}
+        - command: [sh, -c, "trap 'exit 0' INT; while :; do sleep 0.01; done"]
+          name: other
     """
     with started(tmp_path, nodes) as launch:
         pids = pids_in(launch.wait_for("[daemon] ready"))

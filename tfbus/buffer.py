@@ -1,171 +1,154 @@
-"""The buffer: the last seconds of every frame, and the transform between any two at any time."""
+"""The buffer: the last seconds of every frame, and the transform between any two at any time.
+
+One of the modules that are compiled where there is a C compiler (`buffer.pxd` says the C types).
+"""
 
 import asyncio
+import logging
 import threading
 import time
-from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfbus.batch import TransformBatch
+from tfbus.change import Change
+from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import (
-    ConnectivityException,
     ExtrapolationException,
-    FutureExtrapolationException,
     InvalidArgumentException,
-    LookupException,
-    LoopException,
-    NoDataException,
-    PastExtrapolationException,
-    SingleSampleException,
     TimeoutException,
     TransformException,
 )
+from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.frame import FrameInfo as FrameInfo
-from tfbus.transform import Transform, TransformStamped, check_frame_id, check_stamp
+from tfbus.kernel import Pose
+from tfbus.outcome import ALL_STATIC, NO_DATA
+from tfbus.sampling import TF2, Sampling
+from tfbus.transform import (
+    QUATERNION_TOLERANCE,
+    UNIT_TO_THE_LAST_BIT,
+    Transform,
+    TransformStamped,
+    check_frame_id,
+    check_stamp,
+    make_stamped,
+)
+from tfbus.transform_array import TransformArray, rotate
+from tfbus.tree import Tree
+from tfbus.twist import TwistStamped, fit_twist, pick_stamps
+from tfbus.waiting import Question, Waiter, Waiters
 
-NS_PER_S = 1_000_000_000
+try:
+    import cython
+except ImportError:
+    from tfbus import uncompiled as cython
 
+# Whether this kernel is compiled, or interpreted.
+COMPILED: bool = cython.compiled
 
-class _Edge:
-    """The samples of one child frame, sorted by stamp."""
+# A batch holds the lock for so many stamps at a time, which is some microseconds.
+_CHUNK = 256
+# As long as a cache can be: stamps span no more.
+_LONGEST_NS = 2**62
 
-    def __init__(self, parent: str, *, static: bool) -> None:
-        self.parent = parent
-        self.static = static
-        self.authority = ""
-        self.conflicts = 0
-        self.stamps: list[int] = []
-        self.poses: list[Transform] = []
-        self.parents: list[str] = []
-
-    def insert(self, ts: TransformStamped, cache_ns: int) -> bool:
-        stamp = ts.stamp_ns
-        if self.static:
-            self.stamps, self.poses, self.parents = [stamp], [ts.transform], [ts.frame_id]
-            self.parent = ts.frame_id
-            return True
-        if self.stamps and stamp < self.stamps[-1] - cache_ns:
-            return False
-        at = bisect_left(self.stamps, stamp)
-        if at < len(self.stamps) and self.stamps[at] == stamp:
-            if self.poses[at] != ts.transform or self.parents[at] != ts.frame_id:
-                self.conflicts += 1
-            self.poses[at], self.parents[at] = ts.transform, ts.frame_id
-        else:
-            self.stamps.insert(at, stamp)
-            self.poses.insert(at, ts.transform)
-            self.parents.insert(at, ts.frame_id)
-        self.parent = self.parents[-1]
-        expired = bisect_left(self.stamps, self.stamps[-1] - cache_ns)
-        del self.stamps[:expired], self.poses[:expired], self.parents[:expired]
-        return True
+_log = logging.getLogger(__name__)
 
 
 class Buffer:
-    """Transforms of the last `cache_time_s` seconds, assembled into a tree of frames.
+    """The transforms of the last `cache_time_s` seconds, by their own stamps.
 
-    Safe from any thread. A lookup with a timeout waits on a condition until data arrives.
+    What is set becomes an edge from parent to child; a lookup follows the edges between two
+    frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
+    unless `sampling` says otherwise.
+
+    Safe from any thread. There is one lock, which no call holds for longer than one lookup; a
+    lookup with a timeout waits on a condition, without the lock, and never polls.
+
+    `rejected` counts the rows of batches that could not be taken, by their reason.
     """
 
-    def __init__(self, cache_time_s: float = 10.0) -> None:
+    def __init__(self, cache_time_s: float = 10.0, *, sampling: Sampling = TF2) -> None:
+        if not cache_time_s >= 0.0:
+            raise InvalidArgumentException(
+                f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
+            )
+        if not cython.compiled:
+            # Compiled, it is a mutex of C.
+            self._lock = threading.Lock()
         self.cache_time_s = cache_time_s
+        self.sampling = TF2 if sampling == TF2 else sampling
         self.rejected: Counter[str] = Counter()
-        self._cache_ns = round(cache_time_s * NS_PER_S)
-        self._edges: dict[str, _Edge] = {}
-        self._names: dict[str, None] = {}
-        self._changed = threading.Condition()
-        self._watchers: set[Callable[[], None]] = set()
+        self._tree = Tree(round(min(cache_time_s * 1e9, _LONGEST_NS)))
+        self._waiters = Waiters(self._tree)
+        self._listeners: list[Callable[[Change], None]] = []
 
     # Filling it
 
     def set_transform(
-        self, ts: TransformStamped, *, static: bool = False, authority: str = ""
+        self, transform: TransformStamped, *, static: bool = False, authority: str = ""
     ) -> bool:
-        """Store one transform; False where it is older than the cache and was not kept.
+        """Take one transform; a static one holds at all times.
 
-        Raises InvalidArgumentException where both frames are one, LoopException where the edge
-        would close a loop.
+        False where it is older than the newest of its child frame by more than the cache time.
+        One that repeats a stamp replaces the former; where it differs, that is a conflict, which
+        is counted and told to listeners. Raises InvalidArgumentException for a frame that is its
+        own parent, LoopException for an edge that would close a loop; then nothing has changed.
         """
-        with self._changed:
-            kept = self._insert(ts, static, authority)
-            self._tell()
-        return kept
+        with self._lock:
+            taken = self._insert_one(transform, static, authority)
+        if self._tree.touched or self._tree.news:
+            self._announce()
+        return taken
 
     def set_transforms(
         self, batch: TransformBatch, *, static: bool = False, authority: str = ""
     ) -> int:
-        """Store the rows of a batch; the number that were kept.
+        """Take the rows of a batch; how many were taken.
 
-        A row that cannot be right costs only itself: it is counted in `rejected`, by its reason.
+        A row that cannot be taken harms none of the others: it is counted in `rejected`, by its
+        reason.
         """
-        kept = 0
-        with self._changed:
-            for row in range(len(batch)):
-                try:
-                    kept += self._insert(_row(batch, row), static, authority)
-                except InvalidArgumentException as error:
-                    self.rejected[str(error)] += 1
-            self._tell()
-        return kept
+        if not len(batch):
+            return 0
+        with self._lock:
+            taken = self._insert_rows(
+                batch.frames,
+                batch.edges.data,
+                batch.stamps_ns.data,
+                batch.poses.data,
+                static,
+                authority,
+            )
+        if self._tree.touched or self._tree.news:
+            self._announce()
+        return taken
 
     def clear(self) -> None:
-        """Forget all dynamic transforms; static ones stay."""
-        with self._changed:
-            self._edges = {child: edge for child, edge in self._edges.items() if edge.static}
-            self._names = {}
-            for child, edge in self._edges.items():
-                self._names |= {edge.parent: None, child: None}
+        """Forget all samples; static transforms stay, and so do the names of all frames."""
+        with self._lock:
+            self._tree.clear()
+        self._waiters.wake_all()
 
     def remove(self, frame: str) -> None:
-        """Forget a frame with its history, and its place as a parent.
+        """Forget a frame's place in its parent, static or not, and its history.
 
-        Raises LookupException where it is not known.
+        Frames below it stay, and it stays as their root. Raises LookupException where it is not
+        known.
         """
-        with self._changed:
-            self._check_known(frame)
-            self._edges.pop(frame, None)
-            for child in [c for c, edge in self._edges.items() if edge.parent == frame]:
-                del self._edges[child]
-            del self._names[frame]
+        with self._lock:
+            known = self._tree.remove(frame)
+        if not known:
+            raise self._unknown(frame)
+        self._waiters.wake_all()
+        if self._tree.news:
+            self._announce()
 
-    def _insert(self, ts: TransformStamped, static: bool, authority: str) -> bool:
-        parent, child = ts.frame_id, ts.child_frame_id
-        if parent == child:
-            raise InvalidArgumentException(
-                f"frame {child!r} cannot be its own parent; frame_id and child_frame_id differ"
-            )
-        edge = self._edges.get(child)
-        if edge is None or edge.parent != parent:
-            self._refuse_loop(parent, child, authority)
-        if edge is None:
-            edge = self._edges[child] = _Edge(parent, static=static)
-            self._names |= {parent: None, child: None}
-        edge.static = static
-        self._names.setdefault(parent)
-        kept = edge.insert(ts, self._cache_ns)
-        if kept:
-            edge.authority = authority
-        return kept
-
-    def _refuse_loop(self, parent: str, child: str, authority: str) -> None:
-        chain = self._ancestors(parent)
-        if child in chain:
-            path = tuple(chain[: chain.index(child) + 1])
-            other = self._edges[parent].authority
-            raise LoopException(
-                f"{parent!r} -> {child!r}, sent by {authority!r}, would close a loop: "
-                f"{' -> '.join(reversed(path))} is known already, sent by {other!r}; "
-                "one of the two is to stop",
-                path=path,
-                authority=authority,
-                other_authority=other,
-            )
-
-    # Asking it
+    # Looking up
 
     def lookup_transform(
         self,
@@ -174,15 +157,36 @@ class Buffer:
         stamp_ns: int | None = None,
         *,
         timeout_s: float = 0.0,
+        sampling: Sampling | None = None,
     ) -> TransformStamped:
-        """The transform that takes data of `source_frame` into `target_frame`.
+        """The transform that takes data in `source_frame` into `target_frame`.
 
-        So: the pose of the source seen from the target. `stamp_ns` None is the latest time at
-        which the whole path is known. With a timeout it waits that long for data to come.
-        Raises LookupException, ConnectivityException, ExtrapolationException, or
-        TimeoutException after waiting.
+        So: the pose of the source seen from the target, at the stamp; None is the latest time
+        that every edge between the two has come to. Of static edges alone that is 0.
+
+        Waits for at most `timeout_s` seconds for what may still come. Raises
+        InvalidArgumentException for a name that cannot be, LookupException for one that is not
+        known, ConnectivityException where no path joins them, a kind of ExtrapolationException
+        where the time is outside of what is known; and TimeoutException after waiting, with the
+        reason in it.
         """
-        return self._wait(lambda: self._lookup(target_frame, source_frame, stamp_ns), timeout_s)
+        if stamp_ns is not None and type(stamp_ns) is not int:
+            stamp_ns = check_stamp(stamp_ns)
+        try:
+            with self._lock:
+                answer = self._tree.answer(
+                    target_frame,
+                    source_frame,
+                    stamp_ns,
+                    self.sampling if sampling is None else sampling,
+                )
+        except OverflowError:
+            check_stamp(stamp_ns)
+            raise
+        if answer is None:
+            question = (target_frame, source_frame, stamp_ns)
+            answer = self._wait((question,), timeout_s, sampling)[0]
+        return answer
 
     def lookup_transform_full(
         self,
@@ -193,33 +197,18 @@ class Buffer:
         fixed_frame: str,
         *,
         timeout_s: float = 0.0,
+        sampling: Sampling | None = None,
     ) -> TransformStamped:
         """The source as it was at one time, seen from the target at another.
 
-        `fixed_frame` does not move between the two times. The answer has the target's stamp.
+        `fixed_frame` is one that does not move in between. The answer has the target's stamp.
+        Waits and raises as `lookup_transform`.
         """
-
-        def travel() -> TransformStamped:
-            back = self._lookup(fixed_frame, source_frame, source_stamp_ns)
-            there = self._lookup(target_frame, fixed_frame, target_stamp_ns)
-            return TransformStamped(
-                there.stamp_ns, target_frame, source_frame, there.transform @ back.transform
-            )
-
-        return self._wait(travel, timeout_s)
-
-    def lookup_transforms(
-        self, target_frame: str, source_frame: str, stamps_ns: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The transform at each of N stamps: translations (N, 3), quaternions (N, 4)."""
-        stamps = np.asarray(stamps_ns, dtype=np.int64)
-        with self._changed:
-            found = [
-                self._lookup(target_frame, source_frame, stamp).transform
-                for stamp in stamps.tolist()
-            ]
-        xyz = np.array([t.xyz for t in found]).reshape(-1, 3)
-        return xyz, np.array([t.quat_xyzw for t in found]).reshape(-1, 4)
+        questions = (
+            (fixed_frame, source_frame, _stamp(source_stamp_ns)),
+            (target_frame, fixed_frame, _stamp(target_stamp_ns)),
+        )
+        return _joined(self._wait(questions, timeout_s, sampling))
 
     def can_transform(
         self,
@@ -228,12 +217,14 @@ class Buffer:
         stamp_ns: int | None = None,
         *,
         timeout_s: float = 0.0,
+        sampling: Sampling | None = None,
     ) -> bool:
-        """Whether `lookup_transform` with the same arguments would answer."""
+        """Whether `lookup_transform` with the same arguments answers."""
+        question = (target_frame, source_frame, _stamp(stamp_ns))
+        if timeout_s <= 0.0:
+            return self._ask((question,), sampling) is not None
         try:
-            self.lookup_transform(target_frame, source_frame, stamp_ns, timeout_s=timeout_s)
-        except InvalidArgumentException:
-            raise
+            self._wait((question,), timeout_s, sampling)
         except TransformException:
             return False
         return True
@@ -245,198 +236,561 @@ class Buffer:
         stamp_ns: int | None = None,
         *,
         timeout_s: float | None = None,
+        sampling: Sampling | None = None,
     ) -> TransformStamped:
-        """`lookup_transform` for asyncio: await until the answer is there.
+        """The answer of `lookup_transform` as soon as there is one, for asyncio.
 
-        Raises TimeoutException after `timeout_s`; None waits for ever. It can be cancelled.
+        Raises TimeoutException after `timeout_s` (None: never), and at once what waiting cannot
+        mend. Cancel it as any task.
         """
-        loop = asyncio.get_running_loop()
-        changed = asyncio.Event()
+        question = (target_frame, source_frame, _stamp(stamp_ns))
+        return (await self._wait_async((question,), timeout_s, sampling))[0]
 
-        def tell() -> None:
-            loop.call_soon_threadsafe(changed.set)
+    async def wait_for_transform_full(
+        self,
+        target_frame: str,
+        target_stamp_ns: int | None,
+        source_frame: str,
+        source_stamp_ns: int | None,
+        fixed_frame: str,
+        *,
+        timeout_s: float | None = None,
+        sampling: Sampling | None = None,
+    ) -> TransformStamped:
+        """The answer of `lookup_transform_full` as soon as there is one, for asyncio."""
+        questions = (
+            (fixed_frame, source_frame, _stamp(source_stamp_ns)),
+            (target_frame, fixed_frame, _stamp(target_stamp_ns)),
+        )
+        return _joined(await self._wait_async(questions, timeout_s, sampling))
 
-        deadline = None if timeout_s is None else loop.time() + timeout_s
-        self._watchers.add(tell)
+    def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
+        """The latest stamp that every edge between the two frames has come to.
+
+        None where all of them are static. Raises as `lookup_transform`.
+        """
+        with self._lock:
+            path = self._tree.path(target_frame, source_frame)
+            latest = NO_DATA if path is None else path.latest()
+        if latest == NO_DATA:
+            raise self._why_not((target_frame, source_frame, None), None)
+        return None if latest == ALL_STATIC else latest
+
+    # Looking up many
+
+    def lookup_transforms(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps_ns: ArrayLike,
+        *,
+        sampling: Sampling | None = None,
+    ) -> TransformArray:
+        """The transforms at N stamps: `xyz` (N, 3) in metres and `quat_xyzw` (N, 4).
+
+        Raises as `lookup_transform` where one of the stamps cannot be answered. The lock is let
+        go now and then, so writers need not wait for all of it.
+        """
+        stamps = _stamps(stamps_ns)
+        answers, known = self._fill(target_frame, source_frame, stamps, sampling)
+        if not known.all():
+            first = int(stamps[np.argmin(known)])
+            raise self._why_not((target_frame, source_frame, first), sampling)
+        return answers
+
+    def lookup_known_transforms(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps_ns: ArrayLike,
+        *,
+        sampling: Sampling | None = None,
+    ) -> tuple[TransformArray, NDArray[np.bool_]]:
+        """The transforms at those of N stamps that can be answered, and which they are.
+
+        The mask (N,) is False, and the rows are NaN, where the time is out of range. Raises
+        LookupException or ConnectivityException where no stamp could be answered whatever it is.
+        """
+        return self._fill(target_frame, source_frame, _stamps(stamps_ns), sampling)
+
+    def transform_points(
+        self,
+        points: ArrayLike,
+        target_frame: str,
+        source_frame: str,
+        stamps_ns: ArrayLike | None = None,
+        *,
+        target_stamp_ns: int | None = None,
+        fixed_frame: str | None = None,
+        sampling: Sampling | None = None,
+    ) -> NDArray[np.float64]:
+        """Points (N, 3) of the source frame, taken into the target frame.
+
+        `stamps_ns` is one time, or one for each point (N,); None is the latest. With a
+        `fixed_frame` all points go into the target as it was at `target_stamp_ns` (None: the
+        latest): so a lidar's scan, each point of which has its own time, is undistorted. Raises
+        as `lookup_transform`.
+        """
+        array = np.asarray(points, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise InvalidArgumentException(f"points have shape {array.shape}; (N, 3) is wanted")
+        if fixed_frame is not None:
+            into = self.lookup_transform(
+                target_frame, fixed_frame, target_stamp_ns, sampling=sampling
+            )
+            fixed = self.transform_points(
+                array, fixed_frame, source_frame, stamps_ns, sampling=sampling
+            )
+            return into.transform.apply(fixed)
+        if stamps_ns is None or np.ndim(stamps_ns) == 0:
+            whole = self.lookup_transform(
+                target_frame,
+                source_frame,
+                None if stamps_ns is None else check_stamp(stamps_ns),
+                sampling=sampling,
+            )
+            return whole.transform.apply(array)
+        stamps = _stamps(stamps_ns)
+        if len(stamps) != len(array):
+            raise InvalidArgumentException(
+                f"there are {len(array)} points but {len(stamps)} stamps; each needs its own"
+            )
+        xyz, quat_xyzw = self.lookup_transforms(
+            target_frame, source_frame, stamps, sampling=sampling
+        )
+        moved: NDArray[np.float64] = rotate(quat_xyzw, array) + xyz
+        return moved
+
+    def lookup_twist(
+        self,
+        frame: str,
+        reference_frame: str,
+        stamp_ns: int | None = None,
+        *,
+        observation_frame: str | None = None,
+        window_s: float = 0.1,
+    ) -> TwistStamped:
+        """How `frame` moves against `reference_frame`: linear in m/s, angular in rad/s.
+
+        Both are written in the axes of `observation_frame`, which is the reference unless it is
+        given, as it stands at that time. Estimated from the samples of a window of `window_s`
+        around the stamp, moved to where there are samples; None is the latest common time. Exact
+        where the motion in the window is a line, a circle or a screw at constant speed. Raises as
+        `lookup_transform`.
+        """
+        observer = reference_frame if observation_frame is None else observation_frame
+        now = self.lookup_transform(reference_frame, frame, stamp_ns)
+        axes = self.lookup_transform(observer, reference_frame, now.stamp_ns).transform
+        with self._lock:
+            path = self._tree.path(reference_frame, frame)
+            moving = [] if path is None else [h for h in path.edges() if not h.static]
+            spans = [history.stamp_span() for history in moving]
+        if not moving:
+            still = np.zeros(3)
+            stamp = now.stamp_ns
+            return TwistStamped(stamp, observer, frame, reference_frame, still, still, stamp, stamp)
+        oldest = max(span[0] for span in spans if span)
+        newest = min(span[1] for span in spans if span)
+        width = round(window_s * 1e9)
+        end = min(max(now.stamp_ns, oldest) + width // 2, newest)
+        start = max(end - width, oldest)
+        if end <= start:
+            raise self._too_few_for_twist(frame, reference_frame, now.stamp_ns, window_s)
+        with self._lock:
+            sampled = [stamp for h in moving for stamp in h.stamps_from(start, end)]
+        stamps = pick_stamps(sampled, start, end)
+        xyz, quat_xyzw = self.lookup_transforms(reference_frame, frame, stamps)
+        poses = [Transform(x, q) for x, q in zip(xyz, quat_xyzw, strict=True)]
+        linear, angular = fit_twist(stamps, poses)
+        turn = axes @ now.transform
+        return TwistStamped(
+            now.stamp_ns,
+            observer,
+            frame,
+            reference_frame,
+            turn.rotate(linear),
+            turn.rotate(angular),
+            start,
+            end,
+        )
+
+    # Looking around
+
+    def on_change(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call the listener with each change from now on; call what it returns to end that.
+
+        It is called in the thread that inserts, without the lock, one change after another; it
+        may use the buffer. What it raises is logged.
+        """
+        with self._lock:
+            self._listeners = [*self._listeners, listener]
+            if self._tree.news is None:
+                self._tree.news = []
+
+        def end() -> None:
+            with self._lock:
+                with suppress(ValueError):
+                    others = list(self._listeners)
+                    others.remove(listener)
+                    self._listeners = others
+                if not self._listeners:
+                    self._tree.news = None
+
+        return end
+
+    @property
+    def waiting(self) -> int:
+        """How many lookups wait in it now."""
+        return len(self._waiters)
+
+    def frames(self) -> list[str]:
+        """The names of all known frames, sorted."""
+        with self._lock:
+            return sorted(self._tree.frames)
+
+    def frame(self, name: str) -> FrameInfo:
+        """What is known of one frame. Raises LookupException where it is not known."""
+        with self._lock:
+            info = self._tree.info(name)
+        if info is None:
+            raise self._unknown(name)
+        return info
+
+    def path(self, target_frame: str, source_frame: str) -> list[str]:
+        """The frames from the source to the target, both included, as the tree is now.
+
+        Raises LookupException or ConnectivityException.
+        """
+        with self._lock:
+            path = self._tree.path(target_frame, source_frame)
+            names = [] if path is None else path.names()
+        if not names:
+            raise self._why_not((target_frame, source_frame, None), None)
+        return names
+
+    def all_frames(self) -> list[FrameInfo]:
+        """What is known of every frame, sorted by name."""
+        with self._lock:
+            return self._tree.infos()
+
+    def all_frames_as_yaml(self) -> str:
+        """Every edge as YAML, in the form of tf2's `allFramesAsYAML`."""
+        return as_yaml(self.all_frames())
+
+    def all_frames_as_dot(self) -> str:
+        """The trees as a Graphviz graph, in the form of tf2's view_frames."""
+        return as_dot(self.all_frames())
+
+    def all_frames_as_text(self) -> str:
+        """The trees as lines of text, children below their parent."""
+        return as_text(self.all_frames())
+
+    def _repr_svg_(self) -> str:
+        return as_svg(self.all_frames())
+
+    def __repr__(self) -> str:
+        return f"<Buffer of {len(self._tree.frames)} frames over {self.cache_time_s:g} s>"
+
+    # The rest is not for users
+
+    def _insert_one(self, transform: TransformStamped, static: bool, authority: str) -> bool:
+        return self._tree.insert(
+            transform._frame_id,
+            transform._child_frame_id,
+            transform._stamp_ns,
+            transform._transform._pose,
+            static,
+            authority,
+        )
+
+    def _insert_rows(
+        self,
+        frames: tuple[str, ...],
+        edges: memoryview,
+        stamps: memoryview,
+        poses: memoryview,
+        static: bool,
+        authority: str,
+    ) -> int:
+        taken = 0
+        for i in range(len(stamps)):
+            parent, child = frames[edges[i, 0]], frames[edges[i, 1]]
+            x, y, z = poses[i, 0], poses[i, 1], poses[i, 2]
+            qx, qy, qz, qw = poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
+            stamp = stamps[i]
+            total = x + y + z
+            square = qx * qx + qy * qy + qz * qz + qw * qw
+            error = square - 1.0
+            # Of numbers that are not finite a difference to themselves is not 0.
+            if total - total != 0.0 or square - square != 0.0:
+                self._reject(child, "a number is not finite")
+            elif error >= QUATERNION_TOLERANCE or error <= -QUATERNION_TOLERANCE:
+                self._reject(child, "the quaternion's norm is not 1")
+            elif stamp >= _LONGEST_NS or stamp <= -_LONGEST_NS:
+                self._reject(child, "the stamp is not within 146 years of 1970")
+            else:
+                if error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
+                    scale = square**-0.5
+                    qx, qy, qz, qw = qx * scale, qy * scale, qz * scale, qw * scale
+                pose: Pose = (x, y, z, qx, qy, qz, qw)
+                try:
+                    taken += self._tree.insert(parent, child, stamp, pose, static, authority)
+                except InvalidArgumentException as reason:
+                    self.rejected[str(reason)] += 1
+        return taken
+
+    def _reject(self, child: str, reason: str) -> None:
+        self.rejected[f"{child!r}: {reason}"] += 1
+
+    def _fill(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps: NDArray[np.int64],
+        sampling: Sampling | None,
+    ) -> tuple[TransformArray, NDArray[np.bool_]]:
+        sampling = self.sampling if sampling is None else sampling
+        if self._ask_path(target_frame, source_frame) is None:
+            self._check_connected(target_frame, source_frame, stamps)
+        xyz = np.full((len(stamps), 3), np.nan)
+        quat_xyzw = np.full((len(stamps), 4), np.nan)
+        known = np.zeros(len(stamps), dtype=np.bool_)
+        if len(stamps):
+            self._fill_chunks(
+                target_frame,
+                source_frame,
+                stamps.data,
+                xyz.reshape(-1).data,
+                quat_xyzw.reshape(-1).data,
+                known.view(np.uint8).data,
+                sampling,
+            )
+        return TransformArray(xyz, quat_xyzw), known
+
+    def _fill_chunks(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps: Any,
+        xyz: Any,
+        quat: Any,
+        known: Any,
+        sampling: Sampling,
+    ) -> None:
+        count = len(stamps)
+        strict = sampling.interpolation != "nearest" and not sampling.extrapolation_s
+        screw = sampling.interpolation == "screw"
+        for start in range(0, count, _CHUNK):
+            stop = min(start + _CHUNK, count)
+            with self._lock:
+                path = self._tree.path(target_frame, source_frame)
+                if strict and path is not None and not path.is_mixed():
+                    path.fill(stamps, start, stop, xyz, quat, known, screw)
+                else:
+                    for i in range(start, stop):
+                        answer = self._tree.answer(target_frame, source_frame, stamps[i], sampling)
+                        if answer is not None:
+                            _write_row(answer, i, xyz, quat, known)
+            # Let others have a turn.
+            with cython.nogil:
+                pass
+
+    def _ask_path(self, target_frame: str, source_frame: str) -> object:
+        with self._lock:
+            return self._tree.path(target_frame, source_frame)
+
+    def _check_connected(
+        self, target_frame: str, source_frame: str, stamps: NDArray[np.int64]
+    ) -> None:
+        """Raise where no path joins the frames now, nor at one of the times."""
+        for stamp in stamps.tolist():
+            if self._ask(((target_frame, source_frame, stamp),), None) is not None:
+                return
+        raise self._why_not((target_frame, source_frame, None), None)
+
+    def _ask(
+        self, questions: Sequence[Question], sampling: Sampling | None
+    ) -> list[TransformStamped] | None:
+        """The answers, of one state of the buffer; None where one is missing."""
+        answers = []
+        with self._lock:
+            for target_frame, source_frame, stamp_ns in questions:
+                answer = self._tree.answer(
+                    target_frame,
+                    source_frame,
+                    stamp_ns,
+                    self.sampling if sampling is None else sampling,
+                )
+                if answer is None:
+                    return None
+                answers.append(answer)
+        return answers
+
+    def _wait(
+        self, questions: Sequence[Question], timeout_s: float, sampling: Sampling | None
+    ) -> list[TransformStamped]:
+        answers = self._ask(questions, sampling)
+        if answers is not None:
+            return answers
+        if timeout_s <= 0.0:
+            raise self._why_none(questions, sampling)
+        deadline = time.monotonic() + timeout_s
+        changed = threading.Event()
+        waiter = Waiter(changed.set)
+        self._waiters.add(waiter)
         try:
             while True:
                 changed.clear()
-                try:
-                    with self._changed:
-                        return self._lookup(target_frame, source_frame, stamp_ns)
-                except (PastExtrapolationException, InvalidArgumentException):
-                    raise
-                except TransformException as error:
-                    reason = error
-                left = None if deadline is None else deadline - loop.time()
-                try:
-                    await asyncio.wait_for(changed.wait(), left)
-                except TimeoutError:
-                    raise _timed_out(timeout_s or 0.0, reason) from reason
+                self._watch(waiter, questions)
+                answers = self._ask(questions, sampling)
+                if answers is not None:
+                    return answers
+                reason = self._why_none(questions, sampling)
+                if not may_come(reason):
+                    raise reason
+                if not changed.wait(max(0.0, deadline - time.monotonic())):
+                    raise _timed_out(timeout_s, reason) from reason
         finally:
-            self._watchers.discard(tell)
+            self._waiters.discard(waiter)
 
-    def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
-        """The newest stamp at which the whole path is known; None where all of it is static."""
-        with self._changed:
-            up, down = self._path(target_frame, source_frame)
-            return self._latest(up + down)
+    async def _wait_async(
+        self,
+        questions: Sequence[Question],
+        timeout_s: float | None,
+        sampling: Sampling | None,
+    ) -> list[TransformStamped]:
+        answers = self._ask(questions, sampling)
+        if answers is not None:
+            return answers
+        loop = asyncio.get_running_loop()
+        changed = asyncio.Event()
 
-    def _lookup(self, target: str, source: str, stamp_ns: int | None) -> TransformStamped:
-        up, down = self._path(target, source)
-        if stamp_ns is None:
-            stamp_ns = self._latest(up + down) or 0
-        stamp_ns = check_stamp(stamp_ns)
-        return TransformStamped(
-            stamp_ns,
-            target,
-            source,
-            self._compose(down, stamp_ns).inverse() @ self._compose(up, stamp_ns),
-        )
+        def wake() -> None:
+            # The loop may be closed already, and nobody there to be woken.
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(changed.set)
 
-    def _path(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """The frames below the common ancestor: up from the source, up from the target."""
-        for what, frame in (("target_frame", target), ("source_frame", source)):
-            check_frame_id(frame, what)
-            self._check_known(frame)
-        above_source, above_target = self._ancestors(source), self._ancestors(target)
-        below = set(above_target)
-        common = next((frame for frame in above_source if frame in below), None)
-        if common is None:
-            raise ConnectivityException(
-                f"{target!r} and {source!r} are not connected: the one is in the tree of "
-                f"{above_target[-1]!r}, the other in that of {above_source[-1]!r}",
-                target_frame=target,
-                source_frame=source,
-                target_root=above_target[-1],
-                source_root=above_source[-1],
-            )
-        return (
-            above_source[: above_source.index(common)],
-            above_target[: above_target.index(common)],
-        )
+        waiter = Waiter(wake)
+        reason: TransformException | None = None
+        self._waiters.add(waiter)
+        try:
+            async with asyncio.timeout(timeout_s):
+                while True:
+                    changed.clear()
+                    self._watch(waiter, questions)
+                    answers = self._ask(questions, sampling)
+                    if answers is not None:
+                        return answers
+                    reason = self._why_none(questions, sampling)
+                    if not may_come(reason):
+                        raise reason
+                    await changed.wait()
+        except TimeoutError:
+            raise _timed_out(timeout_s or 0.0, reason) from reason
+        finally:
+            self._waiters.discard(waiter)
 
-    def _ancestors(self, frame: str) -> list[str]:
-        chain = [frame]
-        while chain[-1] in self._edges:
-            chain.append(self._edges[chain[-1]].parent)
-        return chain
+    def _watch(self, waiter: Waiter, questions: Sequence[Question]) -> None:
+        with self._lock:
+            self._waiters.watch(waiter, questions)
 
-    def _latest(self, frames: list[str]) -> int | None:
-        newest = [self._edges[f].stamps[-1] for f in frames if not self._edges[f].static]
-        return min(newest, default=None)
-
-    def _compose(self, chain: list[str], stamp_ns: int) -> Transform:
-        whole = Transform.identity()
-        for child in chain:
-            whole = self._sample(child, stamp_ns) @ whole
-        return whole
-
-    def _sample(self, child: str, stamp_ns: int) -> Transform:
-        edge = self._edges[child]
-        stamps, poses = edge.stamps, edge.poses
-        if edge.static:
-            return poses[-1]
-        after = bisect_right(stamps, stamp_ns)
-        if after and stamps[after - 1] == stamp_ns:
-            return poses[after - 1]
-        if after == 0 or after == len(stamps):
-            raise self._no_data(child, edge, stamp_ns)
-        before = after - 1
-        if edge.parents[before] != edge.parents[after]:
-            return poses[before]
-        ratio = (stamp_ns - stamps[before]) / (stamps[after] - stamps[before])
-        return poses[before].interpolate(poses[after], ratio)
-
-    def _no_data(self, child: str, edge: _Edge, stamp_ns: int) -> ExtrapolationException:
-        oldest, newest = edge.stamps[0], edge.stamps[-1]
-        kind: type[ExtrapolationException]
-        if not edge.stamps:
-            kind, what = NoDataException, "there is no sample of it"
-        elif len(edge.stamps) == 1:
-            kind, what = SingleSampleException, f"its only sample is of {newest} ns"
-        elif stamp_ns < oldest:
-            kind = PastExtrapolationException
-            what = f"its oldest sample is {(oldest - stamp_ns) / 1e9:g} s later"
-        else:
-            kind = FutureExtrapolationException
-            what = f"its newest sample is {(stamp_ns - newest) / 1e9:g} s earlier"
-        return kind(
-            f"no data of {edge.parent!r} -> {child!r} (sent by {edge.authority!r}) at "
-            f"{stamp_ns} ns: {what}",
-            frame_id=edge.parent,
-            child_frame_id=child,
-            requested_ns=stamp_ns,
-            oldest_ns=oldest,
-            newest_ns=newest,
-            authority=edge.authority,
-        )
-
-    # What it holds
-
-    def frames(self) -> list[str]:
-        """The names of all frames, sorted."""
-        with self._changed:
-            return sorted(self._names)
-
-    def frame(self, name: str) -> FrameInfo:
-        """What is known about one frame. Raises LookupException where it is unknown."""
-        with self._changed:
-            self._check_known(name)
-            children = tuple(c for c, e in self._edges.items() if e.parent == name)
-            edge = self._edges.get(name)
-            if edge is None:
-                return FrameInfo(name, children=children)
-            oldest, newest = edge.stamps[0], edge.stamps[-1]
-            moving = not edge.static and newest > oldest
-            return FrameInfo(
-                name,
-                edge.parent,
-                children,
-                edge.static,
-                len(edge.stamps),
-                (len(edge.stamps) - 1) * 1e9 / (newest - oldest) if moving else None,
-                oldest,
-                newest,
-                edge.authority,
-                edge.conflicts,
-            )
-
-    def _check_known(self, frame: str) -> None:
-        if frame not in self._names:
-            raise LookupException(f"there is no frame {frame!r}", frame=frame)
-
-    # Waiting
-
-    def _wait(self, attempt: Callable[[], TransformStamped], timeout_s: float) -> TransformStamped:
-        deadline = time.monotonic() + timeout_s
-        with self._changed:
-            while True:
+    def _announce(self) -> None:
+        """Wake those who wait, and tell those who listen; without the lock."""
+        tree = self._tree
+        with self._lock:
+            touched, moved, news = tree.touched, tree.moved, tree.news
+            if touched is not None:
+                tree.touched, tree.moved = [], []
+            if news is not None:
+                tree.news = []
+            spans = [(history, history.stamp_span()) for history in touched or ()]
+            listeners = self._listeners
+        if spans or moved:
+            self._waiters.notify(spans, moved or ())
+        for change in news or ():
+            for listener in listeners:
                 try:
-                    return attempt()
-                except (PastExtrapolationException, InvalidArgumentException):
-                    raise
-                except TransformException as error:
-                    if timeout_s <= 0.0:
-                        raise
-                    if not self._changed.wait(max(0.0, deadline - time.monotonic())):
-                        raise _timed_out(timeout_s, error) from error
+                    listener(change)
+                except Exception:
+                    _log.exception("a listener of changes failed")
 
-    def _tell(self) -> None:
-        self._changed.notify_all()
-        for tell in tuple(self._watchers):
-            tell()
+    def _why_none(
+        self, questions: Sequence[Question], sampling: Sampling | None
+    ) -> TransformException:
+        """The error for the first of the questions that has no answer."""
+        for question in questions[:-1]:
+            if self._ask((question,), sampling) is None:
+                return self._why_not(question, sampling)
+        return self._why_not(questions[-1], sampling)
+
+    def _why_not(self, question: Question, sampling: Sampling | None) -> TransformException:
+        target_frame, source_frame, stamp_ns = question
+        for frame, what in ((target_frame, "target_frame"), (source_frame, "source_frame")):
+            check_frame_id(frame, what)
+            if frame not in self._tree.frames:
+                return self._unknown(frame)
+        if stamp_ns is not None:
+            check_stamp(stamp_ns)
+        with self._lock:
+            error = why_not(
+                self._tree,
+                target_frame,
+                source_frame,
+                stamp_ns,
+                self.sampling if sampling is None else sampling,
+            )
+        return error or ExtrapolationException(
+            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, and can be "
+            "now: ask again",
+            requested_ns=stamp_ns,
+        )
+
+    def _unknown(self, frame: str) -> TransformException:
+        with self._lock:
+            names = list(self._tree.frames)
+        return unknown_frame(frame, names)
+
+    def _too_few_for_twist(
+        self, frame: str, reference_frame: str, stamp_ns: int, window_s: float
+    ) -> TransformException:
+        return ExtrapolationException(
+            f"{frame!r} against {reference_frame!r} has no two times within {window_s:g} s to "
+            "tell a velocity from; widen window_s, or wait",
+            requested_ns=stamp_ns,
+        )
 
 
-def _timed_out(timeout_s: float, reason: TransformException) -> TimeoutException:
-    return TimeoutException(f"waited {timeout_s:g} s: {reason}", reason=reason)
+def _write_row(answer: TransformStamped, i: int, xyz: Any, quat: Any, known: Any) -> None:
+    x, y, z, qx, qy, qz, qw = answer.transform.as_pose()
+    xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2] = x, y, z
+    quat[4 * i], quat[4 * i + 1], quat[4 * i + 2], quat[4 * i + 3] = qx, qy, qz, qw
+    known[i] = 1
 
 
-def _row(batch: TransformBatch, row: int) -> TransformStamped:
-    parent, child = batch.edges[row].tolist()
-    return TransformStamped(
-        int(batch.stamps_ns[row]),
-        batch.frames[parent],
-        batch.frames[child],
-        Transform(batch.poses[row, :3], batch.poses[row, 3:]),
+def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
+    """Source to fixed frame at one time, then fixed frame to target at another, as one."""
+    back, there = answers
+    return make_stamped(
+        there.stamp_ns,
+        there.frame_id,
+        back.child_frame_id,
+        there.transform @ back.transform,
+        max(back.extrapolated_ns, there.extrapolated_ns),
     )
+
+
+def _stamp(stamp_ns: int | None) -> int | None:
+    return None if stamp_ns is None else check_stamp(stamp_ns)
+
+
+def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
+    stamps = np.asarray(stamps_ns)
+    if stamps.ndim != 1 or (stamps.size and not np.issubdtype(stamps.dtype, np.integer)):
+        raise InvalidArgumentException(
+            f"stamps are {stamps.dtype} of shape {stamps.shape}; integers (N,) are wanted"
+        )
+    return np.ascontiguousarray(stamps, dtype=np.int64)
+
+
+def _timed_out(timeout_s: float, reason: TransformException | None) -> TimeoutException:
+    return TimeoutException(f"waited {timeout_s:g} s in vain: {reason}", reason=reason)

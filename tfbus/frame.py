@@ -12,7 +12,7 @@ class FrameInfo:
     `rate_hz` is how often samples come, None for static frames and below two samples.
     `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
     epoch, None without one. `authority` is who sent the last sample. `conflicts` counts samples
-    that repeated a stamp with a different value.
+    that repeated a stamp with a different value, `refused` those that came too old to be kept.
     """
 
     name: str
@@ -25,3 +25,4 @@ class FrameInfo:
     newest_ns: int | None = None
     authority: str = ""
     conflicts: int = 0
+    refused: int = 0

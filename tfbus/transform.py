@@ -7,7 +7,7 @@ Unix epoch.
 """
 
 from collections.abc import Sequence
-from math import acos, atan2, cos, fsum, hypot, isfinite, pi, sin, sqrt, tan
+from math import atan2, cos, hypot, isfinite, pi, sin, sqrt
 from operator import index
 from typing import Any
 
@@ -15,14 +15,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.kernel import (
+    IDENTITY,
+    Pose,
+    between,
+    blend,
+    blend_screw,
+    compose,
+    exp_twist,
+    invert,
+    log_pose,
+    normalised,
+)
 
 Floats = NDArray[np.float64]
 
+# Differences of such stamps fit into 64 bits.
+LATEST_STAMP_NS = 2**62 - 1
+
 # tf2's tolerance (TF2 "TF_DENORMALIZED_QUATERNION"): the squared norm is within 0.01 of one.
 QUATERNION_TOLERANCE = 0.01
-
-# Below this angle the closed forms of exp and log lose digits, and their series has all of them.
-_SMALL_ANGLE = 1e-3
+# So near is the squared norm of a quaternion that was normalised before.
+UNIT_TO_THE_LAST_BIT = 4.5e-16
 
 
 class Transform:
@@ -35,20 +49,20 @@ class Transform:
     `==` compares the seven numbers exactly; `is_close` asks whether two motions are the same.
     """
 
-    __slots__ = ("_qw", "_qx", "_qy", "_qz", "_x", "_y", "_z")
+    __slots__ = ("_pose",)
 
     def __init__(self, xyz: ArrayLike = (0, 0, 0), quat_xyzw: ArrayLike = (0, 0, 0, 1)) -> None:
-        self._x: float
-        self._x, self._y, self._z = _numbers(xyz, 3, "xyz")
-        x, y, z, w = _numbers(quat_xyzw, 4, "quat_xyzw")
-        self._qx, self._qy, self._qz, self._qw = _unit_quaternion(x, y, z, w)
+        x, y, z = _numbers(xyz, 3, "xyz")
+        qx, qy, qz, qw = _numbers(quat_xyzw, 4, "quat_xyzw")
+        pose: Pose = (x, y, z, *unit_quaternion(qx, qy, qz, qw))
+        self._pose = pose
 
     # Making one
 
     @staticmethod
     def identity() -> "Transform":
         """The motion that moves nothing."""
-        return make_transform(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return make_transform(IDENTITY)
 
     @staticmethod
     def from_pose(pose: ArrayLike) -> "Transform":
@@ -103,7 +117,7 @@ class Transform:
     def from_rotvec(rotvec: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
         """From a rotation vector (3,): the axis, as long as the angle in radians."""
         x, y, z = _numbers(rotvec, 3, "rotvec")
-        return Transform(xyz, _quaternion_of_rotvec(x, y, z))
+        return Transform(xyz, exp_twist(0.0, 0.0, 0.0, x, y, z)[3:])
 
     @staticmethod
     def exp(twist: ArrayLike) -> "Transform":
@@ -113,80 +127,67 @@ class Transform:
         frame. The inverse of `log`. Formulas: Barfoot, State Estimation for Robotics, 7.1.
         """
         vx, vy, vz, wx, wy, wz = _numbers(twist, 6, "twist")
-        angle = sqrt(wx * wx + wy * wy + wz * wz)
-        if angle < _SMALL_ANGLE:
-            square = angle * angle
-            a = 0.5 - square / 24.0
-            b = 1.0 / 6.0 - square / 120.0
-        else:
-            a = 2.0 * (sin(0.5 * angle) / angle) ** 2
-            b = (angle - sin(angle)) / angle**3
-        ax, ay, az = _cross(wx, wy, wz, vx, vy, vz)
-        bx, by, bz = _cross(wx, wy, wz, ax, ay, az)
-        qx, qy, qz, qw = _quaternion_of_rotvec(wx, wy, wz)
-        return make_transform(
-            vx + a * ax + b * bx, vy + a * ay + b * by, vz + a * az + b * bz, qx, qy, qz, qw
-        )
+        return make_transform(exp_twist(vx, vy, vz, wx, wy, wz))
 
     # Reading it
 
     @property
     def x(self) -> float:
         """Translation along x, in metres."""
-        return self._x
+        return self._pose[0]
 
     @property
     def y(self) -> float:
         """Translation along y, in metres."""
-        return self._y
+        return self._pose[1]
 
     @property
     def z(self) -> float:
         """Translation along z, in metres."""
-        return self._z
+        return self._pose[2]
 
     @property
     def qx(self) -> float:
         """First component of the quaternion."""
-        return self._qx
+        return self._pose[3]
 
     @property
     def qy(self) -> float:
         """Second component of the quaternion."""
-        return self._qy
+        return self._pose[4]
 
     @property
     def qz(self) -> float:
         """Third component of the quaternion."""
-        return self._qz
+        return self._pose[5]
 
     @property
     def qw(self) -> float:
         """Scalar component of the quaternion, its last."""
-        return self._qw
+        return self._pose[6]
 
     @property
     def xyz(self) -> Floats:
         """The translation, a read-only array (3,) in metres."""
-        return _read_only((self._x, self._y, self._z))
+        return _read_only(self._pose[0], self._pose[1], self._pose[2])
 
     @property
     def quat_xyzw(self) -> Floats:
         """The rotation, a read-only array (4,): the unit quaternion x, y, z, w."""
-        return _read_only(self._quaternion())
+        return _read_only(*self._quaternion())
 
     def _quaternion(self) -> tuple[float, float, float, float]:
-        return self._qx, self._qy, self._qz, self._qw
+        return self._pose[3], self._pose[4], self._pose[5], self._pose[6]
 
-    def as_pose(self) -> tuple[float, float, float, float, float, float, float]:
+    def as_pose(self) -> Pose:
         """The seven numbers x y z qx qy qz qw."""
-        return self._x, self._y, self._z, self._qx, self._qy, self._qz, self._qw
+        return self._pose
 
     def as_matrix(self) -> Floats:
         """The homogeneous matrix (4, 4)."""
         matrix = np.eye(4)
         matrix[:3, :3] = _matrix_of_quaternion(*self._quaternion())
-        matrix[:3, 3] = self._x, self._y, self._z
+        matrix[:3, 3] = self._pose[0], self._pose[1], self._pose[2]
         return matrix
 
     def as_rpy(self) -> tuple[float, float, float]:
@@ -210,60 +211,50 @@ class Transform:
 
     def as_rotvec(self) -> Floats:
         """The rotation vector (3,): the axis, as long as the angle (0 to pi radians)."""
-        return np.array(_rotvec_of_quaternion(*self._quaternion()))
+        _, _, _, wx, wy, wz = log_pose(self._pose)
+        return np.array((wx, wy, wz))
 
     def log(self) -> Floats:
         """The constant twist (6,) that makes this motion in unit time: linear (m), angular (rad).
 
         The inverse of `exp`. The angle is at most half a turn.
         """
-        wx, wy, wz = _rotvec_of_quaternion(*self._quaternion())
-        square = wx * wx + wy * wy + wz * wz
-        if square < _SMALL_ANGLE * _SMALL_ANGLE:
-            c = 1.0 / 12.0 + square / 720.0
-        else:
-            half = 0.5 * sqrt(square)
-            c = (1.0 - half / tan(half)) / square
-        ax, ay, az = _cross(wx, wy, wz, self._x, self._y, self._z)
-        bx, by, bz = _cross(wx, wy, wz, ax, ay, az)
-        return np.array(
-            (
-                self._x - 0.5 * ax + c * bx,
-                self._y - 0.5 * ay + c * by,
-                self._z - 0.5 * az + c * bz,
-                wx,
-                wy,
-                wz,
-            )
-        )
+        return np.array(log_pose(self._pose))
+
+    @staticmethod
+    def from_scipy(rotation: Any, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
+        """From one of scipy's Rotation with a translation, or from one of its RigidTransform."""
+        if hasattr(rotation, "as_components"):
+            xyz, rotation = rotation.as_components()
+        return Transform(xyz, rotation.as_quat())
+
+    def as_scipy_rotation(self) -> Any:
+        """The rotation as scipy's Rotation; needs scipy."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self._quaternion())
+
+    def as_scipy(self) -> Any:
+        """As scipy's RigidTransform; needs scipy 1.16 or newer."""
+        from scipy.spatial.transform import RigidTransform
+
+        return RigidTransform.from_components(self.xyz, self.as_scipy_rotation())
 
     # Working with it
 
     def inverse(self) -> "Transform":
         """The motion back."""
-        x, y, z = _rotated(-self._qx, -self._qy, -self._qz, self._qw, -self._x, -self._y, -self._z)
-        return make_transform(x, y, z, -self._qx, -self._qy, -self._qz, self._qw)
+        return make_transform(invert(self._pose))
 
     def __matmul__(self, other: "Transform") -> "Transform":
         """First `other`, then this: `T_a_c = T_a_b @ T_b_c`."""
         if not isinstance(other, Transform):
             return NotImplemented
-        x, y, z = _rotated(self._qx, self._qy, self._qz, self._qw, other._x, other._y, other._z)
-        ax, ay, az, aw = self._qx, self._qy, self._qz, self._qw
-        bx, by, bz, bw = other._qx, other._qy, other._qz, other._qw
-        qx = aw * bx + ax * bw + ay * bz - az * by
-        qy = aw * by - ax * bz + ay * bw + az * bx
-        qz = aw * bz + ax * by - ay * bx + az * bw
-        qw = aw * bw - ax * bx - ay * by - az * bz
-        # Each product adds a rounding error to the norm; one Newton step takes it off again.
-        scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
-        return make_transform(
-            self._x + x, self._y + y, self._z + z, qx * scale, qy * scale, qz * scale, qw * scale
-        )
+        return make_transform(normalised(compose(self._pose, pose_of(other))))
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (3,) or (N, 3) of the child frame, taken into the parent."""
-        return self.rotate(points) + np.array((self._x, self._y, self._z))
+        return self.rotate(points) + self.xyz
 
     def rotate(self, vectors: ArrayLike) -> Floats:
         """Vectors (3,) or (N, 3), such as velocities, turned but not moved."""
@@ -278,49 +269,36 @@ class Transform:
 
         `ratio` 0 is this one, 1 the other.
         """
-        a, b = self._quaternion(), other._quaternion()
-        qx, qy, qz, qw = _slerp(a, b, ratio)
-        return make_transform(
-            self._x + (other._x - self._x) * ratio,
-            self._y + (other._y - self._y) * ratio,
-            self._z + (other._z - self._z) * ratio,
-            qx,
-            qy,
-            qz,
-            qw,
-        )
+        return make_transform(normalised(blend(self._pose, pose_of(other), ratio)))
 
     def interpolate_screw(self, other: "Transform", ratio: float) -> "Transform":
         """Along the screw that leads from this one (`ratio` 0) to the other (1), at even speed.
 
         Unlike `interpolate`, the way between does not depend on where the frame's origin is.
         """
-        return self @ Transform.exp((self.inverse() @ other).log() * ratio)
+        return make_transform(blend_screw(self._pose, pose_of(other), ratio))
 
     def is_close(self, other: "Transform", atol: float = 1e-9) -> bool:
         """Whether both are the same motion: translations within `atol` metres on each axis,
         rotations within `atol` radians. A quaternion and its negative are the same rotation.
         """
-        turn = self.inverse() @ other
-        near = all(
-            abs(a - b) <= atol
-            for a, b in ((self._x, other._x), (self._y, other._y), (self._z, other._z))
-        )
-        return near and 2.0 * hypot(turn._qx, turn._qy, turn._qz) <= atol
+        _, _, _, qx, qy, qz, _ = between(self._pose, pose_of(other))
+        near = np.allclose(self.xyz, other.xyz, rtol=0.0, atol=atol)
+        return bool(near) and 2.0 * hypot(qx, qy, qz) <= atol
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Transform):
             return NotImplemented
-        return self.as_pose() == other.as_pose()
+        return self._pose == pose_of(other)
 
     def __hash__(self) -> int:
-        return hash(self.as_pose())
+        return hash(self._pose)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return make_transform, self.as_pose()
+        return make_transform, (self._pose,)
 
     def __repr__(self) -> str:
-        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self.as_pose())
+        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self._pose)
         return f"Transform(xyz=({x}, {y}, {z}), quat_xyzw=({qx}, {qy}, {qz}, {qw}))"
 
 
@@ -411,19 +389,16 @@ class TransformStamped:
         )
 
 
-def make_transform(
-    x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float
-) -> Transform:
-    """A Transform from numbers that are known to be good; nothing is checked."""
+def make_transform(pose: Pose) -> Transform:
+    """A Transform from a pose that is known to be good; nothing is checked."""
     self = Transform.__new__(Transform)
-    self._x = x
-    self._y = y
-    self._z = z
-    self._qx = qx
-    self._qy = qy
-    self._qz = qz
-    self._qw = qw
+    self._pose = pose
     return self
+
+
+def pose_of(transform: Transform) -> Pose:
+    """The seven numbers of any transform; compiled code sees inside of its own type only."""
+    return transform._pose
 
 
 def make_stamped(
@@ -455,15 +430,17 @@ def check_frame_id(frame_id: object, what: str = "frame id") -> str:
 
 
 def check_stamp(stamp_ns: object) -> int:
-    """The stamp, if it is an integer of 64 bits."""
+    """The stamp as an int, if it can be one."""
     try:
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
         raise InvalidArgumentException(
             f"a stamp is a whole number of nanoseconds since the Unix epoch, not {stamp_ns!r}"
         ) from None
-    if not -(2**63) <= stamp < 2**63:
-        raise InvalidArgumentException(f"the stamp {stamp} does not fit into 64 bits")
+    if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
+        raise InvalidArgumentException(
+            f"the stamp {stamp} is not within 146 years of 1970: it is to count nanoseconds"
+        )
     return stamp
 
 
@@ -482,77 +459,28 @@ def _numbers(values: ArrayLike, count: int, what: str) -> Any:
     return numbers
 
 
-def _unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
-    square = fsum((x * x, y * y, z * z, w * w))
+def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
+    """The quaternion, normalised if need be.
+
+    Raises InvalidArgumentException where its squared norm is not within 0.01 of one.
+    """
+    square = x * x + y * y + z * z + w * w
     if abs(square - 1.0) >= QUATERNION_TOLERANCE:
         raise InvalidArgumentException(
             f"the quaternion x={x:g} y={y:g} z={z:g} w={w:g} has norm {sqrt(square):.6g}; a "
             "rotation has norm 1" + (": was it never set?" if square == 0.0 else "")
         )
-    if abs(square - 1.0) <= 4e-16:
-        # Good to the last bit: leave it, so that what is sent and read back stays equal.
+    if abs(square - 1.0) <= UNIT_TO_THE_LAST_BIT:
+        # Leave it, so that what is sent and read back stays equal.
         return x, y, z, w
     norm = sqrt(square)
     return x / norm, y / norm, z / norm, w / norm
 
 
-def _read_only(values: Sequence[float]) -> Floats:
+def _read_only(*values: float) -> Floats:
     array = np.array(values)
     array.flags.writeable = False
     return array
-
-
-def _cross(
-    ax: float, ay: float, az: float, bx: float, by: float, bz: float
-) -> tuple[float, float, float]:
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-def _rotated(
-    qx: float, qy: float, qz: float, qw: float, x: float, y: float, z: float
-) -> tuple[float, float, float]:
-    """v + 2w (q x v) + 2 q x (q x v), as 15 multiplications."""
-    tx = 2.0 * (qy * z - qz * y)
-    ty = 2.0 * (qz * x - qx * z)
-    tz = 2.0 * (qx * y - qy * x)
-    return (
-        x + qw * tx + qy * tz - qz * ty,
-        y + qw * ty + qz * tx - qx * tz,
-        z + qw * tz + qx * ty - qy * tx,
-    )
-
-
-def _slerp(
-    a: tuple[float, float, float, float], b: tuple[float, float, float, float], ratio: float
-) -> tuple[float, float, float, float]:
-    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
-    sign = 1.0 if dot >= 0.0 else -1.0
-    dot = abs(dot)
-    if dot < 1.0 - 1e-9:
-        angle = acos(dot)
-        u = sin((1.0 - ratio) * angle)
-        v = sign * sin(ratio * angle)
-    else:
-        u, v = 1.0 - ratio, sign * ratio
-    x, y, z, w = (u * p + v * q for p, q in zip(a, b, strict=True))
-    scale = 1.0 / sqrt(x * x + y * y + z * z + w * w)
-    return x * scale, y * scale, z * scale, w * scale
-
-
-def _quaternion_of_rotvec(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    angle = sqrt(x * x + y * y + z * z)
-    small = angle < _SMALL_ANGLE
-    scale = 0.5 - angle * angle / 48.0 if small else sin(0.5 * angle) / angle
-    return x * scale, y * scale, z * scale, cos(0.5 * angle)
-
-
-def _rotvec_of_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float]:
-    if w < 0.0:
-        x, y, z, w = -x, -y, -z, -w
-    sine = sqrt(x * x + y * y + z * z)
-    small = sine < 0.5 * _SMALL_ANGLE
-    scale = 2.0 + sine * sine / 3.0 if small else 2.0 * atan2(sine, w) / sine
-    return x * scale, y * scale, z * scale
 
 
 def _matrix_of_quaternion(x: float, y: float, z: float, w: float) -> tuple[tuple[float, ...], ...]:
@@ -594,7 +522,7 @@ def _axes(axes: str) -> tuple[list[int], bool]:
 def _about_axis(axis: int, angle_rad: float) -> Transform:
     quaternion = [0.0, 0.0, 0.0, cos(0.5 * angle_rad)]
     quaternion[axis] = sin(0.5 * angle_rad)
-    return make_transform(0.0, 0.0, 0.0, *quaternion)
+    return Transform((0, 0, 0), quaternion)
 
 
 def _fixed_axes_angles(

@@ -1,0 +1,31 @@
+"""A batch is columns that agree with each other."""
+
+import numpy as np
+import pytest
+
+from tfbus.batch import TransformBatch
+from tfbus.errors import InvalidArgumentException
+from tfbus.transform import Transform, TransformStamped
+
+
+def test_what_goes_in_comes_out():
+    """A batch of transforms iterates as those transforms, and names each frame once."""
+    some = [TransformStamped(i, "world", f"r{i % 2}", Transform((i, 0, 0))) for i in range(4)]
+    batch = TransformBatch.from_transforms(some)
+    assert list(batch) == some
+    assert (len(batch), batch.frames) == (4, ("world", "r0", "r1"))
+    assert not batch.poses.flags.writeable
+    assert len(TransformBatch.from_transforms([])) == 0
+
+
+def test_columns_that_do_not_agree_are_refused():
+    """Shapes, types and indices are checked when it is made."""
+    edges, stamps, poses = np.array([[0, 1]], np.uint32), np.array([1]), np.zeros((1, 7))
+    for bad in (
+        (("a",), edges, stamps, poses),
+        (("a", "b"), edges, np.array([1, 2]), poses),
+        (("a", "b"), edges, stamps, np.zeros((1, 6))),
+        (("a", "b"), edges, np.array([1.5]), poses),
+    ):
+        with pytest.raises(InvalidArgumentException):
+            TransformBatch(*bad)

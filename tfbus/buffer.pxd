@@ -1,0 +1,38 @@
+cimport cython
+from tfbus.kernel cimport Path
+from tfbus.kernel cimport pose_t
+from tfbus.transform cimport Transform, TransformStamped
+from tfbus.tree cimport Tree
+
+cdef object TF2
+cdef long long ALL_STATIC, NO_DATA, _LONGEST_NS
+cdef double QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+cdef Py_ssize_t _CHUNK
+
+cdef class Buffer:
+    cdef readonly double cache_time_s
+    cdef readonly object sampling, rejected
+    cdef readonly Tree _tree
+    cdef cython.pymutex _lock
+    cdef readonly object _waiters
+    cdef list _listeners
+    cdef object __weakref__
+
+    cpdef _watch(self, waiter, questions)
+    cdef bint _insert_one(
+        self, TransformStamped transform, bint static, str authority) except -1
+    @cython.locals(i=Py_ssize_t, stamp=cython.longlong, x=double, y=double, z=double, qx=double,
+                   qy=double, qz=double, qw=double, total=double, square=double, error=double,
+                   scale=double, pose=pose_t, taken=Py_ssize_t, parent=str, child=str)
+    cdef Py_ssize_t _insert_rows(
+        self, tuple frames, const unsigned int[:, ::1] edges, const long long[::1] stamps,
+        const double[:, ::1] poses, bint static, str authority) except -1
+    @cython.locals(path=Path, start=Py_ssize_t, stop=Py_ssize_t, i=Py_ssize_t, count=Py_ssize_t,
+                   strict=cython.bint, screw=cython.bint, answer=TransformStamped)
+    cdef _fill_chunks(
+        self, target_frame, source_frame, const long long[::1] stamps, double[::1] xyz,
+        double[::1] quat, unsigned char[::1] known, sampling)
+
+@cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double)
+cdef _write_row(TransformStamped answer, Py_ssize_t i, double[::1] xyz, double[::1] quat,
+                unsigned char[::1] known)

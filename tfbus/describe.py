@@ -1,0 +1,160 @@
+"""Frames as text and as a drawing, for people and for tools that read what tf2 writes."""
+
+import re
+import time
+from collections.abc import Iterable
+from html import escape
+
+from tfbus.frame import FrameInfo
+
+# A static edge has no rate; tf2 writes this, and readers of its dumps know it.
+_TF2_STATIC_RATE = 10000.0
+
+# Names that YAML 1.1 reads as something else.
+_YAML_WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
+
+_ROW_PX, _INDENT_PX, _CHAR_PX = 24, 28, 8
+
+
+def as_yaml(frames: Iterable[FrameInfo]) -> str:
+    """A map of child frames in the form of tf2's `allFramesAsYAML`; `[]` without any."""
+    edges = [frame for frame in frames if frame.parent is not None]
+    if not edges:
+        return "[]"
+    lines = []
+    for edge in edges:
+        oldest_s, newest_s = _seconds(edge.oldest_ns), _seconds(edge.newest_ns)
+        lines += [
+            f"{_yaml_key(edge.name)}: ",
+            f"  parent: {_quoted(edge.parent or '')}",
+            f"  broadcaster: {_quoted(edge.authority)}",
+            f"  rate: {edge.rate_hz or _TF2_STATIC_RATE:.3f}",
+            f"  most_recent_transform: {newest_s:.6f}",
+            f"  oldest_transform: {oldest_s:.6f}",
+            f"  buffer_length: {newest_s - oldest_s:.3f}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def as_dot(frames: Iterable[FrameInfo], recorded_ns: int | None = None) -> str:
+    """A Graphviz graph in the form of tf2's view_frames; the legend says when it was recorded."""
+    recorded_ns = time.time_ns() if recorded_ns is None else recorded_ns
+    edges = [frame for frame in frames if frame.parent is not None]
+    if not edges:
+        return 'digraph G { "no tf data received" }'
+    lines = ["digraph G {"]
+    for edge in edges:
+        newest_s = _seconds(edge.newest_ns)
+        age = "" if edge.static else f" ({recorded_ns / 1e9 - newest_s:.3f} sec old)"
+        label = "\\n".join(
+            (
+                f"Broadcaster: {_dot(edge.authority)}",
+                f"Average rate: {edge.rate_hz or _TF2_STATIC_RATE:.3f} Hz",
+                f"Most recent transform: {newest_s:.6f}{age}",
+                f"Buffer length: {newest_s - _seconds(edge.oldest_ns):.3f} sec",
+            )
+        )
+        lines.append(f'"{_dot(edge.parent or "")}" -> "{_dot(edge.name)}" [label="{label}\\n"];')
+    root = next(frame.parent for frame in edges)
+    lines += [
+        "edge [style=invis];",
+        'subgraph cluster_legend { style=bold; color=black; label ="view_frames Result";',
+        f'"Recorded at time: {recorded_ns / 1e9:.6f}"[ shape=plaintext ] ;',
+        f'}}->"{_dot(root or "")}";',
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def as_text(frames: Iterable[FrameInfo]) -> str:
+    """The trees, a frame a line, children below their parent."""
+    return "\n".join(f"{lead}{_line(frame)}" for lead, _, frame in _walk(frames))
+
+
+def as_svg(frames: Iterable[FrameInfo]) -> str:
+    """The trees as an SVG drawing, a frame a row, for a notebook or a web page."""
+    rows = list(_walk(frames))
+    width = max((_INDENT_PX * d + _CHAR_PX * len(_line(f)) for _, d, f in rows), default=0) + 60
+    height = _ROW_PX * len(rows) + 16
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+        'font-family="monospace" font-size="13">'
+    ]
+    row_of = {frame.name: row for row, (_, _, frame) in enumerate(rows)}
+    for row, (_, depth, frame) in enumerate(rows):
+        x, y = 16 + _INDENT_PX * depth, 20 + _ROW_PX * row
+        if frame.parent in row_of and depth:
+            up_x, up_y = x - _INDENT_PX, 20 + _ROW_PX * row_of[frame.parent]
+            dash = "" if frame.static else ' stroke-dasharray="4 2"'
+            parts.append(
+                f'<path d="M{up_x} {up_y + 6}V{y}H{x - 6}" fill="none" stroke="#888"{dash}/>'
+            )
+        colour = "#c33" if frame.conflicts else "#888" if frame.static else "#27c"
+        parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}"/>')
+        facts = escape(_facts(frame))
+        parts.append(
+            f'<text x="{x + 12}" y="{y + 4}" fill="currentColor">{escape(frame.name)}'
+            f'<tspan fill="#888">{"  " if facts else ""}{facts}</tspan></text>'
+        )
+    return "".join(parts) + "</svg>"
+
+
+def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:
+    """Each frame below its parent, with the lines that lead to it and its depth."""
+    by_name = {frame.name: frame for frame in frames}
+    roots = [frame for frame in by_name.values() if frame.parent not in by_name]
+    # A stack, since a tree may be deeper than Python's own.
+    stack = [("", "", 0, root) for root in reversed(roots)]
+    while stack:
+        lead, below, depth, frame = stack.pop()
+        yield lead, depth, frame
+        children = [by_name[name] for name in frame.children if name in by_name]
+        for place, child in enumerate(reversed(children)):
+            last = place == 0
+            stack.append(
+                (
+                    below + ("└─ " if last else "├─ "),
+                    below + ("   " if last else "│  "),
+                    depth + 1,
+                    child,
+                )
+            )
+
+
+def _line(frame: FrameInfo) -> str:
+    facts = _facts(frame)
+    return f"{frame.name}  ({facts})" if facts else frame.name
+
+
+def _facts(frame: FrameInfo) -> str:
+    if frame.parent is None:
+        return ""
+    facts: list[str] = []
+    if frame.static:
+        facts.append("static")
+    elif frame.rate_hz is not None:
+        facts.append(f"{frame.rate_hz:.1f} Hz")
+    else:
+        facts.append(f"{frame.samples} sample" + ("" if frame.samples == 1 else "s"))
+    if frame.authority:
+        facts.append(f"by {frame.authority}")
+    if frame.conflicts:
+        facts.append(f"{frame.conflicts} conflicts")
+    return ", ".join(facts)
+
+
+def _seconds(stamp_ns: int | None) -> float:
+    return 0.0 if stamp_ns is None else stamp_ns / 1e9
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
+
+
+def _yaml_key(name: str) -> str:
+    plain = re.fullmatch(r"[A-Za-z_][\w/.-]*", name) and name.lower() not in _YAML_WORDS
+    return name if plain else _quoted(name)
+
+
+def _dot(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,0 +1,179 @@
+"""Why a lookup has no answer: the error for it, with the facts and the remedy in one sentence."""
+
+import difflib
+from collections.abc import Iterable
+from itertools import islice
+
+from tfbus.errors import (
+    ConnectivityException,
+    ExtrapolationException,
+    FutureExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    NoDataException,
+    PastExtrapolationException,
+    SingleSampleException,
+    TimeoutException,
+    TransformException,
+)
+from tfbus.kernel import History
+from tfbus.sampling import Sampling
+from tfbus.tree import Tree, chain
+
+# Comparing names takes microseconds each; of a great many only the likely ones are compared.
+_MOST_COMPARED = 1000
+
+
+def may_come(error: TransformException) -> bool:
+    """Whether waiting may mend it: a frame, a link or newer samples can come, older ones not."""
+    if isinstance(error, PastExtrapolationException | InvalidArgumentException | TimeoutException):
+        return False
+    if isinstance(error, SingleSampleException):
+        return (error.requested_ns or 0) > (error.newest_ns or 0)
+    return True
+
+
+def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
+    """The error for a name that is not known, with the known names that look like it."""
+    names = sorted(known)
+    compared = names
+    if len(names) > _MOST_COMPARED:
+        alike = (
+            name
+            for name in names
+            if abs(len(name) - len(frame)) < 3 and (name[0], name[-1]) == (frame[0], frame[-1])
+        )
+        compared = list(islice(alike, _MOST_COMPARED))
+    nearest = tuple(difflib.get_close_matches(frame, compared, n=3))
+    if nearest:
+        hint = f"the nearest names are {', '.join(map(repr, nearest))}"
+    elif names:
+        shown = ", ".join(map(repr, names[:8]))
+        hint = f"there are {shown}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    else:
+        hint = "no frame is known so far"
+    return LookupException(f"frame {frame!r} does not exist; {hint}", frame=frame, nearest=nearest)
+
+
+def why_not(
+    tree: Tree, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
+) -> TransformException | None:
+    """The error for a lookup between two known frames; None where nothing is in its way now.
+
+    It names no edge that is not on the path.
+    """
+    path = tree.path(target_frame, source_frame)
+    if path is None:
+        return _not_connected(tree, target_frame, source_frame)
+    errors = [_no_data(history, stamp_ns, sampling) for history in path.edges()]
+    missing = [error for error in errors if error is not None]
+    if missing:
+        # What cannot come any more says more than what may.
+        return next((error for error in missing if not may_come(error)), missing[0])
+    if stamp_ns is not None and path.is_mixed():
+        return ConnectivityException(
+            f"{target_frame!r} and {source_frame!r} were not connected at {_when(stamp_ns)}: a "
+            "frame between them had another parent then",
+            target_frame=target_frame,
+            source_frame=source_frame,
+        )
+    return None
+
+
+def _not_connected(tree: Tree, target_frame: str, source_frame: str) -> ConnectivityException:
+    roots = [chain(tree.frames[frame])[-1].name for frame in (target_frame, source_frame)]
+    return ConnectivityException(
+        f"{target_frame!r} and {source_frame!r} are not connected: the root above the one is "
+        f"{roots[0]!r}, above the other {roots[1]!r}; a transform between the two trees is missing",
+        target_frame=target_frame,
+        source_frame=source_frame,
+        target_root=roots[0],
+        source_root=roots[1],
+    )
+
+
+def _no_data(
+    history: History, stamp_ns: int | None, sampling: Sampling
+) -> ExtrapolationException | None:
+    if history.static:
+        return None
+    span = history.stamp_span()
+    if span is None:
+        return _error(NoDataException, history, stamp_ns, "it has no sample; wait for one")
+    if stamp_ns is None:
+        return None
+    oldest, newest = span
+    beyond = max(oldest - stamp_ns, stamp_ns - newest)
+    if sampling.interpolation == "nearest":
+        beyond -= round(sampling.tolerance_s * 1e9)
+    elif history.count() > 1:
+        beyond -= round(sampling.extrapolation_s * 1e9)
+    if beyond <= 0:
+        return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
+    if history.count() == 1:
+        away = f"its only sample is {_far(newest - stamp_ns)}; wait for another"
+        return _error(SingleSampleException, history, stamp_ns, away)
+    if stamp_ns < oldest:
+        away = f"its oldest sample is {_far(oldest - stamp_ns)}; ask for a later time"
+        return _error(PastExtrapolationException, history, stamp_ns, away)
+    wait_s = _retry_after_s(history.count(), oldest, newest, stamp_ns)
+    away = (
+        f"its newest sample is {_far(newest - stamp_ns)}; wait about {wait_s:.3g} s (timeout_s), "
+        "or ask for the latest (stamp_ns=None)"
+    )
+    return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
+
+
+def _too_far(history: History, stamp_ns: int) -> ExtrapolationException | None:
+    """For nearest samples: a gap around the time that is wider than the tolerance."""
+    return _error(
+        ExtrapolationException,
+        history,
+        stamp_ns,
+        "no sample is within the tolerance; widen it, or interpolate",
+    )
+
+
+def _error(
+    kind: type[ExtrapolationException],
+    history: History,
+    stamp_ns: int | None,
+    why: str,
+    retry_after_s: float | None = None,
+) -> ExtrapolationException:
+    parent = history.parent.name if history.parent is not None else ""
+    span = history.stamp_span()
+    sent = f", sent by {history.authority!r}," if history.authority else ""
+    when = "" if stamp_ns is None else f" at {_when(stamp_ns)}"
+    return kind(
+        f"no data for {parent!r} -> {history.name!r}{sent}{when}: {why}",
+        frame_id=parent,
+        child_frame_id=history.name,
+        requested_ns=stamp_ns,
+        oldest_ns=None if span is None else span[0],
+        newest_ns=None if span is None else span[1],
+        authority=history.authority,
+        retry_after_s=retry_after_s,
+    )
+
+
+def _retry_after_s(count: int, oldest: int, newest: int, stamp_ns: int) -> float:
+    """Until the first sample that is not older than the stamp, if they go on as evenly."""
+    period_ns = (newest - oldest) / (count - 1)
+    periods = -((newest - stamp_ns) // period_ns)
+    return periods * period_ns / 1e9
+
+
+def _when(stamp_ns: int) -> str:
+    sign = "-" if stamp_ns < 0 else ""
+    return f"{sign}{abs(stamp_ns) // 10**9}.{abs(stamp_ns) % 10**9:09d} s"
+
+
+def _far(difference_ns: int) -> str:
+    side = "later" if difference_ns > 0 else "earlier"
+    distance = abs(difference_ns)
+    if distance < 1_000_000:
+        return f"{distance} ns {side}"
+    return (
+        f"{distance / 1e6:.3f} ms {side}" if distance < 10**9 else f"{distance / 1e9:.3f} s {side}"
+    )

@@ -1,0 +1,48 @@
+"""How a lookup reads a time at which there is no sample."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from tfbus.errors import InvalidArgumentException
+
+_INTERPOLATIONS = ("linear", "screw", "nearest")
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How the samples of an edge answer for the times between and beyond them.
+
+    The default is tf2's way. `interpolation` is
+
+    - "linear": translation on a straight line, rotation by slerp, each by itself;
+    - "screw": along the screw between two samples, which does not depend on a frame's origin;
+    - "nearest": the nearest sample unchanged, where it is within `tolerance_s` of the time.
+
+    `extrapolation_s` lets an edge go on beyond its last two samples for so many seconds at the
+    twist between them, or back before its first two; an answer made so has `extrapolated_ns`.
+    """
+
+    interpolation: Literal["linear", "screw", "nearest"] = "linear"
+    tolerance_s: float = 0.0
+    extrapolation_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.interpolation not in _INTERPOLATIONS:
+            raise InvalidArgumentException(
+                f"interpolation is {self.interpolation!r}; it is one of "
+                + ", ".join(map(repr, _INTERPOLATIONS))
+            )
+        for name in ("tolerance_s", "extrapolation_s"):
+            if not 0.0 <= getattr(self, name) <= 1e6:
+                raise InvalidArgumentException(
+                    f"{name} is {getattr(self, name)!r}; it is a number of seconds, 0 or more"
+                )
+        if self.tolerance_s and self.interpolation != "nearest":
+            raise InvalidArgumentException('tolerance_s goes with interpolation="nearest" only')
+        if self.extrapolation_s and self.interpolation == "nearest":
+            raise InvalidArgumentException(
+                "the nearest sample is not extrapolated: leave extrapolation_s out"
+            )
+
+
+TF2 = Sampling()

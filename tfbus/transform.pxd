@@ -1,0 +1,28 @@
+cimport cython
+from tfbus.kernel cimport (
+    pose_t, between, blend, blend_screw, compose, exp_twist, invert, log_pose, normalised
+)
+
+@cython.final
+@cython.freelist(256)
+cdef class Transform:
+    cdef pose_t _pose
+
+    cpdef pose_t as_pose(self) noexcept
+
+@cython.final
+@cython.no_gc
+@cython.freelist(256)
+cdef class TransformStamped:
+    cdef str _frame_id, _child_frame_id
+    cdef Transform _transform
+    cdef long long _stamp_ns, _extrapolated_ns
+
+@cython.locals(self=Transform)
+cpdef Transform make_transform(pose_t pose)
+
+cdef pose_t pose_of(Transform transform) except *
+
+@cython.locals(self=TransformStamped)
+cpdef TransformStamped make_stamped(
+    long long stamp_ns, str frame_id, str child_frame_id, Transform transform, long long extrapolated_ns)

@@ -1,0 +1,53 @@
+cimport cython
+from tfbus.kernel cimport History
+from tfbus.kernel cimport Path, seek_as
+from tfbus.kernel cimport pose_t, compose, invert, normalised
+from tfbus.transform cimport Transform, TransformStamped, make_stamped, make_transform
+
+cdef object TF2
+cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
+
+@cython.final
+cdef class Tree:
+    cdef long long cache_ns
+    cdef readonly dict frames
+    cdef readonly long long topology
+    cdef public list touched, moved, news
+
+    @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
+                   beyond=cython.longlong, screw=cython.bint)
+    cpdef TransformStamped answer(self, target_frame, source_frame, stamp_ns, sampling)
+    @cython.locals(target=History, source=History, path=Path)
+    cpdef Path path(self, target_frame, source_frame)
+    @cython.locals(path=Path)
+    cdef Path _find_path(self, History target, History source)
+    @cython.locals(target=History, source=History)
+    cdef TransformStamped _answer_by_walk(
+        self, target_frame, source_frame, stamp_ns, sampling)
+    @cython.locals(pose=pose_t, beyond=cython.longlong, above=History)
+    cdef list _walk(self, History history, long long stamp_ns, sampling)
+    @cython.locals(history=History)
+    cpdef info(self, frame)
+    @cython.locals(history=History)
+    cpdef list infos(self)
+    @cython.locals(child=History, parent=History, outcome=cython.int)
+    cdef bint insert(self, str parent_frame, str child_frame, long long stamp_ns, pose_t pose,
+                     bint static, str authority) except -1
+    @cython.locals(child=History, parent=History, after=History)
+    cdef tuple _join(
+        self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
+    @cython.locals(history=History)
+    cdef History _add(self, str frame, str authority, long long stamp_ns)
+    @cython.locals(history=History, other=str)
+    cdef _refuse_loop(self, History parent, History child, str authority)
+    @cython.locals(history=History)
+    cpdef clear(self)
+    @cython.locals(history=History)
+    cpdef bint remove(self, str frame) except -1
+    @cython.locals(history=History)
+    cdef list _children(self, History parent)
+    cdef _tell(self, str kind, History child, History parent, str authority, long long stamp_ns)
+
+cdef describe(History history, list children)
+@cython.locals(parent=History)
+cpdef list chain(History history)

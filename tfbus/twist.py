@@ -1,0 +1,64 @@
+"""Velocities: the twist of one frame against another, estimated from poses over a window."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus.transform import Transform
+
+Floats = NDArray[np.float64]
+
+# More poses than this make the estimate slower, not better.
+_MOST_POSES = 256
+
+
+@dataclass(frozen=True, eq=False)
+class TwistStamped:
+    """How a frame moves against another at one time.
+
+    `linear` (3,) in m/s is the velocity of the origin of `child_frame_id` as seen from
+    `reference_frame`; `angular` (3,) in rad/s is how the child turns against it. Both are
+    written in the axes of `frame_id`. `start_ns` and `end_ns` are the window that they were
+    estimated from, `stamp_ns` the time they are for.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    reference_frame: str
+    linear: Floats
+    angular: Floats
+    start_ns: int
+    end_ns: int
+
+    def __post_init__(self) -> None:
+        for name in ("linear", "angular"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+
+def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[int]:
+    """The stamps to estimate from: those of samples in the window, or its ends without two."""
+    stamps = sorted({stamp for stamp in stamps_ns if start_ns <= stamp <= end_ns})
+    if len(stamps) < 2:
+        return [start_ns, end_ns]
+    stride = -(-len(stamps) // _MOST_POSES)
+    return stamps[::stride]
+
+
+def fit_twist(stamps_ns: Sequence[int], poses: Sequence[Transform]) -> tuple[Floats, Floats]:
+    """Linear (3,) and angular (3,) velocity in the axes of the moving frame itself.
+
+    The least-squares slope of the poses' logarithms, seen from the middle one, over time. It is
+    exact for a motion at constant twist: lines, circles and screws. Over the window the frame
+    turns by less than half a turn on each side.
+    """
+    back = poses[len(poses) // 2].inverse()
+    logs = np.array([(back @ pose).log() for pose in poses])
+    seconds = (np.array(stamps_ns) - stamps_ns[0]) / 1e9
+    seconds -= seconds.mean()
+    slope = seconds @ logs / (seconds @ seconds)
+    return slope[:3], slope[3:]

@@ -1,0 +1,171 @@
+"""Waiting for a transform: who waits for which edges, and whom a new sample wakes.
+
+A waiter is woken when the edges of its path have come to its time, or have left it behind, or
+when a frame of the path gets another parent. So thousands of waiters cost an insert nothing but
+a look at the first alarm of the edge.
+"""
+
+import heapq
+import itertools
+import threading
+from collections.abc import Callable, Iterable
+
+from tfbus.kernel import History
+from tfbus.outcome import NO_DATA
+from tfbus.tree import Tree, chain
+
+# Target frame, source frame, stamp in nanoseconds or None for the latest.
+Question = tuple[str, str, int | None]
+# Oldest and newest stamp.
+Span = tuple[int, int]
+
+_FIRST_PURGE = 64
+
+
+class Waiter:
+    """Somebody who waits: `wake` is called from the thread that inserts, and returns at once."""
+
+    __slots__ = ("gone", "wake")
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self.wake = wake
+        self.gone = False
+
+
+class _Queue:
+    """Waiters in the order of the stamps that they wait for."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, Waiter]] = []
+        self._tickets = itertools.count()
+        self._purge_at = _FIRST_PURGE
+
+    def push(self, stamp_ns: int, waiter: Waiter) -> None:
+        if len(self._heap) >= self._purge_at:
+            self._heap = [entry for entry in self._heap if not entry[2].gone]
+            heapq.heapify(self._heap)
+            self._purge_at = max(_FIRST_PURGE, 2 * len(self._heap))
+        heapq.heappush(self._heap, (stamp_ns, next(self._tickets), waiter))
+
+    def pop_until(self, stamp_ns: int) -> list[Waiter]:
+        """Those whose stamp is at most this one."""
+        due = []
+        while self._heap and self._heap[0][0] <= stamp_ns:
+            due.append(heapq.heappop(self._heap)[2])
+        return due
+
+
+class Alarms:
+    """The waiters of one frame, by what wakes them."""
+
+    def __init__(self) -> None:
+        self.arriving = _Queue()
+        self.expiring = _Queue()
+        self.moving: set[Waiter] = set()
+
+
+class Waiters:
+    """All waiters of a buffer. It has a lock of its own, and never holds it while waking."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._tree = tree
+        self._lock = threading.Lock()
+        self._places: dict[Waiter, list[set[Waiter]]] = {}
+        self._strangers: dict[str, set[Waiter]] = {}
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def add(self, waiter: Waiter) -> None:
+        """From now on the tree keeps note of what it gets."""
+        with self._lock:
+            self._places[waiter] = []
+            if self._tree.touched is None:
+                self._tree.touched, self._tree.moved = [], []
+
+    def discard(self, waiter: Waiter) -> None:
+        """Never wake this one again."""
+        with self._lock:
+            waiter.gone = True
+            for place in self._places.pop(waiter):
+                place.discard(waiter)
+            self._strangers = {name: those for name, those in self._strangers.items() if those}
+            if not self._places:
+                self._tree.touched = self._tree.moved = None
+
+    def watch(self, waiter: Waiter, questions: Iterable[Question]) -> None:
+        """Wake it when the answers to the questions may have changed.
+
+        Called with the buffer's lock held. Ask again after this and before waiting: what came
+        before is not told.
+        """
+        with self._lock:
+            for target_frame, source_frame, stamp_ns in questions:
+                self._watch_one(waiter, target_frame, source_frame, stamp_ns)
+
+    def notify(
+        self, touched: Iterable[tuple[History, Span | None]], moved: Iterable[History]
+    ) -> None:
+        """Wake those to whom it matters that these frames got a sample, and now have this span of
+        stamps, or that they got a parent.
+        """
+        woken: list[Waiter] = []
+        with self._lock:
+            for history, span in touched:
+                woken += self._strangers.pop(history.name, ())
+                alarms = history.alarms
+                if isinstance(alarms, Alarms) and span is not None:
+                    woken += alarms.arriving.pop_until(span[1])
+                    woken += alarms.expiring.pop_until(span[0] - 1)
+            for history in moved:
+                if isinstance(history.alarms, Alarms):
+                    woken += history.alarms.moving
+        for waiter in dict.fromkeys(woken):
+            if not waiter.gone:
+                waiter.wake()
+
+    def wake_all(self) -> None:
+        """Wake everybody: much has changed."""
+        with self._lock:
+            everybody = list(self._places)
+        for waiter in everybody:
+            waiter.wake()
+
+    def _watch_one(
+        self, waiter: Waiter, target_frame: str, source_frame: str, stamp_ns: int | None
+    ) -> None:
+        ends = [self._tree.frames.get(frame) for frame in (target_frame, source_frame)]
+        for frame, end in zip((target_frame, source_frame), ends, strict=True):
+            if end is None:
+                self._place(waiter, self._strangers.setdefault(frame, set()))
+        known = [end for end in ends if end is not None]
+        if len(known) < 2:
+            return
+        path = self._tree.path(target_frame, source_frame)
+        if path is None:
+            for end in known:
+                for history in chain(end):
+                    self._place(waiter, _alarms(history).moving)
+            return
+        for history in path.edges():
+            alarms, span = _alarms(history), history.stamp_span()
+            self._place(waiter, alarms.moving)
+            if history.static:
+                continue
+            if span is None or stamp_ns is None:
+                alarms.arriving.push(NO_DATA, waiter)
+            elif stamp_ns > span[1]:
+                alarms.arriving.push(stamp_ns, waiter)
+            else:
+                alarms.expiring.push(stamp_ns, waiter)
+
+    def _place(self, waiter: Waiter, place: set[Waiter]) -> None:
+        if waiter not in place:
+            place.add(waiter)
+            self._places[waiter].append(place)
+
+
+def _alarms(history: History) -> Alarms:
+    if not isinstance(history.alarms, Alarms):
+        history.alarms = Alarms()
+    return history.alarms

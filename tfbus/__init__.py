@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
-    from tfbus.buffer import FrameInfo as FrameInfo
+    from tfbus.change import Change as Change
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
     from tfbus.errors import DecodeError as DecodeError
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tfbus.errors import InvalidArgumentException as InvalidArgumentException
     from tfbus.errors import InvalidNameError as InvalidNameError
     from tfbus.errors import LookupException as LookupException
+    from tfbus.errors import LoopException as LoopException
     from tfbus.errors import NoDataException as NoDataException
     from tfbus.errors import ParameterError as ParameterError
     from tfbus.errors import PastExtrapolationException as PastExtrapolationException
@@ -30,35 +31,42 @@ if TYPE_CHECKING:
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
+    from tfbus.frame import FrameInfo as FrameInfo
     from tfbus.goal import GoalHandle as GoalHandle
     from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
     from tfbus.node import Node as Node
     from tfbus.options import node_options as node_options
     from tfbus.parameters import Parameter as Parameter
+    from tfbus.sampling import Sampling as Sampling
     from tfbus.settings import NodeSettings as NodeSettings
     from tfbus.transform import Transform as Transform
     from tfbus.transform import TransformStamped as TransformStamped
+    from tfbus.transform_array import TransformArray as TransformArray
+    from tfbus.twist import TwistStamped as TwistStamped
 
 _MODULE_OF = {
     "Buffer": "buffer",
     "BusError": "errors",
+    "Change": "change",
     "ConnectivityException": "errors",
     "DecodeError": "errors",
     "ExtrapolationException": "errors",
-    "FrameInfo": "buffer",
+    "FrameInfo": "frame",
     "FutureExtrapolationException": "errors",
     "GoalHandle": "goal",
     "GoalResult": "goal",
     "InvalidArgumentException": "errors",
     "InvalidNameError": "errors",
     "LookupException": "errors",
+    "LoopException": "errors",
     "NoDataException": "errors",
     "Node": "node",
     "NodeSettings": "settings",
     "Parameter": "parameters",
     "ParameterError": "errors",
     "PastExtrapolationException": "errors",
+    "Sampling": "sampling",
     "ServiceError": "errors",
     "SettingsError": "errors",
     "SingleSampleException": "errors",
@@ -66,11 +74,13 @@ _MODULE_OF = {
     "TfbusError": "errors",
     "TimeoutException": "errors",
     "Transform": "transform",
+    "TransformArray": "transform_array",
     "TransformBatch": "batch",
     "TransformBroadcaster": "broadcaster",
     "TransformException": "errors",
     "TransformListener": "listener",
     "TransformStamped": "transform",
+    "TwistStamped": "twist",
     "node_options": "options",
 }
 

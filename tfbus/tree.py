@@ -203,10 +203,10 @@ class Tree:
             child = self._add(child_frame, authority, stamp_ns)
             child.parent = parent
             return child, parent
-        after = History(parent_frame) if parent is None else parent
-        after = child.parent_after(stamp_ns, after, static)
+        candidate = History(parent_frame) if parent is None else parent
+        after = child.parent_after(stamp_ns, candidate, static)
         if after is not child.parent:
-            if parent is not None:
+            if parent is not None and after is not None:
                 self._refuse_loop(after, child, authority)
             if child.parent is not None:
                 self._tell("reparented", child, after, authority, stamp_ns)

@@ -17,12 +17,8 @@ def kernel_extensions() -> list[Extension]:
         return []
     from Cython.Build import cythonize
 
-    # Optional: a build without a compiler warns and goes on.
-    modules = [
-        Extension(f"tfbus.{name}", [f"tfbus/{name}.py"], optional=True) for name in KERNEL
-    ]
     extensions: list[Extension] = cythonize(
-        modules,
+        [Extension(f"tfbus.{name}", [f"tfbus/{name}.py"]) for name in KERNEL],
         build_dir="build",
         compiler_directives={
             "language_level": "3",
@@ -32,6 +28,9 @@ def kernel_extensions() -> list[Extension]:
             "initializedcheck": False,
         },
     )
+    for extension in extensions:
+        # A build without a compiler warns and goes on.
+        extension.optional = True
     return extensions
 
 

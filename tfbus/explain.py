@@ -46,13 +46,13 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
         compared = list(islice(alike, _MOST_COMPARED))
     nearest = tuple(difflib.get_close_matches(frame, compared, n=3))
     if nearest:
-        hint = f"the nearest names are {', '.join(map(repr, nearest))}"
+        hint = f"did you mean {' or '.join(map(repr, nearest))}?"
     elif names:
         shown = ", ".join(map(repr, names[:8]))
-        hint = f"there are {shown}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        hint = f"known are {shown}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     else:
         hint = "no frame is known so far"
-    return LookupException(f"frame {frame!r} does not exist; {hint}", frame=frame, nearest=nearest)
+    return LookupException(f"there is no frame {frame!r}; {hint}", frame=frame, nearest=nearest)
 
 
 def why_not(

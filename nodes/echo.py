@@ -160,7 +160,8 @@ def _explained(reason: TransformException, buffer: Buffer) -> str:
         near = f"; did you mean {' or '.join(map(repr, matches))}?" if matches else ""
     listed = ", ".join(frames[:_FRAMES_LISTED])
     more = f" and {len(frames) - _FRAMES_LISTED} more" if len(frames) > _FRAMES_LISTED else ""
-    return f"{reason}{near or '.'} Frames known: {listed}{more}"
+    end = "" if str(reason).endswith("?") else "."
+    return f"{reason}{near or end} Frames known: {listed}{more}"
 
 
 def _frame(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:

@@ -10,10 +10,12 @@ ROOT = Path(__file__).parent.parent
 
 # Lowest first; the modules of a line may import those of lower lines, and each other.
 LAYERS = [
-    {"errors", "version", "signals", "log", "frame"},
-    {"pose", "transform"},
-    {"batch"},
-    {"history"},
+    {"errors", "version", "signals", "log", "frame", "change", "outcome", "sampling", "uncompiled"},
+    {"kernel"},
+    {"transform"},
+    {"batch", "transform_array", "twist", "describe"},
+    {"tree"},
+    {"explain", "waiting"},
     {"buffer"},
     {"codec", "keys", "messages"},
     {"wire"},

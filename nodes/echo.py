@@ -17,6 +17,7 @@ import click
 
 from tfbus import (
     Buffer,
+    ExtrapolationException,
     LookupException,
     Node,
     NodeSettings,
@@ -87,7 +88,7 @@ class Question:
     def is_hopeless(self, reason: TransformException) -> bool:
         """Whether no waiting will bring an answer: the past does not come back."""
         is_absolute = self.moment is not None and not self.moment.is_relative
-        return is_absolute and isinstance(reason, PastExtrapolationException)
+        return is_absolute and _is_past(reason)
 
 
 def answers(
@@ -135,9 +136,19 @@ def _seconds_until(monotonic_s: float) -> float:
     return max(0.0, monotonic_s - time.monotonic())
 
 
+def _is_past(reason: TransformException) -> bool:
+    """Whether the time asked for is before all samples, be they many or one."""
+    return (
+        isinstance(reason, ExtrapolationException)
+        and reason.requested_ns is not None
+        and reason.oldest_ns is not None
+        and reason.requested_ns < reason.oldest_ns
+    )
+
+
 def _gap_s(reason: TransformException) -> float:
     """In how long a moment that goes with the clock comes to where data begins."""
-    if not isinstance(reason, PastExtrapolationException):
+    if not isinstance(reason, ExtrapolationException) or not _is_past(reason):
         return math.inf
     if reason.oldest_ns is None or reason.requested_ns is None:
         return math.inf

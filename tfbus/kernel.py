@@ -493,13 +493,13 @@ class History:
     def _make_room(self) -> None:
         """Move what is alive to the start; to larger columns, unless an eighth has died.
 
-        So a column is at most a fifth larger than what is alive in it, or was when it was made.
+        So a column is at most a sixth larger than what is alive in it, or was when it was made.
         """
         head, tail = self.head, self.tail
         alive = tail - head
         stamps, poses = self.stamps, self.poses
         if 8 * head <= self.capacity or 4 * alive < self.capacity:
-            self.capacity = alive + alive // 5 + _FIRST_CAPACITY
+            self.capacity = alive + alive // 6 + _FIRST_CAPACITY
             self.stamps = array("q", bytes(8 * self.capacity))
             self.poses = array("d", bytes(56 * self.capacity))
         self.stamps[0:alive] = stamps[head:tail]

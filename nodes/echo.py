@@ -115,6 +115,8 @@ def _wait_for_answer(
     while node.ok:
         try:
             return question.ask(buffer, node.now_ns(), _seconds_until(say_at_s))
+        except InvalidArgumentException:
+            raise  # no waiting makes it right
         except TransformException as error:
             reason = _reason(error)
         if question.is_hopeless(reason):
@@ -188,18 +190,13 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
         raise click.BadParameter(str(error)) from error
 
 
-def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
-    if value is not None and not 0.0 < value < math.inf:
-        raise click.BadParameter(f"{value:g} is not a number greater than 0")
-    return value
+_POSITIVE = Number(least=0.0, more_than_least=True)
 
 
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
 @click.argument("source", callback=_frame)
 @click.argument("target", callback=_frame)
-@click.option(
-    "-r", "--rate", type=float, default=1.0, callback=_positive, help="Blocks per second; 1."
-)
+@click.option("-r", "--rate", type=Number(least=1e-6), default=1.0, help="Blocks per second; 1.")
 @click.option(
     "-p",
     "--precision",
@@ -239,8 +236,7 @@ def _positive(ctx: click.Context, param: click.Parameter, value: float | None) -
 )
 @click.option(
     "--timeout",
-    type=float,
-    callback=_positive,
+    type=_POSITIVE,
     metavar="SECONDS",
     help="Give up with exit code 1 when there is no transform for so long.",
 )

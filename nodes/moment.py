@@ -21,6 +21,10 @@ _FRACTION = re.compile(r"(?<=:\d\d)[.,](\d+)")
 _SECONDS_BELOW = 10**11
 _NANOSECONDS_FROM = 10**15
 
+# What a stamp can hold, and what can be added to now, 146 years.
+_LAST_NS = 2**63 - 1
+_FARTHEST_FROM_NOW_NS = 2**62
+
 
 @dataclass(frozen=True)
 class Moment:
@@ -44,7 +48,10 @@ def parse_moment(text: str) -> Moment:
     """
     text = text.strip()
     number = _NUMBER.fullmatch(text)
-    return _counted(text, *number.groups()) if number else _dated(text)
+    moment = _counted(text, *number.groups()) if number else _dated(text)
+    if abs(moment.ns) > (_FARTHEST_FROM_NOW_NS if moment.is_relative else _LAST_NS):
+        raise ValueError(f"{text!r} is too far away: nanoseconds of 64 bits end in the year 2262")
+    return moment
 
 
 def _counted(text: str, sign: str, digits: str, unit: str) -> Moment:

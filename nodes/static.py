@@ -10,6 +10,7 @@ import click
 from tfbus import (
     Node,
     NodeSettings,
+    Number,
     StaticTransformBroadcaster,
     TransformStamped,
     node_options,
@@ -25,16 +26,16 @@ from tfbus.nodes.static_edge import EdgeMistake, make_edge
 @click.argument("child_frame_id", required=False)
 @click.option("--frame-id", "frame_option", metavar="FRAME", help="The parent, by a flag.")
 @click.option("--child-frame-id", "child_option", metavar="FRAME", help="The child, by a flag.")
-@click.option("--x", type=float, help="Metres; 0.")
-@click.option("--y", type=float, help="Metres; 0.")
-@click.option("--z", type=float, help="Metres; 0.")
-@click.option("--roll", type=float, help="Radians about x, turned first; 0.")
-@click.option("--pitch", type=float, help="Radians about y, turned second; 0.")
-@click.option("--yaw", type=float, help="Radians about z, turned last; 0.")
-@click.option("--qx", type=float, help="Quaternion, instead of roll, pitch and yaw; 0.")
-@click.option("--qy", type=float, help="0.")
-@click.option("--qz", type=float, help="0.")
-@click.option("--qw", type=float, help="1.")
+@click.option("--x", type=Number(), help="Metres; 0.")
+@click.option("--y", type=Number(), help="Metres; 0.")
+@click.option("--z", type=Number(), help="Metres; 0.")
+@click.option("--roll", type=Number(), help="Radians about x, turned first; 0.")
+@click.option("--pitch", type=Number(), help="Radians about y, turned second; 0.")
+@click.option("--yaw", type=Number(), help="Radians about z, turned last; 0.")
+@click.option("--qx", type=Number(), help="Quaternion, instead of roll, pitch and yaw; 0.")
+@click.option("--qy", type=Number(), help="0.")
+@click.option("--qz", type=Number(), help="0.")
+@click.option("--qw", type=Number(), help="1.")
 @click.option("--deg", is_flag=True, help="Angles are degrees.")
 @click.option(
     "--file",

@@ -6,10 +6,15 @@ import subprocess
 import sys
 
 import pytest
-from conftest import Bus, Process
+from conftest import Bus, Process, eventually
 
+from tfbus import GoalHandle
 from tfbus.cli import NODES, TOOLS, main
-from tfbus.messages import RotateAbsolute, Spawn
+from tfbus.codec import encode_map
+from tfbus.messages import RotateAbsolute, SetPen, Spawn
+from tfbus.session import Declaration, Query
+
+_RESULT = RotateAbsolute.Result(-1.5)
 
 A_NODE = "import tfbus; tfbus.Node.from_args('mine').spin()"
 
@@ -118,6 +123,14 @@ class TestTools:
                 {"status": "succeeded", "result": {"delta": -1.5}},
             ],
         )
+        bus.node("pens").create_service(
+            SetPen, "set_pen", lambda pen: {True: SetPen.Response()}[pen.off]
+        )
+        assert run(bus, "call", "set_pen", "{r: 1, g: 2, b: 3, width: 3, off: 1}") == (
+            0,
+            ["{}"],
+            [],
+        )
         code, out, err = run(bus, "call", "spawn", "{x: 2, z: 3}")
         assert (code, out) == (1, [])
         assert err == ["Error: there is no field 'z'; Spawn.Request has x, y, theta, name"]
@@ -126,7 +139,8 @@ class TestTools:
         assert err[0].startswith("Error: nobody serves 'spwan'; ")
 
     @pytest.mark.parametrize(
-        "request_text", ["x", "[1]", "{", "{when: 2022-12-07}", "{x: 99999999999999999999}"]
+        "request_text",
+        ["x", "[1]", "{", "{[1]: 2}", "{x: !!timestamp 2022-12-07}", "{x: 99999999999999999999}"],
     )
     def test_a_request_that_cannot_be_is_a_usage_error(self, bus: Bus, request_text: str) -> None:
         """A request that is no map of plain values is refused before it is sent."""
@@ -151,6 +165,98 @@ class TestTools:
         code, out, err = run(bus, "router", "--listen", "tcp/192.0.2.1:7447")
         assert (code, out, len(err)) == (1, [], 1)
         assert err[0].startswith("Error: could not join the bus")
+
+
+class TestOthers:
+    """Processes that are not ours, and nodes that are not alone."""
+
+    @staticmethod
+    def serve_evil(bus: Bus) -> Declaration:
+        """A process that answers as no node of tfbus does."""
+        session = bus.node("looker").session
+        for key, told in (
+            ("@tfbus/node/evil", {"name": 5}),
+            ("@tfbus/param/evil/x", {"value": 3}),
+        ):
+
+            def answer(query: Query, key: str = key, told: dict[str, int] = told) -> None:
+                query.answer(key, encode_map(told))
+                query.close()
+
+            session.queryable(key, answer)
+        return session.token("@tfbus/node/evil")
+
+    def test_a_node_that_cannot_be_read_is_told_and_passed_over(self, bus: Bus) -> None:
+        """Where a foreign node answers in a shape of its own, the others are listed."""
+        serve(bus)
+        token = self.serve_evil(bus)
+        told = "what node '/evil' tells about itself cannot be read: field 'name' is an integer"
+        code, out, err = run(bus, "node", "list")
+        assert (code, out) == (0, ["/evil", "/looker", "/robot7/sim", "/sim"])
+        assert err == [f"Warning: {told}, a text is wanted"]
+        code, out, err = run(bus, "param", "list")
+        assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
+        assert len(err) == 1
+        assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
+        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
+        assert run(bus, "param", "get", "evil", "x")[0] == 1
+        code, _, err = run(bus, "call", "spwan")
+        assert (code, len(err)) == (1, 2)
+        assert "there are: rotate, spawn" in err[1]
+        token.close()
+
+    def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
+        """A list shows a name once; that several have it is said on stderr."""
+        for _ in range(2):
+            bus.node("twin")
+        assert run(bus, "node", "list") == (
+            0,
+            ["/twin"],
+            ["Warning: 2 nodes have the name /twin"],
+        )
+
+    def test_parameters_are_listed_under_the_full_name(self, bus: Bus) -> None:
+        """From within a namespace too a node is shown by its full name."""
+        serve(bus)
+        for name in ("sim", "/robot7/sim"):
+            assert run(bus, "param", "list", "--namespace", "robot7", name) == (
+                0,
+                ["/robot7/sim:", "  rate"],
+                [],
+            )
+
+
+class TestGoals:
+    @staticmethod
+    def serve_goal(bus: Bus, *, feedback: bool) -> list[str]:
+        """A goal `rotate` that never ends by itself; how it was ended."""
+        ended: list[str] = []
+        node = bus.node("sim")
+
+        def execute(handle: GoalHandle) -> None:
+            handle.on_cancel(lambda: (ended.append("cancel"), handle.cancel(_RESULT)))
+            if feedback:
+                node.create_timer(0.1, lambda: handle.feedback(RotateAbsolute.Feedback(0.5)))
+
+        node.create_goal_server(RotateAbsolute, "rotate", execute)
+        return ended
+
+    def test_ctrl_c_cancels_the_goal(self, bus: Bus) -> None:
+        """A goal lives through any number of timeouts while feedback comes, and ends by Ctrl-C."""
+        ended = self.serve_goal(bus, feedback=True)
+        call = bus.start("call", "rotate", "{theta: 1.5}", "--timeout", "0.7")
+        eventually(lambda: len(call.out) > 12)
+        assert ended == []
+        assert call.stop() == 1
+        assert ended == ["cancel"]
+        assert "Traceback" not in "\n".join(call.err)
+
+    def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
+        """A goal of which nothing is heard for the timeout is given up, and told so."""
+        ended = self.serve_goal(bus, feedback=False)
+        code, out, err = run(bus, "call", "rotate", "{theta: 1.5}", "--timeout", "0.5")
+        assert (code, len(out), err) == (1, 1, ["Error: 'rotate' did not answer in 0.5 s"])
+        assert ended == ["cancel"]
 
 
 class TestCommands:

@@ -92,6 +92,12 @@ def test_an_integer_stands_for_a_number() -> None:
     assert (point, type(point.x)) == (Point(3.0), float)
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_nought_and_one_stand_for_false_and_true(number: int) -> None:
+    """0 and 1 are taken where a boolean is wanted, as people write turtlesim's `off: 1`."""
+    assert from_map(Everything, VALUES | {"yes": number}).yes is bool(number)
+
+
 def test_unknown_fields_of_a_message_are_ignored() -> None:
     """A topic message may have fields that we do not know: its sender may be newer."""
     assert from_map(Point, {"x": 1.0, "z": 3.0}) == Point(1.0)
@@ -111,7 +117,8 @@ def test_unknown_fields_of_a_request_are_refused() -> None:
         ({"whole": True}, "field 'whole' is a boolean, an integer is wanted"),
         ({"number": True}, "field 'number' is a boolean, a number is wanted"),
         ({"number": "2.5"}, "field 'number' is a text, a number is wanted"),
-        ({"yes": 1}, "field 'yes' is an integer, a boolean is wanted"),
+        ({"yes": 2}, "field 'yes' is an integer, a boolean is wanted"),
+        ({"yes": 1.0}, "field 'yes' is a number, a boolean is wanted"),
         ({"text": b"t"}, "field 'text' is bytes, a text is wanted"),
         ({"text": None}, "field 'text' is nothing, a text is wanted"),
         ({"raw": "r"}, "field 'raw' is a text, bytes is wanted"),

@@ -167,8 +167,11 @@ def node_name(process: Process) -> str:
     [
         (["/world", "turtle1"], "write 'world'"),
         (["world", ""], "name is not empty"),
-        (["world", "turtle1", "--rate", "0"], "greater than 0"),
-        (["world", "turtle1", "--rate", "nan"], "greater than 0"),
+        (["world", "turtle1", "--rate", "0"], "at least 1e-06"),
+        (["world", "turtle1", "--rate", "nan"], "is not a number"),
+        (["world", "turtle1", "--rate", "1e-10"], "at least 1e-06"),
+        (["world", "turtle1", "--timeout", "inf"], "is not a number"),
+        (["world", "turtle1", "--at", "99999999999999999999999h"], "too far away"),
         (["world", "turtle1", "--timeout", "-1"], "greater than 0"),
         (["world", "turtle1", "--precision", "-1"], "0<=x<=17"),
         (["world", "turtle1", "--at", "noon"], "is not a time"),

@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
-from conftest import Bus, eventually
+from conftest import Bus, eventually, free_port
 
 from tfbus.presence import list_nodes
 
@@ -72,6 +72,28 @@ def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_pat
     started = re.findall(r"\[(\w+)\]: process started", "\n".join(launch.err))
     assert started == ["middle", "last"]
     assert launch.stop(signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_launch_waits_for_its_router(bus: Bus, tmp_path: Path, number: int) -> None:
+    """A client's launch may begin before the router; Ctrl-C ends it cleanly while it waits."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        "nodes: [{node: talker.py}, {node: talker.py, name: last, after: talker}]",
+    )
+    router = f"tcp/127.0.0.1:{free_port()}"
+    launch = bus.start("launch", str(path), "--mode", "client", "--connect", router)
+    launch.wait_for_line(f"Waiting for a router at {router}")
+    assert launch.stop(number) == 0
+    assert "Traceback" not in "\n".join(launch.err)
+
+
+@pytest.mark.parametrize("option", ["--for", "--sigterm-timeout", "--sigkill-timeout"])
+def test_times_are_finite(bus: Bus, option: str) -> None:
+    """A time that is no number of seconds is a usage error."""
+    assert bus.run("launch", "turtle", option, "nan").returncode == 2
 
 
 def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:

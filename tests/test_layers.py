@@ -11,13 +11,14 @@ ROOT = Path(__file__).parent.parent
 # Lowest first; the modules of a line may import those of lower lines, and each other.
 LAYERS = [
     {"errors", "version", "signals", "log", "frame", "change", "outcome", "sampling", "uncompiled"},
+    {"values", "numbers"},
     {"kernel"},
     {"transform"},
     {"batch", "transform_array", "twist", "describe"},
     {"tree"},
     {"explain", "waiting"},
     {"buffer"},
-    {"codec", "keys", "messages"},
+    {"codec", "keys", "messages", "description"},
     {"wire"},
     {"settings", "executor", "interface"},
     {"options"},

@@ -65,7 +65,7 @@ def test_a_node_is_described_by_any_way_of_writing_its_name(bus: Bus) -> None:
         (inside, "sim"),
         (inside, "/robot7/sim"),
     ):
-        assert [told["name"] for told in describe_nodes(session, name)] == ["/robot7/sim"]
+        assert [told.name for told in describe_nodes(session, name)] == ["/robot7/sim"]
 
 
 def test_nodes_that_share_a_name_are_all_described(bus: Bus) -> None:
@@ -74,9 +74,7 @@ def test_nodes_that_share_a_name_are_all_described(bus: Bus) -> None:
     session = look(bus)
     wanted = sorted([first.started_ns, second.started_ns])
     eventually(lambda: "/sim" in list_nodes(session))
-    eventually(
-        lambda: sorted(told["started_ns"] for told in describe_nodes(session, "sim")) == wanted
-    )
+    eventually(lambda: sorted(told.started_ns for told in describe_nodes(session, "sim")) == wanted)
 
 
 def test_a_node_that_is_not_there_is_said_with_the_nearest(bus: Bus) -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
     from tfbus.node import Node as Node
+    from tfbus.numbers import Number as Number
     from tfbus.options import node_options as node_options
     from tfbus.parameters import Parameter as Parameter
     from tfbus.sampling import Sampling as Sampling
@@ -63,6 +64,7 @@ _MODULE_OF = {
     "NoDataException": "errors",
     "Node": "node",
     "NodeSettings": "settings",
+    "Number": "numbers",
     "Parameter": "parameters",
     "ParameterError": "errors",
     "PastExtrapolationException": "errors",

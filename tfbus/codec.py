@@ -1,7 +1,9 @@
 """Messages of topics and services: small dataclasses on the wire as msgpack maps.
 
-A field is an int, float, bool, str, bytes, another dataclass, or a list of one of these. An int
-stands for a float where a float is wanted; nothing else is converted.
+A field is an int, float, bool, str, bytes, another dataclass, or a list, or a dict by texts, of
+one of these; Any is read as it comes. An int
+stands for a float where a float is wanted, and 0 and 1 for false and true; nothing else is
+converted.
 """
 
 from collections.abc import Callable, Mapping
@@ -116,9 +118,15 @@ def _reader(wanted: Any) -> Reader:
         return _nested_reader(cast(type, wanted))
     if get_origin(wanted) in (list, tuple):
         return _list_reader(wanted)
+    if get_origin(wanted) is dict:
+        return _dict_reader(wanted)
+    if wanted is Any:
+        return lambda value, path: value
     if wanted is float:
         return _read_float
-    if wanted in (int, bool, str, bytes):
+    if wanted is bool:
+        return _read_bool
+    if wanted in (int, str, bytes):
         return _scalar_reader(wanted)
     raise TypeError(f"a message cannot have a field of type {wanted!r}")
 
@@ -144,10 +152,29 @@ def _list_reader(wanted: Any) -> Reader:
     return read
 
 
+def _dict_reader(wanted: Any) -> Reader:
+    read_item = _reader(get_args(wanted)[1])
+
+    def read(value: object, path: str) -> Any:
+        if not isinstance(value, dict):
+            raise DecodeError(f"field {path!r} is {_kind(value)}, a map is wanted")
+        if not all(isinstance(key, str) for key in value):
+            raise DecodeError(f"field {path!r} has a key that is not a text")
+        return {key: read_item(item, f"{path}.{key}") for key, item in value.items()}
+
+    return read
+
+
 def _read_float(value: object, path: str) -> float:
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
     raise DecodeError(f"field {path!r} is {_kind(value)}, a number is wanted")
+
+
+def _read_bool(value: object, path: str) -> bool:
+    if isinstance(value, bool | int) and value in (0, 1):
+        return bool(value)
+    raise DecodeError(f"field {path!r} is {_kind(value)}, a boolean is wanted")
 
 
 def _scalar_reader(wanted: type) -> Reader:

@@ -8,7 +8,6 @@ set on the bus at `@tfbus/param/<node>/<name>`: a query without payload reads it
 import logging
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +77,7 @@ class Parameter:
     def checked(self, value: Any) -> Any:
         """The value as this parameter's type; a text is read as such. Raises ParameterError."""
         if isinstance(value, str) and self._type is not str:
-            value = _read_text(value, self._type)
+            value = _read_text(value)
         if isinstance(value, int) and not isinstance(value, bool) and self._type is float:
             value = float(value)
         if type(value) is not self._type or not _fits_the_wire(value):
@@ -168,17 +167,10 @@ class Parameters:
         self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
 
 
-def _read_text(text: str, wanted: type) -> object:
-    """The text as YAML reads it, but as a number is wanted, 1e-3 is one and 010 is ten."""
-    if wanted in (int, float):
-        with suppress(ValueError):
-            return wanted(text)
-    import yaml  # only where a value comes as text
+def _read_text(text: str) -> object:
+    from tfbus.values import read_value  # YAML, only where a value comes as text
 
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError):
-        return text
+    return read_value(text)
 
 
 def _fits_the_wire(value: Any) -> bool:

@@ -2,12 +2,13 @@
 
 import difflib
 import threading
-from typing import Any
+from collections.abc import Callable
 
-from tfbus.codec import decode_map
-from tfbus.errors import BusError
+from tfbus.codec import decode_message
+from tfbus.description import NodeDescription
+from tfbus.errors import BusError, DecodeError
 from tfbus.keys import full_name, node_key
-from tfbus.session import Session
+from tfbus.session import Answer, Session
 
 # The nodes of this namespace and of those below it.
 _ALL_NODES = "**/@tfbus/node/*"
@@ -19,16 +20,42 @@ def list_nodes(session: Session) -> list[str]:
     return sorted(full_name(key, namespace) for key in session.living(_ALL_NODES))
 
 
-def describe_nodes(session: Session, name: str) -> list[dict[str, Any]]:
-    """What the nodes of a full name tell about themselves: one map a node, several where nodes
-    share the name. Raises BusError where there is none, with the nearest names.
+def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
+    """What the nodes of a full name tell about themselves: several where nodes share the name.
+
+    Raises BusError where there is none, with the nearest names; DecodeError where what one tells
+    cannot be read.
     """
     key = _key_of(name, session.settings.namespace)
     answers = session.ask(key, timeout_s=2.0)
-    described = [decode_map(answer.payload) for answer in answers if answer.refusal is None]
+    described = [_read(session, answer) for answer in answers if answer.refusal is None]
     if not described:
         raise BusError(_absent(name, list_nodes(session)))
     return described
+
+
+def describe_all(
+    session: Session, on_unreadable: Callable[[DecodeError], object]
+) -> list[NodeDescription]:
+    """What all nodes tell about themselves; `on_unreadable(error)` is called for the others."""
+    described = []
+    for answer in session.ask(_ALL_NODES, timeout_s=1.0):
+        if answer.refusal is None:
+            try:
+                described.append(_read(session, answer))
+            except DecodeError as error:
+                on_unreadable(error)
+    return described
+
+
+def _read(session: Session, answer: Answer) -> NodeDescription:
+    try:
+        return decode_message(NodeDescription, answer.payload)
+    except DecodeError as error:
+        name = full_name(answer.key, session.settings.namespace)
+        raise DecodeError(
+            f"what node {name!r} tells about itself cannot be read: {error}"
+        ) from error
 
 
 class NodeWatch:

@@ -40,14 +40,14 @@ class Commands(click.Group):
     """Subcommands by name, imported when one is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted({*TOOLS, *NODES, *_entry_points()})
+        return sorted({*TOOLS, *NODES, *entry_points()})
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name in TOOLS:
             return _tool(name)
         if name in NODES:
             return _as_command(name, import_module(f"tfbus.nodes.{name}").main)
-        found = _entry_points().get(name)
+        found = entry_points().get(name)
         return _as_command(name, found.load()) if found else None
 
     def resolve_command(
@@ -65,7 +65,7 @@ class Commands(click.Group):
         own = NODES.keys()
         others = {
             name: f"A node of the package {point.dist.name if point.dist else '?'}."
-            for name, point in _entry_points().items()
+            for name, point in entry_points().items()
             if name not in own
         }
         for title, commands in (("Tools", TOOLS), ("Nodes", NODES), ("Nodes of others", others)):
@@ -84,10 +84,11 @@ def main() -> None:
     """Coordinate frames for distributed robots, without ROS."""
 
 
-def _entry_points() -> dict[str, Any]:
-    from importlib.metadata import entry_points  # 10 ms that most commands do not need
+def entry_points() -> dict[str, Any]:
+    """The nodes of the entry-point group by name, other packages' and our own."""
+    from importlib import metadata  # 10 ms that most commands do not need
 
-    return {point.name: point for point in entry_points(group=NODE_GROUP)}
+    return {point.name: point for point in metadata.entry_points(group=NODE_GROUP)}
 
 
 def _tool(name: str) -> click.Command:

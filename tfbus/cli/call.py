@@ -1,19 +1,24 @@
 """`tfbus call`: call a service, or send a goal and follow it, from the command line."""
 
-import json
-import math
+import queue
+from collections.abc import Iterator
 from typing import Any
 
 import click
 
-from tfbus.cli.bus import open_bus
+from tfbus.cli.bus import as_json, open_bus, warn
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.keys import check_topic
+from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.presence import describe_nodes, list_nodes
-from tfbus.session import Session
+from tfbus.presence import describe_all
+from tfbus.session import Answer, Session
 from tfbus.settings import NodeSettings
+
+# However long a goal takes: what ends the waiting is silence.
+_LONGEST_GOAL_S = 1e6
+_CANCEL_TIMEOUT_S = 2.0
 
 
 @click.command(
@@ -24,34 +29,64 @@ from tfbus.settings import NodeSettings
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(0, 1e6, min_open=True),
+    type=POSITIVE,
     default=5.0,
     metavar="S",
-    help="Wait so long for an answer; 5 s.",
+    help="Give up when no answer, or feedback, comes for so long; 5 s.",
 )
 @bus_options("call")
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
     """Call a service, or send a goal and follow it.
 
     REQUEST is a YAML map of its fields. Each answer is printed as one line of JSON: a service
-    has one, a goal tells its feedback and then its result.
+    has one, a goal tells its feedback and then its result. Ctrl-C cancels a goal.
     """
-    if math.isnan(timeout_s):
-        raise click.BadParameter("a number of seconds is wanted, not nan", param_hint="--timeout")
+    check_topic(service, kind="service")
     payload = _read_request(request)
     with open_bus(settings) as session:
         answered = False
-        for answer in session.ask(
-            check_topic(service, kind="service"), payload, timeout_s=timeout_s
-        ):
-            if answer.refusal is not None:
-                raise ServiceError(
-                    answer.refusal or f"{service!r} did not answer in {timeout_s:g} s"
-                )
-            click.echo(json.dumps(decode_map(answer.payload), default=_as_json))
+        for answer in _following(session, service, payload, timeout_s):
+            click.echo(as_json(answer))
             answered = True
         if not answered:
             raise ServiceError(_nobody(session, service))
+
+
+def _following(
+    session: Session, service: str, payload: bytes, timeout_s: float
+) -> Iterator[dict[str, Any]]:
+    """The answers as they come; goals that were accepted are cancelled where it ends early."""
+    accepted = []
+    try:
+        for answer in _answers(session, service, payload, timeout_s):
+            if answer.refusal is not None:
+                raise ServiceError(answer.refusal or _silence(service, timeout_s))
+            values = decode_map(answer.payload)
+            if isinstance(values.get("accepted"), str):
+                accepted.append(values["accepted"])
+            yield values
+    except BaseException:  # Ctrl-C and a reader that has gone too
+        for goal in accepted:
+            cancel = encode_map({"id": goal})
+            list(session.ask(f"{service}/cancel", cancel, timeout_s=_CANCEL_TIMEOUT_S))
+        raise
+
+
+def _answers(session: Session, service: str, payload: bytes, timeout_s: float) -> Iterator[Answer]:
+    """The answers as they come. Raises ServiceError where none comes for `timeout_s`."""
+    answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+    session.ask_later(
+        service, payload, answers.put, lambda: answers.put(None), timeout_s=_LONGEST_GOAL_S
+    )
+    try:
+        while (answer := answers.get(timeout=timeout_s)) is not None:
+            yield answer
+    except queue.Empty:
+        raise ServiceError(_silence(service, timeout_s)) from None
+
+
+def _silence(service: str, timeout_s: float) -> str:
+    return f"{service!r} did not answer in {timeout_s:g} s"
 
 
 def _read_request(text: str) -> bytes:
@@ -65,33 +100,20 @@ def _read_request(text: str) -> bytes:
         ) from error
 
 
-def _as_json(value: object) -> str:
-    return value.hex() if isinstance(value, bytes) else str(value)
-
-
 def _as_map(text: str) -> dict[str, Any]:
-    import yaml
+    from tfbus.values import read_value  # YAML, which `--help` does not need
 
-    try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise click.BadParameter(f"{text!r} is not YAML", param_hint="REQUEST") from error
+    value = read_value(text)
     if not isinstance(value, dict):
         raise click.BadParameter(
-            f"a map of the request's fields is wanted, as in '{{x: 2, y: 3}}', not {text!r}",
+            "a map of the request's fields in YAML is wanted, as in '{x: 2, y: 3}', "
+            f"not {text!r}",
             param_hint="REQUEST",
         )
     return value
 
 
 def _nobody(session: Session, service: str) -> str:
-    served = sorted(
-        {
-            name
-            for node in list_nodes(session)
-            for description in describe_nodes(session, node)
-            for name in description["serves"]
-        }
-    )
+    served = sorted({name for node in describe_all(session, warn) for name in node.serves})
     there = f"there are: {', '.join(served)}" if served else "no node serves anything"
     return f"nobody serves {service!r}; {there}"

@@ -5,9 +5,13 @@ The folder `template` beside this file is that package, for the robot `my_robot`
 """
 
 import keyword
+import re
+import sys
 from pathlib import Path
 
 import click
+
+from tfbus.cli import NODES, TOOLS
 
 _TEMPLATE = Path(__file__).with_name("template")
 _FILES = (
@@ -29,11 +33,21 @@ def _check_module_name(ctx: click.Context, param: click.Parameter, value: str) -
     return value
 
 
+def _check_package(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    if value in {"tfbus", "tests"} | sys.stdlib_module_names:
+        raise click.BadParameter(f"{value!r} is the name of another Python package already")
+    return _check_module_name(ctx, param, value)
+
+
+def _check_node(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    if value in {*TOOLS, *NODES}:
+        raise click.BadParameter(f"`tfbus {value}` is a command of tfbus already")
+    return _check_module_name(ctx, param, value)
+
+
 @click.command(epilog="Example: tfbus create my_robot --node my_node")
-@click.argument("package", callback=_check_module_name)
-@click.option(
-    "--node", default="my_node", callback=_check_module_name, help="The node's name; my_node."
-)
+@click.argument("package", callback=_check_package)
+@click.option("--node", default="my_node", callback=_check_node, help="The node's name; my_node.")
 @click.option(
     "--directory", default=".", type=click.Path(path_type=Path), help="Where to write it; here."
 )
@@ -48,13 +62,19 @@ def command(package: str, node: str, directory: Path) -> None:
     folder = directory / package
     if folder.exists():
         raise click.ClickException(f"{folder} exists already: choose another name or --directory")
+    try:
+        _write(folder, {"my_robot": package, "my_node": node})
+    except OSError as error:
+        raise click.ClickException(f"{folder} cannot be written: {error.strerror}") from error
+    click.echo(f"Next: cd {folder}, and do what its README.md says")
 
+
+def _write(folder: Path, names: dict[str, str]) -> None:
     def renamed(text: str) -> str:
-        return text.replace("my_robot", package).replace("my_node", node)
+        return re.sub("|".join(names), lambda found: names[found[0]], text)
 
     for name in _FILES:
         path = folder / renamed(name)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(renamed((_TEMPLATE / name).read_text()))
         click.echo(path)
-    click.echo(f"Next: cd {folder}, and do what its README.md says")

@@ -1,14 +1,15 @@
 """`tfbus launch`: start the processes of a launch file, and stop them together."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import entry_points
 from typing import Any
 
 import click
 
+from tfbus.cli import NODES, entry_points
 from tfbus.errors import TfbusError
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.find import find_launch_file
@@ -18,9 +19,8 @@ from tfbus.launch.program import Program, check_startable, dry_run_line, program
 from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
+from tfbus.numbers import NOT_NEGATIVE
 from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
-
-_SECONDS = click.FloatRange(min=0)
 
 
 @click.command(
@@ -45,20 +45,20 @@ _SECONDS = click.FloatRange(min=0)
 @click.option(
     "--for",
     "longest_s",
-    type=_SECONDS,
+    type=NOT_NEGATIVE,
     metavar="SECONDS",
     help="Stop by itself after that time.",
 )
 @click.option(
     "--sigterm-timeout",
-    type=_SECONDS,
+    type=NOT_NEGATIVE,
     metavar="SECONDS",
     default=5.0,
     help="Between SIGINT and SIGTERM; 5.",
 )
 @click.option(
     "--sigkill-timeout",
-    type=_SECONDS,
+    type=NOT_NEGATIVE,
     metavar="SECONDS",
     default=5.0,
     help="Between SIGTERM and SIGKILL; 5.",
@@ -125,9 +125,7 @@ def _given(arguments: Sequence[str]) -> dict[str, str]:
 
 
 def _node_names() -> set[str]:
-    from tfbus.cli import NODE_GROUP, NODES
-
-    return {*NODES, *(point.name for point in entry_points(group=NODE_GROUP))}
+    return {*NODES, *entry_points()}
 
 
 def _run(
@@ -145,13 +143,24 @@ def _run(
 
 @contextmanager
 def _presence(settings: NodeSettings) -> Iterator[Presence]:
-    """A look at the whole bus: nodes are awaited by their full names."""
+    """A look at the whole bus: nodes are awaited by their full names.
+
+    A client's router is waited for; Ctrl-C and SIGTERM end that as they end a launch.
+    """
     from tfbus.log import open_log
     from tfbus.presence import NodeWatch
     from tfbus.session import Session  # Zenoh, which a launch without `after:` does not need
+    from tfbus.signals import StopSignals
 
     log = open_log("/launch", "launch", settings.log_level)
-    with Session(replace(settings, namespace=""), log) as session:
+    signals = StopSignals()
+    try:
+        session = Session(replace(settings, namespace=""), log, patience_s=math.inf)
+    except KeyboardInterrupt:
+        raise SystemExit(0) from None
+    finally:
+        signals.uninstall()
+    with session:
         watch = NodeWatch(session)
         yield watch
         watch.close()

@@ -1,14 +1,16 @@
 """`tfbus node`: which nodes are there, and what one of them does."""
 
-import json
 import time
-from typing import Any
+from collections import Counter
 
 import click
 
-from tfbus.cli.bus import open_bus
+from tfbus.cli.bus import as_json as json_line
+from tfbus.cli.bus import as_text, open_bus, warn
+from tfbus.codec import as_map
+from tfbus.description import NodeDescription
 from tfbus.options import bus_options
-from tfbus.presence import describe_nodes, list_nodes
+from tfbus.presence import describe_all, describe_nodes, list_nodes
 from tfbus.settings import NodeSettings
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
@@ -27,10 +29,14 @@ def list_command(settings: NodeSettings, only_count: bool, as_json: bool) -> Non
     """Print the full names of all nodes, one a line."""
     with open_bus(settings) as session:
         names = list_nodes(session)
+        told = {(node.session, node.name) for node in describe_all(session, warn)}
+    for name, count in Counter(name for _, name in told).items():
+        if count > 1:
+            warn(f"{count} nodes have the name {name}")
     if only_count:
         click.echo(len(names))
     elif as_json:
-        click.echo(json.dumps(names))
+        click.echo(json_line(names))
     else:
         for name in names:
             click.echo(name)
@@ -45,28 +51,24 @@ def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
     with open_bus(settings) as session:
         nodes = describe_nodes(session, name)
     if len(nodes) > 1:
-        click.echo(f"Warning: {len(nodes)} nodes have the name {nodes[0]['name']}", err=True)
+        warn(f"{len(nodes)} nodes have the name {nodes[0].name}")
     for node in nodes:
-        click.echo(json.dumps(node) if as_json else _as_text(node))
+        click.echo(json_line(as_map(node)) if as_json else _as_text(node))
 
 
-def _as_text(node: dict[str, Any]) -> str:
-    uptime_s = (time.time_ns() - node["started_ns"]) / 1e9
+def _as_text(node: NodeDescription) -> str:
+    uptime_s = (time.time_ns() - node.started_ns) / 1e9
     lines = [
-        node["name"],
-        f"  Host: {node['host']}",
-        f"  Pid: {node['pid']}",
-        f"  Version: {node['version']}",
+        node.name,
+        f"  Host: {node.host}",
+        f"  Pid: {node.pid}",
+        f"  Version: {node.version}",
         f"  Up: {uptime_s:.0f} s",
-        f"  Streams: {', '.join(node['streams']) or 'none'}",
+        f"  Streams: {', '.join(node.streams) or 'none'}",
     ]
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
-        lines += [f"    {name}: {type_}" for name, type_ in sorted(node[kind].items())]
+        lines += [f"    {name}: {type_}" for name, type_ in sorted(getattr(node, kind).items())]
     lines.append("  Parameters:")
-    lines += [f"    {entry['name']}: {_as_yaml(entry['value'])}" for entry in node["parameters"]]
+    lines += [f"    {entry.name}: {as_text(entry.value)}" for entry in node.parameters]
     return "\n".join(lines)
-
-
-def _as_yaml(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,52 @@
+"""`tfbus create`: what it writes, and which names it refuses."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from tfbus.cli.create import command
+
+
+@pytest.mark.parametrize(
+    ("package", "node"),
+    [("my_robot", "my_node"), ("my_node_pkg", "driver"), ("my_node", "driver"), ("a", "my_robot")],
+)
+def test_the_files_bear_the_names_given(tmp_path: Path, package: str, node: str) -> None:
+    """Package and node are called as told, also where a name looks like one of the template's."""
+    done = CliRunner().invoke(command, [package, "--node", node, "--directory", str(tmp_path)])
+    assert done.exit_code == 0
+    folder = tmp_path / package
+    assert f'{node} = "{package}.{node}:main"' in (folder / "pyproject.toml").read_text()
+    assert f"from {package}.{node} import" in (folder / f"tests/test_{node}.py").read_text()
+    assert f'Node.from_args("{node}", argv)' in (folder / package / f"{node}.py").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["tfbus"], "'tfbus' is the name of another Python package already"),
+        (["tests"], "'tests' is the name of another Python package already"),
+        (["json"], "'json' is the name of another Python package already"),
+        (["1st"], "'1st' cannot be a Python package"),
+        (["mine", "--node", "echo"], "`tfbus echo` is a command of tfbus already"),
+        (["mine", "--node", "launch"], "`tfbus launch` is a command of tfbus already"),
+        (["mine", "--node", "class"], "'class' cannot be a Python package"),
+        (["mine", "--node", "mine"], "need different names"),
+    ],
+)
+def test_names_that_would_clash_are_refused(
+    tmp_path: Path, arguments: list[str], reason: str
+) -> None:
+    """A name that another package or command has is a usage error, and nothing is written."""
+    done = CliRunner().invoke(command, [*arguments, "--directory", str(tmp_path)])
+    assert (done.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert reason in " ".join(done.output.split())
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    """Where no folder can be made, that is one sentence and exit code 1."""
+    (tmp_path / "file").write_text("")
+    done = CliRunner().invoke(command, ["mine", "--directory", str(tmp_path / "file")])
+    assert done.exit_code == 1
+    assert done.output == f"Error: {tmp_path}/file/mine cannot be written: Not a directory\n"

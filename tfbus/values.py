@@ -1,0 +1,55 @@
+"""Values as people type them, for a parameter or in a request: YAML 1.2, whose words have no traps.
+
+PyYAML reads YAML 1.1, where `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
+1e-3 is a text and 2022-12-07 is a date. Here a plain word is nothing (`null`, `~`), true or
+false, a number, or else a text, and the key of a map is always a text.
+"""
+
+import re
+from typing import Any
+
+import yaml
+
+_TAG = "tag:yaml.org,2002:"
+_BASES = {"0o": 8, "0x": 16}
+
+# The core schema: https://yaml.org/spec/1.2.2/#1032-tag-resolution
+_WORDS = {
+    "null": r"null|~|",
+    "bool": r"true|false",
+    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-f]+",
+    "float": r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)(e[-+]?[0-9]+)?|[-+]?\.inf|\.nan",
+}
+
+
+def read_value(text: str) -> Any:
+    """What the text says; a text that is not YAML says itself."""
+    try:
+        return yaml.load(text, _LOADER)
+    except Exception:  # of any kind, where a tag does not fit: `!!bool 5` is a KeyError
+        return text
+
+
+def _read_int(loader: Any, node: Any) -> int:
+    return int(node.value, _BASES.get(node.value[:2].lower(), 10))
+
+
+def _read_map(loader: Any, node: Any) -> dict[str, Any]:
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            raise yaml.YAMLError("the key of a map is a text")
+    return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
+
+
+def _make_loader() -> Any:
+    # Not a class statement: without the types of PyYAML its base would be one of no known type.
+    loader: Any = type("_Loader", (yaml.SafeLoader,), {"yaml_implicit_resolvers": {}})
+    for name, pattern in _WORDS.items():
+        word = re.compile(rf"(?:{pattern})\Z", re.IGNORECASE)
+        loader.add_implicit_resolver(_TAG + name, word, [None])
+    loader.add_constructor(f"{_TAG}int", _read_int)
+    loader.add_constructor(f"{_TAG}map", _read_map)
+    return loader
+
+
+_LOADER = _make_loader()

@@ -18,9 +18,11 @@ import click
 from tfbus import (
     Buffer,
     ExtrapolationException,
+    InvalidArgumentException,
     LookupException,
     Node,
     NodeSettings,
+    Number,
     PastExtrapolationException,
     TimeoutException,
     TransformException,

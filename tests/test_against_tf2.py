@@ -32,15 +32,6 @@ RECORDINGS = (
 )
 
 
-# What tfbus and tf2 are known to disagree about, and no list of differences has.
-disagreed = pytest.mark.xfail(
-    strict=False,
-    reason="the latest of a frame from itself; the order in which lookup_transform_full checks "
-    "names; which error tells of a time when the tree was another",
-)
-
-
-@disagreed
 def test_random_trees_are_answered_as_tf2_answers_them(
     tf2: Oracle, pytestconfig: pytest.Config
 ) -> None:
@@ -58,7 +49,6 @@ def test_random_trees_are_answered_as_tf2_answers_them(
             pytest.fail(f"--seed {seed}\n\n{shrunk(tf2, mismatch)}", pytrace=False)
 
 
-@disagreed
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_recorded_robots_are_answered_as_tf2_answers_them(tf2: Oracle, name: str) -> None:
     """What real robots sent, with their clocks and repeats, is taken and answered as tf2 does."""

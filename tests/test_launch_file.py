@@ -548,8 +548,11 @@ def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Pa
     )
 
 
-def test_a_command_learns_about_the_bus_from_its_environment(tmp_path: Path) -> None:
+def test_a_command_learns_about_the_bus_from_its_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A program of one's own gets launch's settings as variables, and its own variables last."""
+    monkeypatch.delenv("TFBUS_RECORDINGS", raising=False)
     [process] = read(
         tmp_path, "nodes:\n  - {command: [env], namespace: a, environment: {TFBUS_MODE: peer}}"
     )

@@ -718,6 +718,13 @@ class Buffer:
         self, questions: Sequence[Question], sampling: Sampling | None
     ) -> TransformException:
         """The error for the first of the questions that has no answer."""
+        # All names first, as tf2 does: a time is of no use to a frame that is not known.
+        names = {"target_frame": questions[-1][0], "source_frame": questions[0][1]}
+        if len(questions) > 1:
+            names["fixed_frame"] = questions[0][0]
+        error = self._misnamed(names)
+        if error is not None:
+            return error
         for question in questions[:-1]:
             if self._ask((question,), sampling) is None:
                 return self._why_not(question, sampling)
@@ -725,10 +732,9 @@ class Buffer:
 
     def _why_not(self, question: Question, sampling: Sampling | None) -> TransformException:
         target_frame, source_frame, stamp_ns = question
-        for frame, what in ((target_frame, "target_frame"), (source_frame, "source_frame")):
-            check_frame_id(frame, what)
-            if frame not in self._tree.frames:
-                return self._unknown(frame)
+        misnamed = self._misnamed({"target_frame": target_frame, "source_frame": source_frame})
+        if misnamed is not None:
+            return misnamed
         if stamp_ns is not None:
             check_stamp(stamp_ns)
         with self._lock:
@@ -744,6 +750,13 @@ class Buffer:
             "now: ask again",
             requested_ns=stamp_ns,
         )
+
+    def _misnamed(self, names: dict[str, str]) -> TransformException | None:
+        for what, frame in names.items():
+            check_frame_id(frame, what)
+            if frame not in self._tree.frames:
+                return self._unknown(frame)
+        return None
 
     def _unknown(self, frame: str) -> TransformException:
         with self._lock:

@@ -17,6 +17,7 @@ from tfbus.errors import (
     TransformException,
 )
 from tfbus.kernel import History
+from tfbus.outcome import ALL_STATIC, NO_DATA
 from tfbus.sampling import Sampling
 from tfbus.tree import Tree, chain
 
@@ -65,7 +66,14 @@ def why_not(
     path = tree.path(target_frame, source_frame)
     if path is None:
         return _not_connected(tree, target_frame, source_frame)
-    errors = [_no_data(history, stamp_ns, sampling) for history in path.edges()]
+    edges = path.edges()
+    if stamp_ns is None and path.is_mixed() and path.latest() not in (ALL_STATIC, NO_DATA):
+        stamp_ns = path.latest()
+    if stamp_ns is not None and path.is_mixed():
+        # The way was another then: only what cut it short counts.
+        ends = [tree.walk_end(frame, stamp_ns, sampling) for frame in (source_frame, target_frame)]
+        edges = [end for end in ends if end.parent is not None]
+    errors = [_no_data(history, stamp_ns, sampling) for history in edges]
     missing = [error for error in errors if error is not None]
     if missing:
         # What cannot come any more says more than what may.

@@ -562,9 +562,12 @@ class Path:
 
     def latest(self) -> int:
         """The newest stamp that all edges have come to; ALL_STATIC; or NO_DATA where an edge is
-        empty.
+        empty. Of a frame from itself its own newest, as tf2 has it.
         """
         latest = ALL_STATIC
+        if self.source is self.target:
+            history = self.source
+            return latest if history.static or history.count() == 0 else history.latest()
         for history in self.up:
             if not history.static:
                 latest = min(latest, history.latest())

@@ -105,6 +105,11 @@ class Tree:
                     return make_stamped(stamp_ns, target.name, source.name, whole, beyond)
         return None
 
+    def walk_end(self, frame: str, stamp_ns: int, sampling: Sampling) -> History:
+        """The root above a known frame at that time, or the edge without data in the way."""
+        end: History = self._walk(self.frames[frame], stamp_ns, sampling)[-1][0]
+        return end
+
     def _walk(
         self, history: History, stamp_ns: int, sampling: Sampling
     ) -> list[tuple[History, Pose, int]]:

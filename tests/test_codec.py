@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgpack
 import pytest
@@ -134,6 +135,25 @@ def test_unknown_fields_of_a_request_are_refused() -> None:
 def test_a_field_of_the_wrong_type_is_named(change: dict[str, object], reason: str) -> None:
     """A field of the wrong type is refused, with its path, what it is, and what is wanted."""
     assert refusal(VALUES | change) == reason
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    prices: dict[str, float]
+    note: Any = None
+
+
+def test_a_map_by_texts_and_anything_at_all_are_fields_too() -> None:
+    """A dict keeps its keys and reads its values; a field of any type is read as it comes."""
+    catalogue = Catalogue({"tea": 2.5, "water": 0.0}, [1, {"a": b"b"}])
+    assert decode_message(Catalogue, encode_message(catalogue)) == catalogue
+    assert refusal({"prices": [1]}, Catalogue) == "field 'prices' is a list, a map is wanted"
+    assert refusal({"prices": {"tea": "2"}}, Catalogue) == (
+        "field 'prices.tea' is a text, a number is wanted"
+    )
+    assert refusal({"prices": {b"tea": 2}}, Catalogue) == (
+        "field 'prices' has a key that is not a text"
+    )
 
 
 def test_a_missing_field_is_named() -> None:

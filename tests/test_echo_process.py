@@ -1,6 +1,7 @@
 """`tfbus echo` as a process: what it prints, what it waits for, and how it ends."""
 
 import json
+import math
 import re
 import signal
 import sys
@@ -10,8 +11,15 @@ import pytest
 from click.testing import CliRunner
 from conftest import Bus, Process, eventually
 
-from tfbus import Node, Transform, TransformBroadcaster, TransformStamped
-from tfbus.nodes.echo import main
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    Node,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+from tfbus.nodes.echo import Question, answers, main
 
 STAMP_NS = 1_649_109_418_061_570_822
 
@@ -121,6 +129,20 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     assert done.returncode == 1
     assert "only what is sent while echo runs is known to it" in done.stderr
     assert "Waiting" not in done.stderr
+
+
+def test_a_question_that_can_never_be_answered_fails_at_once(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What no waiting makes right ends it at once, however patient it is."""
+
+    def refuse(*_: object) -> TransformStamped:
+        raise InvalidArgumentException("no such thing")
+
+    monkeypatch.setattr(Question, "ask", refuse)
+    asked = answers(bus.node("echo"), Buffer(), Question("a", "b"), rate_hz=1.0, timeout_s=math.inf)
+    with pytest.raises(InvalidArgumentException, match="no such thing"):
+        next(asked)
 
 
 def test_a_fixed_frame_joins_two_times(bus: Bus, clockwork: Node) -> None:

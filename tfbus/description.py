@@ -6,11 +6,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ParameterDescription:
-    """A parameter: its name, what it is now, and of which type; its bounds are not read."""
+    """A parameter: its name, what it is now, of which type, and, for numbers, its bounds."""
 
     name: str
     value: Any
     type: str
+    description: str = ""
+    minimum: Any = None
+    maximum: Any = None
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
         raise click.BadParameter(str(error)) from error
 
 
-_POSITIVE = Number(least=0.0, more_than_least=True)
+_SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
 
 
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
@@ -238,7 +238,7 @@ _POSITIVE = Number(least=0.0, more_than_least=True)
 )
 @click.option(
     "--timeout",
-    type=_POSITIVE,
+    type=_SECONDS,
     metavar="SECONDS",
     help="Give up with exit code 1 when there is no transform for so long.",
 )

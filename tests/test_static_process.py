@@ -89,7 +89,7 @@ def test_a_mistake_in_a_file_is_one_sentence(tmp_path: Path) -> None:
         (["world", "world"], "--child-frame-id: is 'world', the parent's own name"),
         (["world", "camera", "--frame-id", "map"], "not both"),
         (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: cannot stand beside roll"),
-        (["world", "camera", "--x", "nan"], "--x: is nan"),
+        (["world", "camera", "--x", "nan"], "'--x': nan is not a number that is finite"),
         (["world", "camera", "--qx", "1"], "divided by its norm it is qx 0.707106781"),
         (["world", "camera", "--file", "edges.yaml"], "give no others beside it"),
     ],

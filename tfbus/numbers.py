@@ -1,4 +1,4 @@
-"""Numbers as options take them: finite, and of a size that a clock can wait for."""
+"""Numbers as options take them: finite, and within bounds."""
 
 import math
 
@@ -6,13 +6,19 @@ import click
 
 
 class Number(click.ParamType[float]):
-    """A finite number, at most a thousand million; from nought, or more than that, where wanted."""
+    """A finite number from `least`, or above it where `more_than_least`, to `most`."""
 
     name = "number"
-    _LIMIT = 1e9
 
-    def __init__(self, *, least: float = -math.inf, more_than_least: bool = False):
+    def __init__(
+        self,
+        *,
+        least: float = -math.inf,
+        most: float = math.inf,
+        more_than_least: bool = False,
+    ):
         self._least = least
+        self._most = most
         self._more = more_than_least
 
     def convert(
@@ -23,14 +29,16 @@ class Number(click.ParamType[float]):
             number = float(str(value))
         except ValueError:
             self.fail(f"{value!r} is not a number", param, ctx)
-        if not math.isfinite(number) or abs(number) > self._LIMIT:
-            self.fail(f"{value} is not a number of at most {self._LIMIT:g}", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a number that is finite", param, ctx)
+        if number > self._most:
+            self.fail(f"{number:g} is not a number of at most {self._most:g}", param, ctx)
         if number < self._least or (self._more and number == self._least):
             relation = "greater than" if self._more else "of at least"
             self.fail(f"{number:g} is not a number {relation} {self._least:g}", param, ctx)
         return number
 
 
-FINITE = Number()
-NOT_NEGATIVE = Number(least=0.0)
-POSITIVE = Number(least=0.0, more_than_least=True)
+# Seconds: what a clock can wait for, thirty years.
+NOT_NEGATIVE = Number(least=0.0, most=1e9)
+POSITIVE = Number(least=0.0, most=1e9, more_than_least=True)

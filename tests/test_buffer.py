@@ -561,3 +561,16 @@ def test_a_quaternion_within_tolerance_is_normalised():
     assert buffer.lookup_transform("a", "b").transform.qw == 1.0
     with pytest.raises(InvalidArgumentException, match="norm"):
         Transform((0, 0, 0), (0, 0, 0, 1.006))
+
+
+def test_the_reasons_of_rejections_have_an_end() -> None:
+    """Whatever names come from the bus, no more than 100 reasons are kept; the rest is counted."""
+    buffer = Buffer()
+    for at in range(150):
+        loop = TransformStamped(1, f"frame{at}", f"frame{at + 1}", Transform())
+        back = TransformStamped(1, f"frame{at + 1}", f"frame{at}", Transform())
+        buffer.set_transforms(TransformBatch.from_transforms([loop, back]))
+    assert buffer.rejected.total() == 150
+    assert len(buffer.rejected) == 101
+    assert buffer.rejected["other reasons"] == 50
+    assert "frame150" in buffer.rejected.last

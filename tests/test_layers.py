@@ -10,7 +10,18 @@ ROOT = Path(__file__).parent.parent
 
 # Lowest first; the modules of a line may import those of lower lines, and each other.
 LAYERS = [
-    {"errors", "version", "signals", "log", "frame", "change", "outcome", "sampling", "uncompiled"},
+    {
+        "errors",
+        "version",
+        "signals",
+        "log",
+        "frame",
+        "rejections",
+        "change",
+        "outcome",
+        "sampling",
+        "uncompiled",
+    },
     {"values", "numbers"},
     {"kernel"},
     {"transform"},

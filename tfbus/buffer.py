@@ -7,7 +7,6 @@ import asyncio
 import logging
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -28,6 +27,7 @@ from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.frame import FrameInfo as FrameInfo
 from tfbus.kernel import Pose
 from tfbus.outcome import ALL_STATIC, NO_DATA
+from tfbus.rejections import Rejections
 from tfbus.sampling import TF2, Sampling
 from tfbus.transform import (
     QUATERNION_TOLERANCE,
@@ -66,7 +66,7 @@ class Buffer:
     frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
     unless `sampling` says otherwise.
 
-    Safe from any thread. There is one lock, which no call holds for longer than one lookup; a
+    Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
     `rejected` counts the rows of batches that could not be taken, by their reason.
@@ -82,7 +82,7 @@ class Buffer:
             self._lock = threading.Lock()
         self.cache_time_s = cache_time_s
         self.sampling = TF2 if sampling == TF2 else sampling
-        self.rejected: Counter[str] = Counter()
+        self.rejected = Rejections()
         self._tree = Tree(round(min(cache_time_s * 1e9, _LONGEST_NS)))
         self._waiters = Waiters(self._tree)
         self._listeners: list[Callable[[Change], None]] = []
@@ -536,11 +536,11 @@ class Buffer:
                 try:
                     taken += self._tree.insert(parent, child, stamp, pose, static, authority)
                 except InvalidArgumentException as reason:
-                    self.rejected[str(reason)] += 1
+                    self.rejected.add(str(reason))
         return taken
 
     def _reject(self, child: str, reason: str) -> None:
-        self.rejected[f"{child!r}: {reason}"] += 1
+        self.rejected.add(f"{child!r}: {reason}")
 
     def _fill(
         self,

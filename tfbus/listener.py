@@ -56,21 +56,19 @@ class TransformListener:
         except DecodeError as error:
             self._reject(stream, error)
         else:
-            before = self.buffer.rejected.copy()
+            refused = self.buffer.rejected.total()
             taken = self.buffer.set_transforms(batch, static=static, authority=stream)
-            if taken < len(batch) and stream not in self._told:
-                self._tell_refused(stream, before)
+            # Rows that are only too old are not taken either, but not refused.
+            if taken < len(batch) and self.buffer.rejected.total() > refused:
+                self._tell_refused(stream)
 
-    def _tell_refused(self, stream: str, before: Counter[str]) -> None:
-        """Say why transforms of the stream were refused; one that is only too old was not."""
-        counts = self.buffer.rejected
-        reasons = [reason for reason in list(counts) if counts[reason] > before[reason]]
-        if reasons:
+    def _tell_refused(self, stream: str) -> None:
+        if stream not in self._told:
             self._told.add(stream)
             self._log.warning(
                 "Refused a transform of stream %r: %s. More of them are only counted",
                 stream,
-                reasons[0],
+                self.buffer.rejected.last,
             )
 
     def _reject(self, stream: str, error: DecodeError) -> None:

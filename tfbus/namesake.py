@@ -1,10 +1,9 @@
 """Two nodes of one name: the one that came second says so."""
 
 import logging
-from typing import Any
 
-from tfbus.codec import decode_map
-from tfbus.errors import DecodeError
+from tfbus.codec import decode_message
+from tfbus.description import NodeDescription
 from tfbus.executor import Executor, Timer
 from tfbus.keys import node_key
 from tfbus.session import Answer, Session
@@ -48,25 +47,18 @@ class NamesakeWatch:
     def _ask(self, *, first: bool = False) -> None:
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
-                self._judge(decode_map(answer.payload), first)
+                self._judge(decode_message(NodeDescription, answer.payload), first)
 
         self._session.ask_later(node_key(self._name), None, on_answer, lambda: None, timeout_s=1.0)
 
-    def _judge(self, other: dict[str, Any], first: bool) -> None:
-        try:
-            session, started_ns = str(other["session"]), int(other["started_ns"])
-            host, pid = other["host"], other["pid"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise DecodeError(
-                f"what a node of the same name tells cannot be read: {error}"
-            ) from error
-        is_second = first or (self._started_ns, self._session.id) > (started_ns, session)
-        if session not in self._known and is_second:
-            self._known.add(session)
+    def _judge(self, other: NodeDescription, first: bool) -> None:
+        newer = (self._started_ns, self._session.id) > (other.started_ns, other.session)
+        if other.session not in self._known and (first or newer):
+            self._known.add(other.session)
             self._log.warning(
                 "There is another node %s, on %s with pid %s: give this one a name of its own "
                 "(--name), or a namespace (--namespace)",
                 self._full_name,
-                host,
-                pid,
+                other.host,
+                other.pid,
             )

@@ -32,7 +32,7 @@ class Value:
     @property
     def is_empty(self) -> bool:
         """Whether nothing is written there, or `null`."""
-        return self._node.tag == _NULL
+        return bool(self._node.tag == _NULL)
 
     def text(self) -> str:
         """The text of a scalar; LaunchFileError for a list, a mapping or nothing."""

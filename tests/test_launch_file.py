@@ -1,5 +1,6 @@
 """Launch files: what they mean, and what is said about every mistake in one."""
 
+import os
 import re
 from pathlib import Path
 from textwrap import dedent
@@ -552,7 +553,8 @@ def test_a_command_learns_about_the_bus_from_its_environment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A program of one's own gets launch's settings as variables, and its own variables last."""
-    monkeypatch.delenv("TFBUS_RECORDINGS", raising=False)
+    for name in [name for name in os.environ if name.startswith("TFBUS")]:
+        monkeypatch.delenv(name)
     [process] = read(
         tmp_path, "nodes:\n  - {command: [env], namespace: a, environment: {TFBUS_MODE: peer}}"
     )

@@ -41,6 +41,9 @@ _STANDARD_INPUT = 0
 # By then the rest of an escape sequence that came in pieces is there.
 _PAUSE_S = 0.5
 
+# A key that is pressed at once comes before the bus has told us of the turtle.
+_FIRST_LOOK_S = 1.0
+
 
 class Driver:
     """Turns keys into velocities and rotations of one turtle."""
@@ -58,6 +61,7 @@ class Driver:
         self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/rotate_absolute")
         self._cancel_rotation: Callable[[], object] = lambda: None
         self._was_missed = False
+        self._patience_s = _FIRST_LOOK_S
 
     def press(self, key: str) -> None:
         """Do what the key is for, in upper or lower case; nothing where it is for nothing."""
@@ -86,7 +90,8 @@ class Driver:
 
     def _sees_turtle(self) -> bool:
         """Whether somebody obeys the keys; says once if not."""
-        is_there = self._rotations.served
+        is_there = self._rotations.wait_for_server(self._patience_s)
+        self._patience_s = 0.0
         if not is_there and not self._was_missed:
             self._log.warning(
                 "There is no %s: start the simulator (tfbus simulator), or name another turtle "

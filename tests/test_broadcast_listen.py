@@ -1,6 +1,8 @@
 """Broadcasters and listeners: what one node sends is in the buffers of all others."""
 
 import logging
+import os
+import socket
 from collections.abc import Callable, Iterator
 
 import msgpack
@@ -20,6 +22,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.codec import decode_message
+from tfbus.description import StreamDescription
 from tfbus.retained import declare_retained_subscriber
 
 STAMP_NS = 1670400305709085026
@@ -182,28 +186,32 @@ def test_a_stream_can_be_named(bus: Bus, sender: Node, buffer: Buffer) -> None:
 
 def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
     """Who joins, early or late, learns a stream's node, epoch and frames without its data."""
-    early, late = ([], [])  # type: tuple[list[dict[str, object]], list[dict[str, object]]]
+    early: list[StreamDescription] = []
+    late: list[StreamDescription] = []
 
-    def listen(descriptions: list[dict[str, object]]) -> None:
+    def listen(descriptions: list[StreamDescription]) -> None:
         declare_retained_subscriber(
             receiver.session,
             "@tfbus/stream/*",
-            lambda key, payload: descriptions.append(msgpack.unpackb(payload)),
+            lambda key, payload: descriptions.append(decode_message(StreamDescription, payload)),
         )
 
     listen(early)
     TransformBroadcaster(sender).send_transform([at(1), at(2, "turtle1", "drone")])
     StaticTransformBroadcaster(sender).send_transform(at(3, child="camera"))
-    wanted = {
-        "v": 1,
-        "node": "/sender",
-        "epoch": sender.started_ns,
-        "frames": [
-            ["world", "turtle1", False],
-            ["turtle1", "drone", False],
-            ["world", "camera", True],
-        ],
-    }
+    wanted = StreamDescription(
+        v=1,
+        node="/sender",
+        epoch=sender.started_ns,
+        frames=(
+            ("world", "turtle1", False),
+            ("turtle1", "drone", False),
+            ("world", "camera", True),
+        ),
+        host=socket.gethostname(),
+        pid=os.getpid(),
+        session=sender.session.id,
+    )
     eventually(lambda: early[-1:] == [wanted])
     listen(late)
     eventually(lambda: late == [wanted])

@@ -1,9 +1,8 @@
 """Messages of topics and services: small dataclasses on the wire as msgpack maps.
 
 A field is an int, float, bool, str, bytes, another dataclass, or a list, or a dict by texts, of
-one of these; Any is read as it comes. An int
-stands for a float where a float is wanted, and 0 and 1 for false and true; nothing else is
-converted.
+one of these, or a tuple of so many of them; Any is read as it comes. An int stands for a float
+where a float is wanted, and 0 and 1 for false and true; nothing else is converted.
 """
 
 from collections.abc import Callable, Mapping
@@ -116,6 +115,8 @@ def _read_fields(
 def _reader(wanted: Any) -> Reader:
     if is_dataclass(wanted):
         return _nested_reader(cast(type, wanted))
+    if get_origin(wanted) is tuple and Ellipsis not in get_args(wanted):
+        return _row_reader(wanted)
     if get_origin(wanted) in (list, tuple):
         return _list_reader(wanted)
     if get_origin(wanted) is dict:
@@ -148,6 +149,18 @@ def _list_reader(wanted: Any) -> Reader:
         if not isinstance(value, list):
             raise DecodeError(f"field {path!r} is {_kind(value)}, a list is wanted")
         return make(read_item(item, f"{path}[{at}]") for at, item in enumerate(value))
+
+    return read
+
+
+def _row_reader(wanted: Any) -> Reader:
+    read_items = [_reader(item) for item in get_args(wanted)]
+
+    def read(value: object, path: str) -> Any:
+        if not isinstance(value, list) or len(value) != len(read_items):
+            raise DecodeError(f"field {path!r} is not a list of {len(read_items)}")
+        items = enumerate(zip(read_items, value, strict=True))
+        return tuple(read_item(item, f"{path}[{at}]") for at, (read_item, item) in items)
 
     return read
 

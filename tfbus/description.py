@@ -1,4 +1,4 @@
-"""What a node tells about itself on the bus, as docs/wire.md has it."""
+"""What nodes and streams tell about themselves on the bus, as docs/wire.md has it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -35,3 +35,35 @@ class NodeDescription:
     subscribes: dict[str, str]
     serves: dict[str, str]
     calls: dict[str, str]
+
+
+STREAM_VERSION = 1
+
+
+@dataclass(frozen=True)
+class StreamDescription:
+    """A stream: the node that publishes it (full name), since when, and its frames.
+
+    `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of
+    parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
+    the node's. With `split` each frame has a key of its own. `history_s` is how many seconds of
+    dynamic messages can be asked for.
+    """
+
+    v: int
+    node: str
+    epoch: int
+    frames: tuple[tuple[str, str, bool], ...]
+    host: str = ""
+    pid: int = 0
+    session: str = ""
+    priority: int = 0
+    split: bool = False
+    history_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.v != STREAM_VERSION:
+            raise ValueError(
+                f"a description of version {self.v}; this tfbus reads version {STREAM_VERSION}: "
+                "update the older of the two"
+            )

@@ -23,6 +23,9 @@ from tfbus.settings import NodeSettings
 # How soon a client looks for its router again.
 _RETRY_S = 0.5
 
+# How long a link may be silent before its tokens are lost; Zenoh fills it with four signs of life.
+_LEASE_MS = 1500
+
 # What Zenoh itself puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
 
@@ -340,10 +343,13 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
     Raises SettingsError where the file is not one.
     """
     config = _config_of(settings.config)
+    zenohs_own = zenoh.Config()
     defaults = {
         # Retained messages carry a time, by which late joiners order them.
         "timestamping/enabled": True,
         "scouting/multicast/interface": loopback_where_alone(),
+        # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
+        "transport/link/tx/lease": _LEASE_MS,
     }
     given: dict[str, Any] = {
         "namespace": settings.namespace,
@@ -351,7 +357,11 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
-    unset = {key: value for key, value in defaults.items() if config.get_json(key) == "null"}
+    unset = {
+        key: value
+        for key, value in defaults.items()
+        if config.get_json(key) == zenohs_own.get_json(key)
+    }
     for key, value in {**unset, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))

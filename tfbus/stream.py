@@ -5,20 +5,20 @@ node, its epoch and its frames; so others know which frames exist, and who publi
 without reading a transform.
 """
 
+import os
+import socket
 import threading
 from collections.abc import Iterable
 
-import msgpack
-
 from tfbus.batch import TransformBatch
+from tfbus.codec import encode_message
+from tfbus.description import STREAM_VERSION, StreamDescription
 from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key, transforms_key
 from tfbus.retained import declare_retained_publisher
 from tfbus.session import Session
 from tfbus.transform import TransformStamped
 from tfbus.wire import TransformMessage, encode_transforms
-
-DESCRIPTION_VERSION = 1
 
 # New frames often come in a burst: one description tells of all of them.
 _DESCRIBE_AFTER_S = 0.02
@@ -33,11 +33,14 @@ class Stream:
         self.name = name
         self._node = node
         self._epoch_ns = epoch_ns
+        self._session = session
         self._executor = executor
         self._lock = threading.Lock()
         self._edges: dict[str, tuple[str, bool]] = {}  # of each child: its parent, static
         self._last_table: tuple[tuple[str, ...], bytes] | None = None
         self._statics: dict[str, TransformStamped] = {}
+        self._sent = 0
+        self._sent_static = 0
         self._description_is_due = False
         self._transforms = session.publisher(transforms_key(name))
         self._static_transforms = declare_retained_publisher(session, static_transforms_key(name))
@@ -46,10 +49,12 @@ class Stream:
 
     def send(self, batch: TransformBatch) -> None:
         """Send the transforms of the batch in one message."""
-        payload = encode_transforms(TransformMessage(batch, self._epoch_ns))
         with self._lock:
             self._note_edges(batch, static=False)
-            self._transforms.put(payload)
+            self._transforms.put(
+                encode_transforms(TransformMessage(batch, self._epoch_ns, self._sent))
+            )
+            self._sent += 1
 
     def send_static(self, transforms: Iterable[TransformStamped]) -> None:
         """Add static transforms to the stream, or replace those of the same child frame; the
@@ -59,7 +64,10 @@ class Stream:
             self._statics |= {ts.child_frame_id: ts for ts in transforms}
             batch = TransformBatch.from_transforms(self._statics.values())
             self._note_edges(batch, static=True)
-            self._static_transforms.put(encode_transforms(TransformMessage(batch, self._epoch_ns)))
+            self._static_transforms.put(
+                encode_transforms(TransformMessage(batch, self._epoch_ns, self._sent_static))
+            )
+            self._sent_static += 1
 
     def _note_edges(self, batch: TransformBatch, *, static: bool) -> None:
         table = (batch.frames, batch.edges.tobytes())
@@ -81,16 +89,15 @@ class Stream:
     def _describe(self) -> None:
         with self._lock:
             self._description_is_due = False
-            self._description.put(
-                msgpack.packb(
-                    {
-                        "v": DESCRIPTION_VERSION,
-                        "node": self._node,
-                        "epoch": self._epoch_ns,
-                        "frames": [
-                            [parent, child, static]
-                            for child, (parent, static) in self._edges.items()
-                        ],
-                    }
-                )
-            )
+            self._description.put(encode_message(self._describe_itself()))
+
+    def _describe_itself(self) -> StreamDescription:
+        return StreamDescription(
+            STREAM_VERSION,
+            self._node,
+            self._epoch_ns,
+            tuple((parent, child, static) for child, (parent, static) in self._edges.items()),
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            session=self._session.id,
+        )

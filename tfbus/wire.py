@@ -26,26 +26,29 @@ class TransformMessage:
     """What one message of a stream says.
 
     `epoch_ns` is when its publisher started, in nanoseconds since the Unix epoch: a larger one
-    than before means that the publisher was started again.
+    than before means that the publisher was started again, or that its clock went back. `seq`
+    counts the messages of its key in this epoch from 0; None where the publisher does not count.
     """
 
     batch: TransformBatch
     epoch_ns: int
+    seq: int | None = None
 
 
 def encode_transforms(message: TransformMessage) -> bytes:
     """The payload of one message."""
     batch = message.batch
-    payload: bytes = msgpack.packb(
-        {
-            "v": VERSION,
-            "epoch": message.epoch_ns,
-            "frames": batch.frames,
-            "edges": batch.edges.astype(_EDGE, copy=False).tobytes(),
-            "stamps": batch.stamps_ns.astype(_STAMP, copy=False).tobytes(),
-            "poses": batch.poses.astype(_POSE, copy=False).tobytes(),
-        }
-    )
+    columns = {
+        "v": VERSION,
+        "epoch": message.epoch_ns,
+        "frames": batch.frames,
+        "edges": batch.edges.astype(_EDGE, copy=False).tobytes(),
+        "stamps": batch.stamps_ns.astype(_STAMP, copy=False).tobytes(),
+        "poses": batch.poses.astype(_POSE, copy=False).tobytes(),
+    }
+    if message.seq is not None:
+        columns["seq"] = message.seq
+    payload: bytes = msgpack.packb(columns)
     return payload
 
 
@@ -66,8 +69,11 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     if not isinstance(frames, list) or not all(isinstance(name, str) for name in frames):
         raise DecodeError("'frames' is not a list of texts")
     epoch_ns = columns.get("epoch")
-    if not isinstance(epoch_ns, int) or isinstance(epoch_ns, bool):
+    if type(epoch_ns) is not int:
         raise DecodeError("'epoch' is not an integer of nanoseconds")
+    seq = columns.get("seq")
+    if seq is not None and type(seq) is not int:
+        raise DecodeError("'seq' is not an integer")
     try:
         batch = TransformBatch(
             tuple(frames),
@@ -77,7 +83,7 @@ def decode_transforms(payload: bytes) -> TransformMessage:
         )
     except InvalidArgumentException as error:
         raise DecodeError(str(error)) from error
-    return TransformMessage(batch, epoch_ns)
+    return TransformMessage(batch, epoch_ns, seq)
 
 
 def _column(columns: dict[str, Any], name: str, dtype: np.dtype[Any], width: int) -> Any:

@@ -14,6 +14,7 @@ LAYERS = [
         "errors",
         "version",
         "signals",
+        "clock",
         "log",
         "frame",
         "rejections",

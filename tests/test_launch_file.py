@@ -542,10 +542,12 @@ def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Pa
             arguments: [--x]
         """,
     )
-    line = program_line(process, mode="client", connect=("tcp/a:1",), listen=("tcp/b:2",))
+    line = program_line(
+        process, mode="client", connect=("tcp/a:1",), listen=("tcp/b:2",), sim_time=True
+    )
     assert " ".join(line) == (
         "-m tfbus broadcaster --name broadcaster --namespace robot7 --mode client "
-        "--connect tcp/a:1 --param turtlename=turtle1 --remap pose:=p --x"
+        "--connect tcp/a:1 --sim-time --param turtlename=turtle1 --remap pose:=p --x"
     )
 
 
@@ -558,13 +560,15 @@ def test_a_command_learns_about_the_bus_from_its_environment(
     [process] = read(
         tmp_path, "nodes:\n  - {command: [env], namespace: a, environment: {TFBUS_MODE: peer}}"
     )
-    program = program_of(process, NodeSettings("launch", mode="client", connect=("tcp/a:1",)))
+    settings = NodeSettings("launch", mode="client", connect=("tcp/a:1",), sim_time=True)
+    program = program_of(process, settings)
     assert program.argv == ("env",)
     assert {k: v for k, v in program.environment.items() if k.startswith("TFBUS")} == {
         "TFBUS_NAMESPACE": "a",
         "TFBUS_MODE": "peer",
         "TFBUS_CONNECT": "tcp/a:1",
         "TFBUS_LOG_LEVEL": "info",
+        "TFBUS_SIM_TIME": "1",
     }
 
 

@@ -48,7 +48,7 @@ def test_each_option_becomes_a_setting() -> None:
     assert settings_of(
         *("--name", "echo2", "--namespace", "/robot7", "--mode", "client"),
         *("--connect", "tcp/a:1", "--connect", "tcp/b:2", "--listen", "tcp/[::]:0"),
-        *("--log-level", "debug", "--param", "rate=2", "--param", "a b=c=d"),
+        *("--log-level", "debug", "--sim-time", "--param", "rate=2", "--param", "a b=c=d"),
         *("--remap", "pose:=turtle2/pose"),
     ) == NodeSettings(
         "echo2",
@@ -57,6 +57,7 @@ def test_each_option_becomes_a_setting() -> None:
         connect=("tcp/a:1", "tcp/b:2"),
         listen=("tcp/[::]:0",),
         log_level="debug",
+        sim_time=True,
         parameters={"rate": "2", "a b": "c=d"},
         remappings={"pose": "turtle2/pose"},
     )
@@ -64,9 +65,11 @@ def test_each_option_becomes_a_setting() -> None:
 
 def test_options_go_before_the_environment() -> None:
     """An option wins over the environment, which wins over the default."""
-    env = {"TFBUS_NAMESPACE": "robot7", "TFBUS_LOG_LEVEL": "error"}
-    settings = settings_of("--namespace", "robot8", env=env)
+    env = {"TFBUS_NAMESPACE": "robot7", "TFBUS_LOG_LEVEL": "error", "TFBUS_SIM_TIME": "1"}
+    settings = settings_of("--namespace", "robot8", "--system-time", env=env)
     assert (settings.namespace, settings.log_level) == ("robot8", "error")
+    assert not settings.sim_time
+    assert settings_of(env=env).sim_time
 
 
 @pytest.mark.parametrize(

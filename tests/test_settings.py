@@ -10,7 +10,7 @@ from tfbus import InvalidNameError, NodeSettings, SettingsError
 
 @pytest.fixture(autouse=True)
 def bare_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("NAMESPACE", "MODE", "CONNECT", "LISTEN", "CONFIG", "LOG_LEVEL"):
+    for name in ("NAMESPACE", "MODE", "CONNECT", "LISTEN", "CONFIG", "LOG_LEVEL", "SIM_TIME"):
         monkeypatch.delenv(f"TFBUS_{name}", raising=False)
 
 
@@ -23,7 +23,7 @@ def test_only_a_name_is_needed() -> None:
         (),
         (),
     )
-    assert (settings.config, settings.log_level) == ("", "info")
+    assert (settings.config, settings.log_level, settings.sim_time) == ("", "info", False)
     assert (dict(settings.parameters), dict(settings.remappings)) == ({}, {})
 
 
@@ -39,6 +39,7 @@ def test_the_environment_gives_what_is_not_given(
     monkeypatch.setenv("TFBUS_LISTEN", "tcp/[::]:7448")
     monkeypatch.setenv("TFBUS_CONFIG", str(config))
     monkeypatch.setenv("TFBUS_LOG_LEVEL", "debug")
+    monkeypatch.setenv("TFBUS_SIM_TIME", "1")
     assert NodeSettings("sim") == NodeSettings(
         "sim",
         namespace="robot7",
@@ -47,6 +48,24 @@ def test_the_environment_gives_what_is_not_given(
         listen=("tcp/[::]:7448",),
         config=str(config),
         log_level="debug",
+        sim_time=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1", True), ("Yes", True), ("true", True), ("0", False), ("off", False)]
+)
+def test_whether_time_is_simulated_is_a_word_for_true_or_false(
+    monkeypatch: pytest.MonkeyPatch, text: str, value: bool
+) -> None:
+    """TFBUS_SIM_TIME is one of the words for true and false, and any other is refused."""
+    monkeypatch.setenv("TFBUS_SIM_TIME", text)
+    assert NodeSettings("sim").sim_time is value
+    monkeypatch.setenv("TFBUS_SIM_TIME", "perhaps")
+    with pytest.raises(SettingsError) as caught:
+        NodeSettings("sim")
+    assert str(caught.value) == (
+        "TFBUS_SIM_TIME is 'perhaps'; it is one of 1, true, yes, on, 0, false, no, off"
     )
 
 

@@ -139,6 +139,11 @@ _BUS_OPTIONS = {
 }
 _NODE_OPTIONS = {
     "name": click.option("--name", metavar="NAME", help="The node's name."),
+    "sim_time": click.option(
+        "--sim-time/--system-time",
+        default=None,
+        help="Take the time from the topic clock; or from the system, the default.",
+    ),
     "parameters": click.option(
         "--param",
         "parameters",

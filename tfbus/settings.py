@@ -15,12 +15,24 @@ LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "serial", "unixpipe", "unixsock-stream", "vsock")
 
+_TRUE = ("1", "true", "yes", "on")
+_FALSE = ("", "0", "false", "no", "off")
+
 # A port, then Zenoh's own additions: tcp/[::]:7447#iface=eth0
 _PORT = re.compile(r":\d{1,5}([?#].*)?$")
 
 
 def _from_environment(name: str) -> str:
     return os.environ.get(f"TFBUS_{name}", "")
+
+
+def _truth_from_environment(name: str) -> bool:
+    text = _from_environment(name).lower()
+    if text not in (*_TRUE, *_FALSE):
+        raise SettingsError(
+            f"TFBUS_{name} is {text!r}; it is one of {', '.join(filter(None, (*_TRUE, *_FALSE)))}"
+        )
+    return text in _TRUE
 
 
 def _endpoints_from_environment(name: str) -> tuple[str, ...]:
@@ -32,9 +44,10 @@ class NodeSettings:
     """Who a node is and how it meets the others.
 
     What is not given is taken from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`,
-    `TFBUS_CONNECT`, `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`), so that one setting can
-    serve all processes of a machine. `mode` is "peer", "client", "router", or "" for what the
-    configuration file says, and "peer" without one. Endpoints are Zenoh's, `tcp/host:7447`.
+    `TFBUS_CONNECT`, `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`), so that
+    one setting can serve all processes of a machine. `mode` is "peer", "client", "router", or ""
+    for what the configuration file says, and "peer" without one. Endpoints are Zenoh's,
+    `tcp/host:7447`. With `sim_time` the node's time is what the topic `clock` says.
 
     Raises InvalidNameError for a name that cannot be, SettingsError for another impossible value.
     """
@@ -46,6 +59,7 @@ class NodeSettings:
     listen: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("LISTEN"))
     config: str = field(default_factory=lambda: _from_environment("CONFIG"))
     log_level: str = field(default_factory=lambda: _from_environment("LOG_LEVEL") or "info")
+    sim_time: bool = field(default_factory=lambda: _truth_from_environment("SIM_TIME"))
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
 

@@ -42,6 +42,7 @@ from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
 )
 @click.option("--config", metavar="FILE", help="Zenoh's configuration for all nodes, JSON5.")
 @click.option("--log-level", type=click.Choice(LOG_LEVELS), help="Of all nodes; info by default.")
+@click.option("--sim-time", is_flag=True, help="All nodes take the time from the topic clock.")
 @click.option(
     "--for",
     "longest_s",

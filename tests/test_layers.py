@@ -28,7 +28,7 @@ LAYERS = [
     {"transform"},
     {"batch", "transform_array", "twist", "describe"},
     {"tree"},
-    {"explain", "waiting"},
+    {"explain", "waiting", "freshness"},
     {"buffer"},
     {"codec", "keys", "messages", "description"},
     {"wire"},

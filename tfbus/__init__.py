@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tfbus.errors import ServiceError as ServiceError
     from tfbus.errors import SettingsError as SettingsError
     from tfbus.errors import SingleSampleException as SingleSampleException
+    from tfbus.errors import StaleException as StaleException
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
@@ -72,6 +73,7 @@ _MODULE_OF = {
     "ServiceError": "errors",
     "SettingsError": "errors",
     "SingleSampleException": "errors",
+    "StaleException": "errors",
     "StaticTransformBroadcaster": "broadcaster",
     "TfbusError": "errors",
     "TimeoutException": "errors",

@@ -15,10 +15,12 @@ cdef class Buffer:
     cdef readonly Tree _tree
     cdef cython.pymutex _lock
     cdef readonly object _waiters
+    cdef public object clock
     cdef list _listeners
     cdef object __weakref__
 
-    cpdef _watch(self, waiter, questions)
+    cpdef _watch(self, waiter, questions, fresh=*)
+    cpdef _why_stale(self, questions, fresh)
     cdef bint _insert_one(
         self, TransformStamped transform, bint static, str authority) except -1
     @cython.locals(i=Py_ssize_t, stamp=cython.longlong, x=double, y=double, z=double, qx=double,

@@ -7,7 +7,7 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -20,11 +20,13 @@ from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import (
     ExtrapolationException,
     InvalidArgumentException,
+    StaleException,
     TimeoutException,
     TransformException,
 )
 from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.frame import FrameInfo as FrameInfo
+from tfbus.freshness import Freshness
 from tfbus.kernel import Pose
 from tfbus.outcome import ALL_STATIC, NO_DATA
 from tfbus.rejections import Rejections
@@ -69,10 +71,17 @@ class Buffer:
     Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
-    `rejected` counts the rows of batches that could not be taken, by their reason.
+    `rejected` counts the rows of batches that could not be taken, by their reason. `clock` says
+    what time it is, in nanoseconds since the Unix epoch, where the age of a sample matters.
     """
 
-    def __init__(self, cache_time_s: float = 10.0, *, sampling: Sampling = TF2) -> None:
+    def __init__(
+        self,
+        cache_time_s: float = 10.0,
+        *,
+        sampling: Sampling = TF2,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
                 f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
@@ -82,6 +91,7 @@ class Buffer:
             self._lock = threading.Lock()
         self.cache_time_s = cache_time_s
         self.sampling = TF2 if sampling == TF2 else sampling
+        self.clock = clock
         self.rejected = Rejections()
         self._tree = Tree(round(min(cache_time_s * 1e9, _LONGEST_NS)))
         self._waiters = Waiters(self._tree)
@@ -148,6 +158,44 @@ class Buffer:
         if self._tree.news:
             self._announce()
 
+    # What a listener learns about who sends them
+
+    def sent_by(self, authority: str) -> dict[str, int]:
+        """The frames whose last transform this authority sent, and how many samples of each are
+        held; of a static transform none is counted.
+        """
+        with self._lock:
+            return self._tree.sent_by(authority)
+
+    def forget(self, authority: str) -> None:
+        """Forget the samples of the frames that this authority sent last, as it begins anew;
+        static transforms stay.
+        """
+        with self._lock:
+            self._tree.forget(authority)
+        self._waiters.wake_all()
+
+    def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
+        """Note that the publisher of those of the frames that it sent last is gone, or back."""
+        with self._lock:
+            self._tree.mark_gone(frames, gone, authority)
+        self._announce()
+
+    def remove_sent(self, frames: Iterable[str], authority: str) -> None:
+        """Remove those of the frames that this authority sent last, as `remove` does."""
+        with self._lock:
+            for frame in frames:
+                self._tree.remove_sent(frame, authority)
+        self._waiters.wake_all()
+        self._announce()
+
+    def tell(self, change: Change) -> None:
+        """Tell those who listen for changes of one that was noticed elsewhere."""
+        with self._lock:
+            if self._tree.news is not None:
+                self._tree.news.append(change)
+        self._announce()
+
     # Looking up
 
     def lookup_transform(
@@ -158,6 +206,8 @@ class Buffer:
         *,
         timeout_s: float = 0.0,
         sampling: Sampling | None = None,
+        max_age_s: float | None = None,
+        living: bool = False,
     ) -> TransformStamped:
         """The transform that takes data in `source_frame` into `target_frame`.
 
@@ -169,9 +219,16 @@ class Buffer:
         known, ConnectivityException where no path joins them, a kind of ExtrapolationException
         where the time is outside of what is known; and TimeoutException after waiting, with the
         reason in it.
+
+        With `max_age_s` the newest sample of each edge that moves is to be no older, and with
+        `living` the publisher of each edge is to be there: StaleException where it is not so.
         """
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
+        if max_age_s is not None or living:
+            fresh = Freshness(max_age_s, living)
+            question = (target_frame, source_frame, stamp_ns)
+            return self._wait((question,), timeout_s, sampling, fresh)[0]
         try:
             with self._lock:
                 answer = self._tree.answer(
@@ -218,13 +275,16 @@ class Buffer:
         *,
         timeout_s: float = 0.0,
         sampling: Sampling | None = None,
+        max_age_s: float | None = None,
+        living: bool = False,
     ) -> bool:
         """Whether `lookup_transform` with the same arguments answers."""
         question = (target_frame, source_frame, _stamp(stamp_ns))
+        fresh = _freshness(max_age_s, living)
         if timeout_s <= 0.0:
-            return self._ask((question,), sampling) is not None
+            return self._ask((question,), sampling, fresh) is not None
         try:
-            self._wait((question,), timeout_s, sampling)
+            self._wait((question,), timeout_s, sampling, fresh)
         except TransformException:
             return False
         return True
@@ -237,6 +297,8 @@ class Buffer:
         *,
         timeout_s: float | None = None,
         sampling: Sampling | None = None,
+        max_age_s: float | None = None,
+        living: bool = False,
     ) -> TransformStamped:
         """The answer of `lookup_transform` as soon as there is one, for asyncio.
 
@@ -244,7 +306,8 @@ class Buffer:
         mend. Cancel it as any task.
         """
         question = (target_frame, source_frame, _stamp(stamp_ns))
-        return (await self._wait_async((question,), timeout_s, sampling))[0]
+        fresh = _freshness(max_age_s, living)
+        return (await self._wait_async((question,), timeout_s, sampling, fresh))[0]
 
     async def wait_for_transform_full(
         self,
@@ -609,9 +672,12 @@ class Buffer:
         raise self._why_not((target_frame, source_frame, None), None)
 
     def _ask(
-        self, questions: Sequence[Question], sampling: Sampling | None
+        self,
+        questions: Sequence[Question],
+        sampling: Sampling | None,
+        fresh: Freshness | None = None,
     ) -> list[TransformStamped] | None:
-        """The answers, of one state of the buffer; None where one is missing."""
+        """The answers, of one state of the buffer; None where one is missing or not fresh."""
         answers = []
         with self._lock:
             for target_frame, source_frame, stamp_ns in questions:
@@ -624,16 +690,27 @@ class Buffer:
                 if answer is None:
                     return None
                 answers.append(answer)
+            if fresh is not None and self._why_stale(questions, fresh) is not None:
+                return None
         return answers
 
+    def _why_stale(self, questions: Sequence[Question], fresh: Freshness) -> StaleException | None:
+        """With the lock held: why the answers to the questions are not fresh enough."""
+        pairs = [question[:2] for question in questions]
+        return fresh.why_stale(self._tree, pairs, self.clock())
+
     def _wait(
-        self, questions: Sequence[Question], timeout_s: float, sampling: Sampling | None
+        self,
+        questions: Sequence[Question],
+        timeout_s: float,
+        sampling: Sampling | None,
+        fresh: Freshness | None = None,
     ) -> list[TransformStamped]:
-        answers = self._ask(questions, sampling)
+        answers = self._ask(questions, sampling, fresh)
         if answers is not None:
             return answers
         if timeout_s <= 0.0:
-            raise self._why_none(questions, sampling)
+            raise self._why_none(questions, sampling, fresh)
         deadline = time.monotonic() + timeout_s
         changed = threading.Event()
         waiter = Waiter(changed.set)
@@ -641,11 +718,11 @@ class Buffer:
         try:
             while True:
                 changed.clear()
-                self._watch(waiter, questions)
-                answers = self._ask(questions, sampling)
+                self._watch(waiter, questions, fresh)
+                answers = self._ask(questions, sampling, fresh)
                 if answers is not None:
                     return answers
-                reason = self._why_none(questions, sampling)
+                reason = self._why_none(questions, sampling, fresh)
                 if not may_come(reason):
                     raise reason
                 if not changed.wait(max(0.0, deadline - time.monotonic())):
@@ -658,8 +735,9 @@ class Buffer:
         questions: Sequence[Question],
         timeout_s: float | None,
         sampling: Sampling | None,
+        fresh: Freshness | None = None,
     ) -> list[TransformStamped]:
-        answers = self._ask(questions, sampling)
+        answers = self._ask(questions, sampling, fresh)
         if answers is not None:
             return answers
         loop = asyncio.get_running_loop()
@@ -677,11 +755,11 @@ class Buffer:
             async with asyncio.timeout(timeout_s):
                 while True:
                     changed.clear()
-                    self._watch(waiter, questions)
-                    answers = self._ask(questions, sampling)
+                    self._watch(waiter, questions, fresh)
+                    answers = self._ask(questions, sampling, fresh)
                     if answers is not None:
                         return answers
-                    reason = self._why_none(questions, sampling)
+                    reason = self._why_none(questions, sampling, fresh)
                     if not may_come(reason):
                         raise reason
                     await changed.wait()
@@ -690,7 +768,12 @@ class Buffer:
         finally:
             self._waiters.discard(waiter)
 
-    def _watch(self, waiter: Waiter, questions: Sequence[Question]) -> None:
+    def _watch(
+        self, waiter: Waiter, questions: Sequence[Question], fresh: Freshness | None = None
+    ) -> None:
+        if fresh is not None:
+            # Any sample of an edge may make it fresh, whatever stamp is asked for.
+            questions = [(target, source, None) for target, source, _ in questions]
         with self._lock:
             self._waiters.watch(waiter, questions)
 
@@ -715,9 +798,12 @@ class Buffer:
                     _log.exception("a listener of changes failed")
 
     def _why_none(
-        self, questions: Sequence[Question], sampling: Sampling | None
+        self,
+        questions: Sequence[Question],
+        sampling: Sampling | None,
+        fresh: Freshness | None = None,
     ) -> TransformException:
-        """The error for the first of the questions that has no answer."""
+        """The error for the first of the questions that has no answer, or no fresh one."""
         # All names first, as tf2 does: a time is of no use to a frame that is not known.
         names = {"target_frame": questions[-1][0], "source_frame": questions[0][1]}
         if len(questions) > 1:
@@ -728,6 +814,11 @@ class Buffer:
         for question in questions[:-1]:
             if self._ask((question,), sampling) is None:
                 return self._why_not(question, sampling)
+        if fresh is not None and self._ask(questions, sampling) is not None:
+            with self._lock:
+                stale = self._why_stale(questions, fresh)
+            if stale is not None:
+                return stale
         return self._why_not(questions[-1], sampling)
 
     def _why_not(self, question: Question, sampling: Sampling | None) -> TransformException:
@@ -790,6 +881,10 @@ def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
         there.transform @ back.transform,
         max(back.extrapolated_ns, there.extrapolated_ns),
     )
+
+
+def _freshness(max_age_s: float | None, living: bool) -> Freshness | None:
+    return Freshness(max_age_s, living) if max_age_s is not None or living else None
 
 
 def _stamp(stamp_ns: int | None) -> int | None:

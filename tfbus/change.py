@@ -11,6 +11,8 @@ Kind = Literal[
     "became dynamic",
     "conflict",
     "too old",
+    "publisher gone",
+    "publisher back",
 ]
 
 
@@ -20,9 +22,13 @@ class Change:
 
     `kind` is "added"; "removed"; "reparented"; "became static" or "became dynamic", the history
     being kept; "conflict", a sample that replaced a different one of the same stamp; "too old", a
-    sample that was refused because it is older than the cache. `parent` and `authority` are those
-    of the transform that made the change, `former_parent` and `former_authority` those before.
-    `stamp_ns` is the stamp of that transform.
+    sample that was refused because it is older than the cache; "publisher gone" or "publisher
+    back", as a listener noticed. `parent` and `authority` are those of the transform that made
+    the change, `former_parent` and `former_authority` those before. `stamp_ns` is the stamp of
+    that transform.
+
+    That two living publishers send one frame is a "conflict" too, told once by the listener:
+    `authority` and `former_authority` are the two.
     """
 
     kind: Kind

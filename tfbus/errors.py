@@ -9,6 +9,7 @@
           FutureExtrapolationException    newer than its newest sample: wait, or ask for latest
           NoDataException                 it has no sample at all
           SingleSampleException           it has one sample, of another time
+        StaleException                  an edge older than was asked for, or without a publisher
         InvalidArgumentException        a name, number or shape that can never be right
           LoopException                   an edge that would close a loop in the tree
         TimeoutException                waited as long as asked; `reason` is what was missing
@@ -111,6 +112,32 @@ class NoDataException(ExtrapolationException):
 
 class SingleSampleException(ExtrapolationException):
     """An edge of the path holds exactly one sample, and it is of another time."""
+
+
+class StaleException(TransformException):
+    """An edge of the path is older than `max_age_s`, or its publisher is gone and `living` asked.
+
+    The edge is `frame_id` (parent) and `child_frame_id`; `authority` is who published its newest
+    sample. `age_s` is how old that sample is, None of a static edge, which has no age. `gone` is
+    whether its publisher is gone.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        frame_id: str = "",
+        child_frame_id: str = "",
+        authority: str = "",
+        age_s: float | None = None,
+        gone: bool = False,
+    ) -> None:
+        super().__init__(message)
+        self.frame_id = frame_id
+        self.child_frame_id = child_frame_id
+        self.authority = authority
+        self.age_s = age_s
+        self.gone = gone
 
 
 class InvalidArgumentException(TransformException):

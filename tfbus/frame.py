@@ -13,6 +13,8 @@ class FrameInfo:
     `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
     epoch, None without one. `authority` is who sent the last sample. `conflicts` counts samples
     that repeated a stamp with a different value, `refused` those that came too old to be kept.
+    `gone` is whether its publisher is gone, as a listener has noticed: killed, closed, or out of
+    reach.
     """
 
     name: str
@@ -26,3 +28,4 @@ class FrameInfo:
     authority: str = ""
     conflicts: int = 0
     refused: int = 0
+    gone: bool = False

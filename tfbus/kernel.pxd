@@ -53,6 +53,7 @@ cdef class History:
     cdef double ratio
     cdef long long beyond
     cdef public str authority
+    cdef public bint gone
     cdef readonly long long conflicts, refused
     cdef dict paths
     cdef public object alarms

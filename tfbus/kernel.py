@@ -220,6 +220,7 @@ class History:
         self.ratio = 0.0
         self.beyond = 0
         self.authority = ""
+        self.gone = False
         self.conflicts = 0
         self.refused = 0
         self.paths: dict[str, Path] = {}

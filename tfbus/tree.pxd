@@ -11,6 +11,7 @@ cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 cdef class Tree:
     cdef long long cache_ns
     cdef readonly dict frames
+    cdef dict senders
     cdef readonly long long topology
     cdef public list touched, moved, news
 
@@ -36,6 +37,9 @@ cdef class Tree:
     @cython.locals(child=History, parent=History, candidate=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
+    @cython.locals(former=dict)
+    cdef _assign(self, History child, str authority, long long stamp_ns)
+    cdef _set_gone(self, History child, bint gone, str authority, long long stamp_ns)
     @cython.locals(history=History)
     cdef History _add(self, str frame, str authority, long long stamp_ns)
     @cython.locals(history=History, other=str)
@@ -43,7 +47,14 @@ cdef class Tree:
     @cython.locals(history=History)
     cpdef clear(self)
     @cython.locals(history=History)
+    cpdef dict sent_by(self, str authority)
+    @cython.locals(history=History)
+    cpdef forget(self, str authority)
+    @cython.locals(history=History, sent=dict)
+    cpdef mark_gone(self, frames, bint gone, str authority)
+    @cython.locals(history=History)
     cpdef bint remove(self, str frame) except -1
+    cpdef bint remove_sent(self, str frame, str authority) except -1
     @cython.locals(history=History)
     cdef list _children(self, History parent)
     cdef _tell(self, str kind, History child, History parent, str authority, long long stamp_ns)

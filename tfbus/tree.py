@@ -4,6 +4,8 @@ One of the modules that are compiled where there is a C compiler (`tree.pxd` say
 Nothing here locks: the buffer holds its lock around every call.
 """
 
+from collections.abc import Iterable
+
 from tfbus.change import Change, Kind
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.frame import FrameInfo
@@ -28,6 +30,8 @@ class Tree:
     def __init__(self, cache_ns: int) -> None:
         self.cache_ns = cache_ns
         self.frames: dict[str, History] = {}
+        # Of each authority the frames whose last transform it sent.
+        self.senders: dict[str, dict[str, History]] = {}
         self.topology = 0
         self.touched: list[History] | None = None
         self.moved: list[History] | None = None
@@ -185,10 +189,32 @@ class Tree:
                 child.unfix()
         if outcome == CONFLICT:
             self._tell("conflict", child, parent, authority, stamp_ns)
-        child.authority = authority
+        if child.authority != authority:
+            self._assign(child, authority, stamp_ns)
         if self.touched is not None:
             self.touched.append(child)
         return True
+
+    def _assign(self, child: History, authority: str, stamp_ns: int) -> None:
+        """Note that another one sends this frame now, which therefore is not gone."""
+        former = self.senders.get(child.authority)
+        if former is not None:
+            former.pop(child.name, None)
+            if not former:
+                del self.senders[child.authority]
+        if authority:
+            self.senders.setdefault(authority, {})[child.name] = child
+        self._set_gone(child, False, authority, stamp_ns)
+        child.authority = authority
+
+    def _set_gone(self, child: History, gone: bool, authority: str, stamp_ns: int) -> None:
+        if child.gone != gone:
+            child.gone = gone
+            kind: Kind = "publisher gone" if gone else "publisher back"
+            self._tell(kind, child, child.parent, authority, stamp_ns)
+            if self.moved is not None:
+                # It matters to those who wait for a living publisher.
+                self.moved.append(child)
 
     def _join(
         self, parent_frame: str, child_frame: str, stamp_ns: int, static: bool, authority: str
@@ -259,6 +285,28 @@ class Tree:
         for history in self.frames.values():
             history.forget_samples()
 
+    def sent_by(self, authority: str) -> dict[str, int]:
+        """The frames that an authority sent last, and how many samples of each are held, those
+        of static transforms not counted.
+        """
+        return {
+            name: 0 if history.static else history.count()
+            for name, history in self.senders.get(authority, {}).items()
+        }
+
+    def forget(self, authority: str) -> None:
+        """Forget the samples of all that an authority sent last; static poses stay."""
+        for history in self.senders.get(authority, {}).values():
+            history.forget_samples()
+
+    def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
+        """Mark those of the frames that the authority sent last."""
+        sent = self.senders.get(authority, {})
+        for frame in frames:
+            history = sent.get(frame)
+            if history is not None:
+                self._set_gone(history, gone, authority, 0)
+
     def remove(self, frame: str) -> bool:
         """Forget a frame's place in its parent, and the frame where nothing hangs below it.
 
@@ -269,10 +317,16 @@ class Tree:
             return False
         self._tell("removed", history, history.parent, history.authority, 0)
         history.forget()
+        history.gone = False
+        self._assign(history, "", 0)
         self.topology += 1
         if not self._children(history):
             del self.frames[frame]
         return True
+
+    def remove_sent(self, frame: str, authority: str) -> bool:
+        """Remove a frame where this authority sent it last; whether it was so."""
+        return frame in self.senders.get(authority, {}) and self.remove(frame)
 
     def _children(self, parent: History) -> list[History]:
         return [history for history in self.frames.values() if history.parent is parent]
@@ -314,6 +368,7 @@ def describe(history: History, children: list[str]) -> FrameInfo:
         authority=history.authority,
         conflicts=history.conflicts,
         refused=history.refused,
+        gone=history.gone,
     )
 
 

@@ -75,6 +75,18 @@ class TestTopics:
         assert heard == [pose]
         assert (subscription.received, subscription.rejected, subscription.dropped) == (1, 0, 0)
 
+    def test_messages_of_any_type_are_handled_as_bytes(self, node: Node, other: Node) -> None:
+        """Raw ends of a topic send and hear bytes, and are described with the type's name."""
+        heard: list[bytes] = []
+        other.create_raw_subscription("battery", heard.append, type_name="Battery")
+        publisher = node.create_raw_publisher("battery", type_name="Battery")
+        wait_until_heard(node, "battery")
+        publisher.publish(encode_map({"charge": 0.5}))
+        eventually(lambda: heard)
+        assert [decode_map(payload) for payload in heard] == [{"charge": 0.5}]
+        assert node.describe()["publishes"] == {"battery": "Battery"}
+        assert other.describe()["subscribes"] == {"battery": "Battery"}
+
     def test_a_node_hears_itself(self, node: Node) -> None:
         """A subscription hears the publishers of its own node too."""
         heard: list[Number] = []

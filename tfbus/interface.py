@@ -15,9 +15,10 @@ class Closable(Protocol):
 class Interface:
     """One side of a topic, a service or a goal; it ends with its node, or by `close()` before."""
 
-    def __init__(self, name: str, type_: type) -> None:
+    def __init__(self, name: str, type_: type | str) -> None:
+        """Of a type, or of the name of one where only its bytes are handled."""
         self.name = name
-        self.type_name = type_name(type_)
+        self.type_name = type_ if isinstance(type_, str) else type_name(type_)
         self.closed = False
         self._parts: list[Closable] = []
 

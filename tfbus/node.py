@@ -9,21 +9,23 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Any, TypeVar
 
+from tfbus.clock import SYSTEM_CLOCK, Clock, SimulatedClock
+from tfbus.clock_topic import TOPIC, ClockPublisher, ClockSubscription
 from tfbus.codec import encode_map
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.executor import Executor, Timer
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.interface import Interface
-from tfbus.keys import check_topic, node_key
+from tfbus.keys import check_topic, clock_key, node_key
 from tfbus.log import open_log
 from tfbus.namesake import NamesakeWatch
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.service import Client, Service, ServiceType
 from tfbus.session import Query, Session
 from tfbus.settings import NodeSettings
-from tfbus.signals import StopSignals
+from tfbus.signals import StopSignals, Wakeup
 from tfbus.stream import Stream
-from tfbus.topic import Publisher, Subscription
+from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.version import VERSION
 
 M = TypeVar("M")
@@ -39,6 +41,9 @@ class Node:
 
     Ctrl-C and SIGTERM end `spin()` and `wait()`; elsewhere in the main thread they raise
     KeyboardInterrupt, which the node's `with` ends quietly.
+
+    Its time is that of `clock`: the system's, or with `sim_time` in its settings what the topic
+    `clock` says; then timers, `wait` and the timeouts of lookups count simulated seconds.
 
     `settings` says how to join the bus; without it, `name`, `namespace`, `parameters` and the
     environment do (see NodeSettings). Raises BusError where the bus cannot be joined.
@@ -63,9 +68,11 @@ class Node:
         self.full_name = "/" + "/".join(filter(None, (self.namespace, self.name)))
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
+        self.clock: Clock = SimulatedClock() if settings.sim_time else SYSTEM_CLOCK
         self._closed = False
         self._lock = threading.Lock()
         self._is_ready = False
+        self._has_asked_for_clock = False
         self._parameters_are_typed_in = False
         self._streams: dict[str, Stream] = {}
         self._interfaces: dict[str, list[Interface]] = {
@@ -90,6 +97,10 @@ class Node:
             self.name, settings.parameters, self.session, self._executor, self.log
         )
         self.session.queryable(node_key(self.name), self._on_info_query)
+        self.session.queryable(clock_key(self.name), self._on_clock_query)
+        if isinstance(self.clock, SimulatedClock):
+            topic = self._resolve(TOPIC)
+            self._keep("subscribes", ClockSubscription(self.session, self.log, topic, self.clock))
         self._token = self.session.token(node_key(self.name))
         self._namesakes = NamesakeWatch(
             self.name, self.full_name, self.started_ns, self.session, self._executor, self.log
@@ -157,6 +168,8 @@ class Node:
                     known,
                 )
             self.log.info("%s", text)
+            if not self.clock.is_running:
+                self._ask_for_clock()
 
     def spin(self) -> None:
         """Say that the node is ready and wait until it is shut down."""
@@ -166,9 +179,13 @@ class Node:
     def wait(self, timeout_s: float | None) -> bool:
         """Wait for `timeout_s` seconds (None: for ever), less where the node is shut down.
 
-        Returns whether the node goes on, so that `while node.wait(1.0):` is a loop at 1 Hz.
+        Returns whether the node goes on, so that `while node.wait(1.0):` is a loop at 1 Hz. The
+        seconds are those of the node's clock.
         """
-        return not self._signals.wait(timeout_s)
+        if timeout_s is None or not self.clock.is_simulated:
+            return not self._signals.wait(timeout_s)
+        with Wakeup() as wakeup, self.clock.limit(timeout_s, wakeup.wake) as limit:
+            return limit.passed or not self._signals.wait(None, wakeup)
 
     def close(self) -> None:
         """Leave the bus; everything that was created from the node ends. Twice is fine."""
@@ -176,13 +193,37 @@ class Node:
             self._closed = True
             self.shutdown()
             with self._signals.held():
+                self.clock.close()
                 self._executor.close()
                 self.session.close()
             self._signals.uninstall()
 
     def now_ns(self) -> int:
-        """The time now, in nanoseconds since the Unix epoch."""
-        return time.time_ns()
+        """The time now, in nanoseconds since the Unix epoch.
+
+        With simulated time it is 0 until the first message on the topic `clock` has come.
+        """
+        return self.clock.now_ns()
+
+    def wait_for_clock(self, timeout_s: float | None = None) -> bool:
+        """Whether it is known what time it is, waited for at most `timeout_s` (None: for ever).
+
+        These seconds are real ones. The system's time is always known. False also where the
+        node is shut down before.
+        """
+        if not self.clock.is_running:
+            self._ask_for_clock()
+            with Wakeup() as wakeup:
+                self.clock.call_when_running(wakeup.wake)
+                self._signals.wait(timeout_s, wakeup)
+        return self.clock.is_running
+
+    def _ask_for_clock(self) -> None:
+        if not self._has_asked_for_clock:
+            self._has_asked_for_clock = True
+            topic = self._resolve(TOPIC)
+            self.log.info("Waiting for the clock: nobody tells the time on topic %r yet", topic)
+            self.clock.call_when_running(lambda: self.log.info("The clock runs"))
 
     # What it says and hears
 
@@ -200,6 +241,21 @@ class Node:
             "subscribes",
             Subscription(self.session, self._executor, self.log, message_type, topic, callback),
         )
+
+    def create_raw_publisher(self, topic: str, *, type_name: str = "") -> RawPublisher:
+        """A publisher of messages that are bytes already, of a type known by its name only."""
+        topic = self._resolve(topic)
+        return self._keep("publishes", RawPublisher(self.session, topic, type_name))
+
+    def create_raw_subscription(
+        self, topic: str, callback: Callable[[bytes], None], *, type_name: str = ""
+    ) -> RawSubscription:
+        """Call `callback(payload)` with the bytes of each message, whatever its type.
+
+        It is called on a thread of Zenoh's, before the next message is taken: be quick there.
+        """
+        topic = self._resolve(topic)
+        return self._keep("subscribes", RawSubscription(self.session, topic, callback, type_name))
 
     def create_service(
         self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
@@ -230,8 +286,17 @@ class Node:
         return self._keep("calls", GoalClient(self.session, goal_type, name))
 
     def create_timer(self, period_s: float, callback: Callable[[], Any]) -> Timer:
-        """Call `callback()` every `period_s` seconds, the first time after one period."""
+        """Call `callback()` every `period_s` seconds of the node's clock, the first time after
+        one period.
+        """
+        if isinstance(self.clock, SimulatedClock):
+            return self._executor.every_simulated(self.clock, period_s, callback)
         return self._executor.every(period_s, callback)
+
+    def create_clock_publisher(self) -> ClockPublisher:
+        """A publisher of the simulated time; it is told to all namespaces within the node's."""
+        topic = self._resolve(TOPIC)
+        return self._keep("publishes", ClockPublisher(self.session, self._executor, topic))
 
     def declare_parameter(
         self,
@@ -290,6 +355,12 @@ class Node:
 
     def _resolve(self, name: str) -> str:
         return self.settings.remappings.get(name, check_topic(name))
+
+    def _on_clock_query(self, query: Query) -> None:
+        received_ns = time.time_ns()
+        times = {"received": received_ns, "now": time.time_ns()}
+        query.answer(clock_key(self.name), encode_map(times))
+        query.close()
 
     def _on_info_query(self, query: Query) -> None:
         query.answer(node_key(self.name), encode_map(self.describe()))

@@ -36,6 +36,32 @@ class Publisher(Interface, Generic[M]):
         self._publisher.put(encode_message(message))
 
 
+class RawPublisher(Interface):
+    """Sends messages that are bytes already; `type_name` is what others are told of them."""
+
+    def __init__(self, session: Session, topic: str, type_name: str):
+        super().__init__(topic, type_name)
+        self._publisher = session.publisher(topic)
+        self._parts = [self._publisher]
+
+    def publish(self, payload: bytes) -> None:
+        """Send a message as it is: one msgpack map."""
+        self._publisher.put(payload)
+
+
+class RawSubscription(Interface):
+    """Calls back with the bytes of each message, on a thread of Zenoh's: be quick there.
+
+    For what measures, records or hands on messages of any type.
+    """
+
+    def __init__(
+        self, session: Session, topic: str, callback: Callable[[bytes], None], type_name: str
+    ):
+        super().__init__(topic, type_name)
+        self._parts = [session.subscriber(topic, lambda key, payload: callback(payload))]
+
+
 class Subscription(Interface, Generic[M]):
     """Calls back with each message of a topic, on the node's thread.
 

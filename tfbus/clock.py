@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 
-Wake = Callable[[], None]
+Wake = Callable[[], object]
 Jumped = Callable[[int], None]
 
 # Later than stamps can tell.
@@ -60,6 +60,13 @@ class Clock:
     def is_running(self) -> bool:
         """Whether it is known what time it is."""
         return True
+
+    def close(self) -> None:
+        """End all waiting by a simulated clock: every limit has passed. Twice is fine."""
+
+    def call_when_running(self, wake: Wake) -> None:
+        """Call `wake()` once, as soon as it is known what time it is."""
+        wake()
 
     def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
         """A limit `timeout_s` of this clock's seconds from now, None for no limit.
@@ -163,7 +170,6 @@ class SimulatedClock(Clock):
         return max(0, -step_ns)
 
     def close(self) -> None:
-        """End all waiting by this clock: every limit has passed."""
         with self._lock:
             self._closed = True
             alarms, self._alarms = self._alarms, set()
@@ -172,6 +178,9 @@ class SimulatedClock(Clock):
 
     def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
         return _SimulatedLimit(self, timeout_s, wake)
+
+    def call_when_running(self, wake: Wake) -> None:
+        self.call_at(0, wake)
 
     def call_at(self, elapsed_ns: int, wake: Wake) -> Alarm:
         """Call `wake()` once, as soon as the clock has run so long; 0 is its first time."""

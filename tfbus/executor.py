@@ -9,6 +9,8 @@ from collections import Counter, deque
 from collections.abc import Callable
 from functools import partial
 
+from tfbus.clock import SimulatedClock
+
 Callback = Callable[[], None]
 
 # How long the end of a node waits for a callback; one that waits for a lookup may take longer.
@@ -29,6 +31,7 @@ class Timer:
                 f"not {period_s}"
             )
         self.period_s = period_s
+        self.period_ns = max(1, round(period_s * 1e9))
         self.callback = callback
         self.once = once
         self.cancelled = False
@@ -73,6 +76,12 @@ class Executor:
     def every(self, period_s: float, callback: Callback) -> Timer:
         """Run `callback` every `period_s` seconds, the first time after one period."""
         return self._start(Timer(period_s, callback))
+
+    def every_simulated(self, clock: SimulatedClock, period_s: float, callback: Callback) -> Timer:
+        """Run `callback` every `period_s` seconds of a simulated clock, as `every` does."""
+        timer = Timer(period_s, callback)
+        self._set_alarm(clock, clock.elapsed_ns() + timer.period_ns, timer)
+        return timer
 
     def after(self, delay_s: float, callback: Callback) -> Timer:
         """Run `callback` once, `delay_s` seconds from now."""
@@ -127,9 +136,17 @@ class Executor:
         # Behind what waits already: a timer that is slower than its period holds up nobody.
         while self._due and self._due[0][0] <= now:
             when, _, timer = heapq.heappop(self._due)
-            name = getattr(timer.callback, "__qualname__", repr(timer.callback))
-            what = f"timer of {timer.period_s:g} s, {name}"
-            self._waiting.append((what, partial(self._tick, when, timer)))
+            self._waiting.append((_name(timer), partial(self._tick, when, timer)))
+
+    def _set_alarm(self, clock: SimulatedClock, when_ns: int, timer: Timer) -> None:
+        tick = partial(self._tick_simulated, clock, when_ns, timer)
+        clock.call_at(when_ns, lambda: self.submit(_name(timer), tick))
+
+    def _tick_simulated(self, clock: SimulatedClock, when_ns: int, timer: Timer) -> None:
+        if not timer.cancelled:
+            late_periods = (clock.elapsed_ns() - when_ns) // timer.period_ns
+            self._set_alarm(clock, when_ns + (late_periods + 1) * timer.period_ns, timer)
+            timer.callback()
 
     def _tick(self, when: float, timer: Timer) -> None:
         if timer.cancelled:
@@ -151,3 +168,8 @@ class Executor:
             count = self._failures[what]
             if str(count).strip("0") == "1":  # a power of ten
                 self._log.exception("A callback failed, %d times so far (%s)", count, what)
+
+
+def _name(timer: Timer) -> str:
+    callback = getattr(timer.callback, "__qualname__", repr(timer.callback))
+    return f"timer of {timer.period_s:g} s, {callback}"

@@ -53,6 +53,11 @@ def node_key(node: str) -> str:
     return f"@tfbus/node/{escape(node)}"
 
 
+def clock_key(node: str) -> str:
+    """The key under which a node tells the time of its system's clock."""
+    return f"@tfbus/clock/{escape(node)}"
+
+
 def parameter_key(node: str, parameter: str) -> str:
     """The key under which one parameter of a node is read and set."""
     return f"@tfbus/param/{escape(node)}/{escape(parameter)}"

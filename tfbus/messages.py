@@ -65,6 +65,39 @@ class Color:
         _check_byte("b", self.b)
 
 
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The simulated time, on the topic clock.
+
+    `rate` is how many simulated seconds go by in a real one while it is not paused.
+    """
+
+    stamp_ns: int
+    rate: float = 1.0
+    paused: bool = False
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        _check_finite("rate", self.rate)
+
+
+class SetClock:
+    """Sets the simulated time, forward or back."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The time it is to be."""
+
+        stamp_ns: int
+
+        def __post_init__(self) -> None:
+            _check_stamp("stamp_ns", self.stamp_ns)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Done, and told to all who follow the clock."""
+
+
 class Empty:
     """A service that is only asked to act: clear, reset."""
 
@@ -210,6 +243,11 @@ class RotateAbsolute:
 def _check_finite(name: str, value: float) -> None:
     if not isfinite(value):
         raise ValueError(f"{name} is {value}; a finite number is wanted")
+
+
+def _check_stamp(name: str, value: int) -> None:
+    if not 0 <= value < 2**63:
+        raise ValueError(f"{name} is {value}; nanoseconds from 0 to 2^63 - 1 are wanted")
 
 
 def _check_byte(name: str, value: int) -> None:

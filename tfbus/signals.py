@@ -41,12 +41,14 @@ class StopSignals:
         """Say that it is time to end; from any thread, twice is fine."""
         self._stop.call()
 
-    def wait(self, timeout_s: float | None = None) -> bool:
-        """Whether it is time to end, waited for at most `timeout_s` (None: for ever)."""
+    def wait(self, timeout_s: float | None = None, wakeup: "Wakeup | None" = None) -> bool:
+        """Whether it is time to end, waited for at most `timeout_s` (None: for ever), and less
+        where somebody wakes up who waits.
+        """
         if not _in_main_thread():
-            return self._stop.wait(timeout_s)
-        with self.held(), _SignalWakeup() as wakeup:
             return self._stop.wait(timeout_s, wakeup)
+        with self.held(), _SignalWakeup() as signalled:
+            return self._stop.wait(timeout_s, wakeup, signalled)
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -63,6 +65,28 @@ class StopSignals:
             _installed.remove(self)
             if not _installed and _in_main_thread():
                 _give_back()
+
+
+class Wakeup:
+    """Ends a wait from another thread, once, for as long as its `with` lasts."""
+
+    def __enter__(self) -> "Wakeup":
+        self._lock = threading.Lock()
+        self.readable, self._writable = os.pipe()
+        self._is_open = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._is_open = False
+            os.close(self.readable)
+            os.close(self._writable)
+
+    def wake(self) -> None:
+        """End the wait, also one that begins after this; after the `with` nothing happens."""
+        with self._lock:
+            if self._is_open:
+                os.write(self._writable, b"!")
 
 
 class _Stop:
@@ -86,19 +110,28 @@ class _Stop:
             self.called = True
             os.write(self._writable, b"!")
 
-    def wait(self, timeout_s: float | None, wakeup: "_SignalWakeup | None" = None) -> bool:
+    def wait(
+        self,
+        timeout_s: float | None,
+        wakeup: Wakeup | None = None,
+        signalled: "_SignalWakeup | None" = None,
+    ) -> bool:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         poll = select.poll()
         poll.register(self._readable, select.POLLIN)
-        if wakeup:
-            poll.register(wakeup.readable, select.POLLIN)
+        for other in (wakeup, signalled):
+            if other:
+                poll.register(other.readable, select.POLLIN)
         while not self.called:
             left_s = None if deadline is None else deadline - time.monotonic()
             if left_s is not None and left_s <= 0:
                 break
             ready = poll.poll(_LONGEST_MS if left_s is None else min(left_s * 1e3, _LONGEST_MS))
-            if wakeup and any(file == wakeup.readable for file, _ in ready):
-                wakeup.drain()
+            files = {file for file, _ in ready}
+            if wakeup and wakeup.readable in files:
+                break
+            if signalled and signalled.readable in files:
+                signalled.drain()
         return self.called
 
 

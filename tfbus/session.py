@@ -17,6 +17,7 @@ from typing import Any
 import zenoh
 
 from tfbus.errors import BusError, SettingsError, TfbusError
+from tfbus.kept_thread import on_kept_thread
 from tfbus.scouting import loopback_where_alone
 from tfbus.settings import NodeSettings
 
@@ -188,11 +189,12 @@ class Session:
 
         A newer message makes an old one worthless, so where a link is congested one is dropped:
         a subscriber that has stopped must not hold up the publisher's node, and with it all
-        others.
+        others. Zenoh's batching stays on: a message waits for others only while the link is busy,
+        and then they go as one.
         """
         with bus_errors(f"publish {key}"):
             publisher = self.zenoh.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.DROP, express=True
+                key, congestion_control=zenoh.CongestionControl.DROP
             )
         return BytesPublisher(key, publisher)
 
@@ -387,7 +389,7 @@ def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = N
     session and then keeps the process from ending. Ours only decode and store, or hand over to
     the node's thread, and so one that falls behind holds up its own link, not the memory.
     """
-    return zenoh.handlers.Callback(callback, drop, indirect=False)
+    return zenoh.handlers.Callback(on_kept_thread(callback), drop, indirect=False)
 
 
 def _answer(reply: zenoh.Reply) -> Answer:

@@ -48,6 +48,10 @@ class Hosts:
         """The command as it runs on the host."""
         return ["ip", "netns", "exec", self._space[host], *command]
 
+    def set_link(self, host: str, *, up: bool) -> None:
+        """Plug the host's cable in, or pull it out."""
+        _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
+
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():

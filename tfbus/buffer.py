@@ -6,7 +6,6 @@ One of the modules that are compiled where there is a C compiler (`buffer.pxd` s
 import asyncio
 import logging
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfbus.batch import TransformBatch
 from tfbus.change import Change
+from tfbus.clock import SYSTEM_CLOCK, limit_by
 from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import (
     ExtrapolationException,
@@ -71,8 +71,11 @@ class Buffer:
     Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
-    `rejected` counts the rows of batches that could not be taken, by their reason. `clock` says
-    what time it is, in nanoseconds since the Unix epoch, where the age of a sample matters.
+    `rejected` counts the rows of batches that could not be taken, by their reason.
+
+    `clock` says what time it is, in nanoseconds since the Unix epoch, where the age of a sample
+    matters. Where it is simulated (`node.clock`), timeouts count its seconds, and real ones
+    otherwise. A TransformListener gives the buffer its node's clock, unless it has another.
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class Buffer:
         cache_time_s: float = 10.0,
         *,
         sampling: Sampling = TF2,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Callable[[], int] = SYSTEM_CLOCK,
     ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
@@ -138,10 +141,18 @@ class Buffer:
             self._announce()
         return taken
 
-    def clear(self) -> None:
-        """Forget all samples; static transforms stay, and so do the names of all frames."""
+    def clear(self, *, after_ns: int | None = None) -> None:
+        """Forget all samples, or those later than a time where it is given; static transforms
+        stay, and so do the names of all frames.
+
+        A frame that has changed its parent of late, and has samples later than the time, loses
+        its earlier ones, too.
+        """
         with self._lock:
-            self._tree.clear()
+            if after_ns is None:
+                self._tree.clear()
+            else:
+                self._tree.clear_after(after_ns)
         self._waiters.wake_all()
 
     def remove(self, frame: str) -> None:
@@ -711,22 +722,23 @@ class Buffer:
             return answers
         if timeout_s <= 0.0:
             raise self._why_none(questions, sampling, fresh)
-        deadline = time.monotonic() + timeout_s
         changed = threading.Event()
         waiter = Waiter(changed.set)
         self._waiters.add(waiter)
         try:
-            while True:
-                changed.clear()
-                self._watch(waiter, questions, fresh)
-                answers = self._ask(questions, sampling, fresh)
-                if answers is not None:
-                    return answers
-                reason = self._why_none(questions, sampling, fresh)
-                if not may_come(reason):
-                    raise reason
-                if not changed.wait(max(0.0, deadline - time.monotonic())):
-                    raise _timed_out(timeout_s, reason) from reason
+            with limit_by(self.clock, timeout_s, changed.set) as limit:
+                while True:
+                    changed.clear()
+                    self._watch(waiter, questions, fresh)
+                    answers = self._ask(questions, sampling, fresh)
+                    if answers is not None:
+                        return answers
+                    reason = self._why_none(questions, sampling, fresh)
+                    if not may_come(reason):
+                        raise reason
+                    if limit.passed:
+                        raise _timed_out(timeout_s, reason) from reason
+                    changed.wait(limit.left_s)
         finally:
             self._waiters.discard(waiter)
 
@@ -749,10 +761,9 @@ class Buffer:
                 loop.call_soon_threadsafe(changed.set)
 
         waiter = Waiter(wake)
-        reason: TransformException | None = None
         self._waiters.add(waiter)
         try:
-            async with asyncio.timeout(timeout_s):
+            with limit_by(self.clock, timeout_s, wake) as limit:
                 while True:
                     changed.clear()
                     self._watch(waiter, questions, fresh)
@@ -762,9 +773,11 @@ class Buffer:
                     reason = self._why_none(questions, sampling, fresh)
                     if not may_come(reason):
                         raise reason
-                    await changed.wait()
-        except TimeoutError:
-            raise _timed_out(timeout_s or 0.0, reason) from reason
+                    if limit.passed:
+                        raise _timed_out(timeout_s or 0.0, reason) from reason
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(limit.left_s):
+                            await changed.wait()
         finally:
             self._waiters.discard(waiter)
 

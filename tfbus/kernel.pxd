@@ -84,6 +84,8 @@ cdef class History:
     cdef History parent_after(self, long long stamp_ns, History parent, bint static)
     cpdef forget(self)
     cpdef forget_samples(self)
+    @cython.locals(tail=Py_ssize_t)
+    cpdef forget_after(self, long long stamp_ns)
     @cython.locals(at=Py_ssize_t, before=Py_ssize_t, tail=Py_ssize_t)
     cdef int _insert_late(
         self, long long stamp_ns, pose_t pose, History parent, long long cache_ns) except -1

@@ -442,6 +442,23 @@ class History:
         self.poses = _NO_POSES
         self.parents = None
 
+    def forget_after(self, stamp_ns: int) -> None:
+        """Drop the samples later than a time; a static pose stays.
+
+        All of them where the parent has changed: a former parent might hang below this frame by
+        now.
+        """
+        tail = self.tail
+        while tail > self.head and self.stamps[tail - 1] > stamp_ns:
+            tail -= 1
+        if tail == self.tail:
+            return
+        if tail == self.head or self.parents is not None:
+            self.forget_samples()
+        else:
+            self.tail = tail
+            self.at = self.head
+
     def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
         if self.stamps[self.tail - 1] - stamp_ns > cache_ns:
             self.refused += 1

@@ -47,6 +47,8 @@ cdef class Tree:
     @cython.locals(history=History)
     cpdef clear(self)
     @cython.locals(history=History)
+    cpdef clear_after(self, long long stamp_ns)
+    @cython.locals(history=History)
     cpdef dict sent_by(self, str authority)
     @cython.locals(history=History)
     cpdef forget(self, str authority)

@@ -285,6 +285,11 @@ class Tree:
         for history in self.frames.values():
             history.forget_samples()
 
+    def clear_after(self, stamp_ns: int) -> None:
+        """Forget the samples later than a time."""
+        for history in self.frames.values():
+            history.forget_after(stamp_ns)
+
     def sent_by(self, authority: str) -> dict[str, int]:
         """The frames that an authority sent last, and how many samples of each are held, those
         of static transforms not counted.

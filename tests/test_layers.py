@@ -40,7 +40,7 @@ LAYERS = [
     {"retained"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
-    {"broadcaster", "listener", "presence"},
+    {"broadcaster", "listener", "presence", "graph"},
     {"launch"},
     {"nodes", "cli", "__main__"},
 ]

@@ -5,9 +5,10 @@ import threading
 from collections.abc import Callable
 
 from tfbus.codec import decode_message
-from tfbus.description import NodeDescription
+from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import BusError, DecodeError
-from tfbus.keys import full_name, node_key
+from tfbus.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
+from tfbus.retained import ask_retained
 from tfbus.session import Answer, Session
 
 # The nodes of this namespace and of those below it.
@@ -45,6 +46,25 @@ def describe_all(
                 described.append(_read(session, answer))
             except DecodeError as error:
                 on_unreadable(error)
+    return described
+
+
+def describe_streams(
+    session: Session, on_unreadable: Callable[[DecodeError], object]
+) -> dict[str, StreamDescription]:
+    """What all streams tell about themselves, by the keys where they do.
+
+    `on_unreadable(error)` is called for those that cannot be read.
+    """
+    described = {}
+    for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE):
+        if answer.refusal is None:
+            try:
+                described[answer.key] = decode_message(StreamDescription, answer.payload)
+            except DecodeError as error:
+                name = stream_of(answer.key)
+                told = f"what stream {name!r} tells about itself cannot be read: {error}"
+                on_unreadable(DecodeError(told))
     return described
 
 

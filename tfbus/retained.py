@@ -3,12 +3,12 @@
 All that tfbus uses of Zenoh's unstable `zenoh.ext` is in this file.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import zenoh
 from zenoh import ext
 
-from tfbus.session import BytesPublisher, Declaration, Session, bus_errors
+from tfbus.session import Answer, BytesPublisher, Declaration, Session, bus_errors
 
 # How soon a subscriber that lost the last message learns of it and asks for it again.
 _HEARTBEAT_S = 0.5
@@ -46,3 +46,8 @@ def declare_retained_subscriber(
             subscriber_detection=True,
         )
     return Declaration(subscriber)
+
+
+def ask_retained(session: Session, key: str, *, timeout_s: float = 1.0) -> Iterator[Answer]:
+    """The retained messages within `key`, each at its own key, as `Session.ask` has answers."""
+    return session.ask(f"{key}/@adv/pub/**", timeout_s=timeout_s, at_any_key=True)

@@ -90,38 +90,51 @@ class Declaration:
             self._declared.undeclare()
 
 
-class ServedWatch:
-    """Knows at any time whether somebody serves a key; closed when nobody asks any more."""
+class _MatchWatch:
+    """Knows at any time whether what a session declared has a counterpart; closed by `close`."""
 
-    def __init__(self, querier: zenoh.Querier):
-        self._served = threading.Event()
-        self._querier = Declaration(querier)
+    def __init__(self, declared: zenoh.Querier | zenoh.Publisher):
+        self._matched = threading.Event()
+        self._declared = Declaration(declared)
         self._listener = Declaration(
-            querier.declare_matching_listener(_direct(lambda status: self._set(status.matching)))
+            declared.declare_matching_listener(_direct(lambda status: self._set(status.matching)))
         )
-        status: Any = querier.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
+        status: Any = declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
         if status.matching:
             self._set(True)
 
-    @property
-    def served(self) -> bool:
-        """Whether somebody serves it now."""
-        return self._served.is_set()
-
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
-        return self._served.wait(timeout_s)
+        """Whether there is one, waited for at most `timeout_s` (None: for ever)."""
+        return self._matched.wait(timeout_s)
 
     def close(self) -> None:
         """Watch no more."""
         self._listener.close()
-        self._querier.close()
+        self._declared.close()
 
-    def _set(self, served: bool) -> None:
-        if served:
-            self._served.set()
+    def _set(self, matched: bool) -> None:
+        if matched:
+            self._matched.set()
         else:
-            self._served.clear()
+            self._matched.clear()
+
+
+class ServedWatch(_MatchWatch):
+    """Knows at any time whether somebody serves a key; closed when nobody asks any more."""
+
+    @property
+    def served(self) -> bool:
+        """Whether somebody serves it now."""
+        return self._matched.is_set()
+
+
+class HeardWatch(_MatchWatch):
+    """Knows at any time whether somebody subscribes to a key."""
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to it now."""
+        return self._matched.is_set()
 
 
 class BytesPublisher(Declaration):
@@ -218,14 +231,28 @@ class Session:
             return Declaration(self.zenoh.declare_queryable(key, _direct(guarded)))
 
     def ask(
-        self, key: str, payload: bytes | None = None, *, timeout_s: float = 5.0
+        self,
+        key: str,
+        payload: bytes | None = None,
+        *,
+        timeout_s: float = 5.0,
+        at_any_key: bool = False,
     ) -> Iterator[Answer]:
         """The answers of all who serve `key`, as they come, until all have closed or
         `timeout_s` has passed. No answer at all is an empty iteration.
+
+        With `at_any_key` they may answer at keys that are not within `key`.
         """
         # Zenoh's own channel for replies blocks when it is full, even before it can be read.
         answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
-        self.ask_later(key, payload, answers.put, lambda: answers.put(None), timeout_s=timeout_s)
+        self.ask_later(
+            key,
+            payload,
+            answers.put,
+            lambda: answers.put(None),
+            timeout_s=timeout_s,
+            at_any_key=at_any_key,
+        )
         return iter(answers.get, None)
 
     def ask_later(
@@ -236,6 +263,7 @@ class Session:
         on_end: Callable[[], None],
         *,
         timeout_s: float,
+        at_any_key: bool = False,
     ) -> None:
         """Ask as `ask` does and return at once: the answers are handed to `on_answer` as they
         come and `on_end()` is called after the last, both on threads of Zenoh's.
@@ -253,7 +281,15 @@ class Session:
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
+                accept_replies=(
+                    zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
+                ),
             )
+
+    def watch_heard(self, key: str) -> HeardWatch:
+        """A watch that knows whether somebody subscribes to `key`."""
+        with bus_errors(f"watch {key}"):
+            return HeardWatch(self.zenoh.declare_publisher(key))
 
     def watch_served(self, key: str) -> ServedWatch:
         """A watch that knows whether somebody serves `key`."""

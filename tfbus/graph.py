@@ -1,0 +1,105 @@
+"""The graph of nodes: which topics and services there are, and which nodes are at their ends.
+
+It is put together from what nodes and streams tell about themselves; no message is read for it.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from tfbus.description import NodeDescription, StreamDescription
+from tfbus.presence import relative_name
+
+# What the keys of transforms carry.
+TRANSFORMS_TYPE = "TransformMessage"
+
+
+@dataclass(frozen=True, order=True)
+class Endpoint:
+    """One end of a topic or service: the full name of the node, and the type it tells."""
+
+    node: str
+    type: str
+    host: str = ""
+    pid: int = 0
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic by its name within the namespace of who looks, and its ends sorted by node.
+
+    Who hears transforms is not told on the bus: `subscribers` is None for their topics.
+    """
+
+    name: str
+    publishers: tuple[Endpoint, ...] = ()
+    subscribers: tuple[Endpoint, ...] | None = ()
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The types that its ends tell, sorted: one, where they agree."""
+        return _types(self.publishers, self.subscribers or ())
+
+
+@dataclass(frozen=True)
+class ServiceInfo:
+    """A service or goal by its name within the namespace of who looks, and its ends."""
+
+    name: str
+    servers: tuple[Endpoint, ...] = ()
+    clients: tuple[Endpoint, ...] = ()
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The types that its ends tell, sorted: one, where they agree."""
+        return _types(self.servers, self.clients)
+
+
+@dataclass(frozen=True)
+class Graph:
+    """All topics and services by name, sorted."""
+
+    topics: Mapping[str, TopicInfo] = field(default_factory=dict)
+    services: Mapping[str, ServiceInfo] = field(default_factory=dict)
+
+
+def graph_of(
+    nodes: Iterable[NodeDescription],
+    streams: Mapping[str, StreamDescription],
+    namespace: str = "",
+) -> Graph:
+    """The graph as it is seen from the namespace; `streams` is what `describe_streams` gives."""
+    ends: dict[str, dict[str, list[Endpoint]]] = defaultdict(lambda: defaultdict(list))
+    for node in nodes:
+        above = relative_name(node.name, namespace).rpartition("/")[0]
+        for kind in ("publishes", "subscribes", "serves", "calls"):
+            for name, type_ in getattr(node, kind).items():
+                full = "/".join(filter(None, (above, name)))
+                ends[kind][full].append(Endpoint(node.name, type_, node.host, node.pid))
+
+    def at(kind: str, name: str) -> tuple[Endpoint, ...]:
+        return tuple(sorted(ends[kind].get(name, ())))
+
+    topics = {
+        name: TopicInfo(name, at("publishes", name), at("subscribes", name))
+        for name in {*ends["publishes"], *ends["subscribes"]}
+    }
+    for key, stream in streams.items():
+        for name in _stream_topics(key, stream):
+            end = Endpoint(stream.node, TRANSFORMS_TYPE, stream.host, stream.pid)
+            topics[name] = TopicInfo(name, (end,), None)
+    services = {
+        name: ServiceInfo(name, at("serves", name), at("calls", name))
+        for name in {*ends["serves"], *ends["calls"]}
+    }
+    return Graph(dict(sorted(topics.items())), dict(sorted(services.items())))
+
+
+def _stream_topics(key: str, stream: StreamDescription) -> list[str]:
+    """`robot7/tf/sim` and `robot7/tf_static/sim` of the stream at `robot7/@tfbus/stream/sim`."""
+    kinds = {"tf_static" if static else "tf" for _, _, static in stream.frames}
+    return [key.replace("@tfbus/stream", kind) for kind in kinds]
+
+
+def _types(*ends: Iterable[Endpoint]) -> tuple[str, ...]:
+    return tuple(sorted({end.type for side in ends for end in side} - {""}))

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 import pytest
 from conftest import eventually
 
+from tfbus.clock import SimulatedClock
 from tfbus.executor import Executor
 
 DEADLINE_S = 10.0
+SECOND = 1_000_000_000
 
 
 @pytest.fixture
@@ -202,3 +204,31 @@ def test_an_executor_that_is_never_used_has_no_thread() -> None:
     before = threading.active_count()
     Executor("idle", logging.getLogger("test")).close()
     assert threading.active_count() == before
+
+
+def test_a_simulated_timer_ticks_with_its_clock(executor: Executor) -> None:
+    """A timer of a simulated clock ticks once a period of that clock, and never between."""
+    clock = SimulatedClock()
+    ticks: list[int] = []
+    timer = executor.every_simulated(clock, 1.0, lambda: ticks.append(clock.now_ns() // SECOND))
+    for second in (10, 10, 11, 12):
+        clock.set(second * SECOND)
+        finish(executor)
+    clock.set(12 * SECOND + SECOND // 2)
+    clock.set(13 * SECOND)
+    finish(executor)
+    timer.cancel()
+    clock.set(14 * SECOND)
+    finish(executor)
+    assert ticks == [11, 12, 13]
+
+
+def test_a_simulated_timer_does_not_make_up_for_what_it_missed(executor: Executor) -> None:
+    """A jump forward is one tick; after a jump back the timer goes on a period later at most."""
+    clock = SimulatedClock()
+    ticks: list[int] = []
+    executor.every_simulated(clock, 10.0, lambda: ticks.append(clock.now_ns() // SECOND))
+    for second in (0, 3605, 3609, 3610, 5, 14, 15, 25):
+        clock.set(second * SECOND)
+        finish(executor)
+    assert ticks == [3605, 3610, 15, 25]

@@ -38,6 +38,7 @@ LAYERS = [
     {"kept_thread"},
     {"session"},
     {"retained"},
+    {"claims", "stream_info", "stream_watch", "reception"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
     {"broadcaster", "listener", "presence", "graph"},

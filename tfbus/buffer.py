@@ -178,12 +178,12 @@ class Buffer:
         with self._lock:
             return self._tree.sent_by(authority)
 
-    def forget(self, authority: str) -> None:
+    def forget(self, authority: str, frames: Iterable[str] | None = None) -> None:
         """Forget the samples of the frames that this authority sent last, as it begins anew;
-        static transforms stay.
+        static transforms stay. With `frames` only of these.
         """
         with self._lock:
-            self._tree.forget(authority)
+            self._tree.forget(authority, frames)
         self._waiters.wake_all()
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:

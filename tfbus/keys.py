@@ -16,6 +16,7 @@ STATIC_TRANSFORMS = "tf_static"
 ALL_TRANSFORMS = "tf/**"
 ALL_STATIC_TRANSFORMS = "tf_static/**"
 ALL_STREAMS = "@tfbus/stream/*"
+ALL_STREAMS_EVERYWHERE = f"**/{ALL_STREAMS}"
 ALL_NODES = "@tfbus/node/*"
 
 _ESCAPES = str.maketrans({char: f"%{ord(char):02X}" for char in "%*$?#/@"})
@@ -48,6 +49,12 @@ def stream_key(stream: str) -> str:
     return f"@tfbus/stream/{escape(stream)}"
 
 
+def kept_transforms_key(stream_key: str, last_s: float) -> str:
+    """The selector that asks the stream of a token for its transforms of the last seconds."""
+    prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
+    return f"{prefix}{TRANSFORMS}/{stream}/**?last_s={last_s:g}"
+
+
 def node_key(node: str) -> str:
     """The key of a node's liveliness token and of what it tells about itself."""
     return f"@tfbus/node/{escape(node)}"
@@ -74,15 +81,16 @@ def last_name(key: str) -> str:
 
 
 def stream_of(key: str) -> str:
-    """The stream of a key made by `transforms_key` or `static_transforms_key`.
+    """The stream of a key made by `transforms_key`, `static_transforms_key` or `stream_key`.
 
     Any namespace in front stays part of the answer: `robot7/tf/sim` is of stream `robot7/sim`.
     """
     chunks = key.split("/")
-    for kind in (TRANSFORMS, STATIC_TRANSFORMS):
+    for kind, length in (("@tfbus", 2), (TRANSFORMS, 1), (STATIC_TRANSFORMS, 1)):
         if kind in chunks:
             at = chunks.index(kind)
-            return "/".join([*chunks[:at], *map(unescape, chunks[at + 1 : at + 2])])
+            named = at + length
+            return "/".join([*chunks[:at], *map(unescape, chunks[named : named + 1])])
     return key
 
 

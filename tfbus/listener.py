@@ -1,13 +1,33 @@
 """The listener: every transform on the bus goes into a buffer."""
 
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
 
 from tfbus.buffer import Buffer
-from tfbus.errors import DecodeError
-from tfbus.keys import ALL_STATIC_TRANSFORMS, ALL_TRANSFORMS, stream_of
+from tfbus.change import Change
+from tfbus.claims import Claimant, Claims, Conflict, Rule
+from tfbus.description import StreamDescription
+from tfbus.errors import InvalidArgumentException
+from tfbus.keys import (
+    ALL_STATIC_TRANSFORMS,
+    ALL_TRANSFORMS,
+    STATIC_TRANSFORMS,
+    kept_transforms_key,
+    stream_of,
+)
 from tfbus.node import Node
+from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
-from tfbus.wire import decode_transforms
+from tfbus.session import Answer
+from tfbus.stream_info import StreamInfo
+from tfbus.stream_watch import StreamState, StreamWatch
+
+# Names of streams come from the bus: of more keys than these nothing is taken.
+MOST_KEYS = 200_000
+
+_KEPT_WITHIN_S = 5.0
+_FRAMES_NAMED = 5
 
 
 class TransformListener:
@@ -15,20 +35,42 @@ class TransformListener:
 
     It works on threads of its own: there is nothing to spin, and a lookup may wait anywhere.
     The authority of a transform is the stream that it came in. A message that cannot be read is
-    counted in `rejected` by its stream, reported once, and dropped; a transform that the buffer
-    refuses is counted there, and reported once a stream.
+    counted by its stream, reported once, and dropped; a transform that the buffer refuses is
+    counted there, and reported once a stream.
+
+    Frames whose publisher is gone are marked so in the buffer. With `history_s` each stream is
+    asked for what it sent in so many seconds before it was met. `conflicts` is what wins where
+    two living publishers send one frame: "latest", whoever sent last, as in tf2; "first", who
+    was started first; or "priority", whose stream has the higher priority, or else was first.
     """
 
-    def __init__(self, buffer: Buffer, node: Node):
+    def __init__(
+        self,
+        buffer: Buffer,
+        node: Node,
+        *,
+        history_s: float = 0.0,
+        conflicts: Rule = "latest",
+    ) -> None:
+        if not 0.0 <= history_s < float("inf"):
+            raise InvalidArgumentException(
+                f"history_s is {history_s!r}; it is a number of seconds, 0 or more"
+            )
         self.buffer = buffer
-        self.rejected: Counter[str] = Counter()
+        self._node = node
         self._log = node.log
-        self._told: set[str] = set()
-        self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_transforms)
-        self._static = declare_retained_subscriber(
-            node.session, ALL_STATIC_TRANSFORMS, self._on_static_transforms
-        )
+        self._history_s = history_s
+        self._claims = Claims(conflicts)
+        self._streams: dict[str, StreamReception] = {}
+        self._receptions: dict[str, DynamicReception | StaticReception] = {}
+        self._seen: dict[str, StreamState] = {}
+        self._asked: set[str] = set()
         self._closed = False
+        self._watch = StreamWatch(node.session, self._on_stream, log=node.log)
+        self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_message)
+        self._static = declare_retained_subscriber(
+            node.session, ALL_STATIC_TRANSFORMS, self._on_message
+        )
 
     def __enter__(self) -> "TransformListener":
         return self
@@ -42,38 +84,181 @@ class TransformListener:
             self._closed = True
             self._dynamic.close()
             self._static.close()
+            self._watch.close()
 
-    def _on_transforms(self, key: str, payload: bytes) -> None:
-        self._insert(key, payload, static=False)
+    @property
+    def rejected(self) -> Counter[str]:
+        """How many messages could not be read, by their stream."""
+        streams = list(self._streams.values())
+        return Counter({stream.name: stream.rejected for stream in streams if stream.rejected})
 
-    def _on_static_transforms(self, key: str, payload: bytes) -> None:
-        self._insert(key, payload, static=True)
+    def streams(self) -> list[StreamInfo]:
+        """What is known of each stream, sorted by name."""
+        states = self._watch.streams()
+        receptions = dict(self._streams)
+        return [
+            _info(name, states.get(name), receptions.get(name))
+            for name in sorted(states.keys() | receptions.keys())
+        ]
 
-    def _insert(self, key: str, payload: bytes, *, static: bool) -> None:
-        stream = stream_of(key)
-        try:
-            batch = decode_transforms(payload).batch
-        except DecodeError as error:
-            self._reject(stream, error)
-        else:
-            refused = self.buffer.rejected.total()
-            taken = self.buffer.set_transforms(batch, static=static, authority=stream)
-            # Rows that are only too old are not taken either, but not refused.
-            if taken < len(batch) and self.buffer.rejected.total() > refused:
-                self._tell_refused(stream)
+    def _on_message(self, key: str, payload: bytes) -> None:
+        reception = self._receptions.get(key) or self._meet(key)
+        if reception is not None:
+            reception.receive(payload)
 
-    def _tell_refused(self, stream: str) -> None:
-        if stream not in self._told:
-            self._told.add(stream)
+    def _meet(self, key: str) -> DynamicReception | StaticReception | None:
+        if len(self._receptions) >= MOST_KEYS:
+            return None
+        stream = self._stream(stream_of(key))
+        is_static = STATIC_TRANSFORMS in key.split("/")
+        made = (StaticReception if is_static else DynamicReception)(stream)
+        # Two threads may come here at once: one of theirs is kept.
+        return self._receptions.setdefault(key, made)
+
+    def _stream(self, name: str) -> StreamReception:
+        known = self._streams.get(name)
+        return known or self._streams.setdefault(
+            name, StreamReception(name, self.buffer, self._log, self._node.now_ns)
+        )
+
+    # Who is there
+
+    def _on_stream(self, state: StreamState) -> None:
+        """Called for one change of one stream at a time."""
+        former = self._seen.get(state.name, StreamState(state.name))
+        self._seen[state.name] = state
+        stream = self._stream(state.name)
+        description = state.description
+        if former.alive and not state.alive:
+            self._asked.discard(state.name)
+            stream.vanish()
+            self._tell_gone(state)
+        elif state.alive and not former.alive:
+            was_gone = stream.gone
+            stream.appear()
+            if was_gone:
+                self._log.info("Stream %s is back", _who(state))
+        if description is not None and description is not former.description:
+            stream.describe(
+                description.epoch, frozenset(child for _, child, _ in description.frames)
+            )
+        self._judge(state.name, description if state.alive else None)
+        if state.alive and description is not None and state.name not in self._asked:
+            self._asked.add(state.name)
+            self._ask_for_history(state, stream)
+
+    def _tell_gone(self, state: StreamState) -> None:
+        frames = sorted(self.buffer.sent_by(state.name))
+        if frames and self._node.ok:
             self._log.warning(
-                "Refused a transform of stream %r: %s. More of them are only counted",
-                stream,
-                self.buffer.rejected.last,
+                "Stream %s is gone; what it sent last stays, marked as gone: %s",
+                _who(state),
+                _named(frames),
             )
 
-    def _reject(self, stream: str, error: DecodeError) -> None:
-        self.rejected[stream] += 1
-        if self.rejected[stream] == 1:
-            self._log.warning(
-                "Dropped a message of stream %r: %s. More of them are only counted", stream, error
+    def _ask_for_history(self, state: StreamState, stream: StreamReception) -> None:
+        if not self._history_s:
+            return
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None:
+                stream.receive_kept(answer.payload)
+
+        self._node.session.ask_later(
+            kept_transforms_key(state.key, self._history_s),
+            None,
+            on_answer,
+            lambda: None,
+            timeout_s=_KEPT_WITHIN_S,
+        )
+
+    # Who has the right of way
+
+    def _judge(self, name: str, description: StreamDescription | None) -> None:
+        """Take what a stream claims; nothing where it is not there."""
+        contested = self._claims.update(name, description)
+        if contested:
+            for conflict in self._claims.news(contested):
+                self._tell_conflict(conflict)
+            rulings = self._claims.rulings(name, contested)
+            changed = [self._stream(each).exclude(ruling) for each, ruling in rulings.items()]
+            if any(changed):
+                # A static transform that comes into its right is not sent again.
+                for each, ruling in rulings.items():
+                    if ruling.won:
+                        self._stream(each).apply_statics()
+
+    def _tell_conflict(self, conflict: Conflict) -> None:
+        first, other = conflict.first, conflict.other
+        wins = {
+            "latest": "whoever sent last wins",
+            "first": f"{first.stream!r} wins, as it was started first",
+            "priority": f"{first.stream!r} wins, by its priority or as it was started first",
+        }
+        self._log.warning(
+            "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one of "
+            "them, or give its frame another name",
+            _named(conflict.frames),
+            first,
+            other,
+            wins[self._claims.rule],
+            self._claims.rule,
+        )
+        for child in conflict.frames:
+            self.buffer.tell(
+                Change(
+                    "conflict",
+                    child,
+                    other.parent_of(child),
+                    first.parent_of(child),
+                    other.stream,
+                    first.stream,
+                    0,
+                )
             )
+
+
+def _info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
+    info = StreamInfo(name)
+    if state is not None:
+        info = replace(info, alive=state.alive)
+    if state is not None and state.description is not None:
+        told = state.description
+        info = replace(
+            info,
+            node=told.node,
+            host=told.host,
+            pid=told.pid,
+            session=told.session,
+            epoch_ns=told.epoch,
+            frames=told.frames,
+            priority=told.priority,
+        )
+    if stream is not None:
+        info = replace(
+            info,
+            epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
+            messages=stream.messages,
+            transforms=stream.transforms,
+            bytes=stream.bytes,
+            missed=stream.missed,
+            outdated=stream.outdated,
+            rejected=stream.rejected,
+            excluded=stream.excluded_rows,
+            last_heard_ns=stream.last_heard_ns,
+            delay_s=stream.delay_s,
+            clock_offset_s=stream.clock_offset_s,
+        )
+    return info
+
+
+def _who(state: StreamState) -> str:
+    """A stream, and as far as it is known who publishes it."""
+    return str(Claimant(state.name, state.description)) if state.description else repr(state.name)
+
+
+def _named(frames: Sequence[str]) -> str:
+    """The first few frames, and how many more there are."""
+    more = len(frames) - _FRAMES_NAMED
+    named = ", ".join(map(repr, frames[:_FRAMES_NAMED]))
+    return f"{named} and {more} more" if more > 0 else named

@@ -299,10 +299,15 @@ class Tree:
             for name, history in self.senders.get(authority, {}).items()
         }
 
-    def forget(self, authority: str) -> None:
-        """Forget the samples of all that an authority sent last; static poses stay."""
-        for history in self.senders.get(authority, {}).values():
-            history.forget_samples()
+    def forget(self, authority: str, frames: Iterable[str] | None) -> None:
+        """Forget the samples of what an authority sent last, of all of it or of these frames;
+        static poses stay.
+        """
+        sent = self.senders.get(authority, {})
+        for frame in sent if frames is None else frames:
+            history = sent.get(frame)
+            if history is not None:
+                history.forget_samples()
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Mark those of the frames that the authority sent last."""

@@ -1,0 +1,323 @@
+"""Receiving one stream: its payloads into the buffer, with its epochs, and counts of what came.
+
+A message takes the short way through `DynamicReception.receive`: decoded, one look at the epoch,
+inserted. Whatever is rare has methods of its own.
+
+The lock of a stream is held for its own state only, never while the buffer is filled: who
+listens to changes of the buffer may do as he likes. So a message may still be on its way into the
+buffer when its epoch ends; whoever inserts looks at the epoch again afterwards.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Collection
+
+import numpy as np
+
+from tfbus.batch import TransformBatch
+from tfbus.buffer import Buffer
+from tfbus.claims import Ruling
+from tfbus.errors import DecodeError
+from tfbus.wire import TransformMessage, decode_transforms
+
+# Of the delay of each message so much goes into the mean.
+_SMOOTHING = 0.1
+
+
+class StreamReception:
+    """One stream as a listener receives it.
+
+    `excluded` are the frames of which another publisher has the right of way. `gone` is whether
+    the publisher was there and is no more, by its token.
+    """
+
+    def __init__(
+        self, name: str, buffer: Buffer, log: logging.Logger, now_ns: Callable[[], int]
+    ) -> None:
+        self.name = name
+        self.buffer = buffer
+        self.log = log
+        self.now_ns = now_ns
+        self.lock = threading.Lock()
+        self.epoch_ns: int | None = None
+        self.gone = False
+        self.excluded: frozenset[str] = frozenset()
+        self.statics: TransformBatch | None = None
+        self.listed: frozenset[str] = frozenset()
+        self.messages = self.transforms = self.bytes = 0
+        self.missed = self.outdated = self.rejected = self.excluded_rows = 0
+        self.last_heard_ns: int | None = None
+        self.delay_s: float | None = None
+        self.clock_offset_s: float | None = None
+        self._was_gone = False
+        # Counts what decides on who is gone.
+        self._turns = 0
+        self._static_epoch_ns: int | None = None
+        self._listed_epoch_ns: int | None = None
+        self._has_told_refused = False
+
+    # What every message passes
+
+    def admit(self, epoch_ns: int) -> bool:
+        """Whether a message of this epoch counts; a new epoch begins with its first message.
+
+        An earlier one is outdated, unless the publisher was gone since the present one was last
+        heard: then he was started again, on a host whose clock is not to be trusted.
+        """
+        if epoch_ns == self.epoch_ns and not self._was_gone:
+            return True
+        with self.lock:
+            former_ns = self.epoch_ns
+            if epoch_ns == former_ns:
+                self._was_gone &= self.gone
+                return True
+            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
+                self.outdated += 1
+                return False
+            self.epoch_ns = epoch_ns
+            self._was_gone = False
+            self._turns += 1
+        if former_ns is not None:
+            self._begin_anew()
+        return True
+
+    def insert(self, batch: TransformBatch, epoch_ns: int, *, static: bool = False) -> None:
+        """Put the transforms into the buffer, but for those that another has the right of."""
+        if self.excluded:
+            kept = _without(batch, self.excluded)
+            with self.lock:
+                self.excluded_rows += len(batch) - len(kept)
+            batch = kept
+        refused = self.buffer.rejected.total()
+        taken = self.buffer.set_transforms(batch, static=static, authority=self.name)
+        # Rows that are only too old are not taken either, but not refused.
+        if taken < len(batch) and self.buffer.rejected.total() > refused:
+            self._tell_refused()
+        if self.gone:
+            self.mark()
+        if epoch_ns != self.epoch_ns and not static:
+            # The epoch ended in between: none of it may stay.
+            self.buffer.forget(self.name)
+
+    def count(self, message: TransformMessage, size: int) -> None:
+        """Count one message; with the lock held."""
+        self.messages += 1
+        self.transforms += len(message.batch)
+        self.bytes += size
+        self.last_heard_ns = time.time_ns()
+
+    def reject(self, error: DecodeError) -> None:
+        """Count a message that cannot be read, and say so once."""
+        with self.lock:
+            self.rejected += 1
+            first = self.rejected == 1
+        if first:
+            self.log.warning(
+                "Dropped a message of stream %r: %s. More of them are only counted",
+                self.name,
+                error,
+            )
+
+    def _begin_anew(self) -> None:
+        self.buffer.forget(self.name)
+        self.log.info(
+            "Stream %r begins anew: its publisher was started again, or its clock went back; what "
+            "it sent before is forgotten, static transforms stay",
+            self.name,
+        )
+
+    def _tell_refused(self) -> None:
+        if not self._has_told_refused:
+            self._has_told_refused = True
+            self.log.warning(
+                "Refused a transform of stream %r: %s. More of them are only counted",
+                self.name,
+                self.buffer.rejected.last,
+            )
+
+    # What comes once in a while
+
+    def receive_kept(self, payload: bytes) -> None:
+        """Take a message that the stream has kept, and that may have come before.
+
+        Frames that the stream does not list any more have been removed since.
+        """
+        message = self.decode(payload)
+        if message is None or not self.admit(message.epoch_ns):
+            return
+        batch = message.batch
+        with self.lock:
+            self.messages += 1
+            self.transforms += len(batch)
+            self.bytes += len(payload)
+            is_listed = self._listed_epoch_ns == message.epoch_ns
+        if is_listed:
+            removed = {child for _, child in _edges(batch)} - self.listed
+            batch = _without(batch, removed) if removed else batch
+        self.insert(batch, message.epoch_ns)
+
+    def receive_static(self, payload: bytes) -> None:
+        """Take the whole set of static transforms of the stream, in the place of the former."""
+        message = self.decode(payload)
+        if message is None:
+            return
+        epoch_ns = message.epoch_ns
+        with self.lock:
+            former, former_ns = self.statics, self._static_epoch_ns
+            # A stream whose clock went back goes on with its statics, and may not send them again.
+            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
+                self.outdated += 1
+                return
+            self.count(message, len(payload))
+            self.statics, self._static_epoch_ns = message.batch, epoch_ns
+            is_newer = self.epoch_ns is None or epoch_ns > self.epoch_ns
+        if is_newer:
+            self.admit(epoch_ns)
+        self.apply_statics()
+        if former is not None and former_ns == epoch_ns:
+            children = {child for _, child in _edges(message.batch)}
+            self._remove_static({child for _, child in _edges(former)} - children)
+
+    def apply_statics(self) -> None:
+        """Put the static transforms into the buffer, those that were last received."""
+        applied = None
+        while (batch := self.statics) is not applied and batch is not None:
+            self.insert(batch, self._static_epoch_ns or 0, static=True)
+            applied = batch
+
+    def _remove_static(self, children: Collection[str]) -> None:
+        if children:
+            held = self.buffer.sent_by(self.name)
+            # One that has samples moves now, and is no longer static for that reason.
+            gone = [child for child in children if held.get(child) == 0]
+            self.buffer.remove_sent(gone, self.name)
+
+    def describe(self, epoch_ns: int, children: frozenset[str]) -> None:
+        """Take what the stream says its frames are; one that was in the list and is no more was
+        removed.
+        """
+        with self.lock:
+            if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self._was_gone:
+                return
+        self.admit(epoch_ns)
+        with self.lock:
+            former, former_ns = self.listed, self._listed_epoch_ns
+            self.listed, self._listed_epoch_ns = children, epoch_ns
+            self._turns += 1
+        if former_ns == epoch_ns:
+            self.buffer.remove_sent(former - children, self.name)
+        self.mark()
+
+    def appear(self) -> None:
+        """The publisher is there, for the first time or again."""
+        with self.lock:
+            self.gone = False
+            self._turns += 1
+        self.mark()
+
+    def vanish(self) -> None:
+        """The publisher is there no more."""
+        with self.lock:
+            self.gone = self._was_gone = True
+            self._turns += 1
+        self.mark()
+
+    def mark(self) -> None:
+        """Say of each frame in the buffer whether it is gone.
+
+        All are where the publisher is. Else those are that a former epoch left behind: not in
+        the stream's list, and without a sample of this epoch.
+        """
+        marked = -1
+        while marked != self._turns:
+            marked = self._turns
+            held = self.buffer.sent_by(self.name)
+            left = set(held) if self.gone else self._left_behind(held)
+            self.buffer.mark_gone(left, True, self.name)
+            self.buffer.mark_gone(set(held) - left, False, self.name)
+
+    def _left_behind(self, held: dict[str, int]) -> set[str]:
+        if self._listed_epoch_ns != self.epoch_ns:
+            return set()
+        current = set(self.listed)
+        if self.statics is not None and self._static_epoch_ns == self.epoch_ns:
+            current |= {child for _, child in _edges(self.statics)}
+        return {frame for frame, samples in held.items() if not samples} - current
+
+    def exclude(self, ruling: Ruling) -> bool:
+        """Take from now on what it has won, and not what it has lost; whether that is new."""
+        former = self.excluded
+        self.excluded = (former - ruling.won) | ruling.lost
+        # What it sent before lies between the winner's samples, or in its future.
+        self.buffer.forget(self.name, self.excluded - former)
+        return self.excluded != former
+
+    def decode(self, payload: bytes) -> TransformMessage | None:
+        """The message in a payload; None, and counted, where there is none."""
+        try:
+            return decode_transforms(payload)
+        except DecodeError as error:
+            self.reject(error)
+            return None
+
+
+class DynamicReception:
+    """One key of a stream that carries what moves; its messages are numbered."""
+
+    def __init__(self, stream: StreamReception) -> None:
+        self.stream = stream
+        self._epoch_ns: int | None = None
+        self._next_seq = 0
+
+    def receive(self, payload: bytes) -> None:
+        """Take one message as it comes."""
+        stream = self.stream
+        message = stream.decode(payload)
+        if message is None or not stream.admit(message.epoch_ns):
+            return
+        with stream.lock:
+            stream.count(message, len(payload))
+            if message.seq is not None:
+                self._count_missed(message.epoch_ns, message.seq)
+            self._smooth_delay(message.batch)
+        stream.insert(message.batch, message.epoch_ns)
+
+    def _count_missed(self, epoch_ns: int, seq: int) -> None:
+        if epoch_ns == self._epoch_ns:
+            self.stream.missed += max(0, seq - self._next_seq)
+            self._next_seq = max(self._next_seq, seq + 1)
+        else:
+            # What was sent before we could hear it was not missed.
+            self._epoch_ns, self._next_seq = epoch_ns, seq + 1
+
+    def _smooth_delay(self, batch: TransformBatch) -> None:
+        if len(batch):
+            stream = self.stream
+            delay_s = (stream.now_ns() - int(batch.stamps_ns[-1])) / 1e9
+            former_s = delay_s if stream.delay_s is None else stream.delay_s
+            stream.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+
+
+class StaticReception:
+    """The key of a stream that carries its static transforms."""
+
+    def __init__(self, stream: StreamReception) -> None:
+        self.stream = stream
+
+    def receive(self, payload: bytes) -> None:
+        """Take one message as it comes."""
+        self.stream.receive_static(payload)
+
+
+def _without(batch: TransformBatch, children: Collection[str]) -> TransformBatch:
+    """The rows whose child is none of these."""
+    lost = [at for at, frame in enumerate(batch.frames) if frame in children]
+    kept = ~np.isin(batch.edges[:, 1], lost)
+    return TransformBatch(batch.frames, batch.edges[kept], batch.stamps_ns[kept], batch.poses[kept])
+
+
+def _edges(batch: TransformBatch) -> list[tuple[str, str]]:
+    """Parent and child of each row."""
+    frames = batch.frames
+    return [(frames[parent], frames[child]) for parent, child in batch.edges.tolist()]

@@ -1,0 +1,41 @@
+"""What a listener knows about one stream."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StreamInfo:
+    """A stream: who publishes it, whether he is there, and what has come of it so far.
+
+    `node` (full name), `host`, `pid`, `session` and `priority` are as the stream describes
+    itself, empty before it has; `frames` are its rows of parent, child and whether it is static.
+    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
+
+    `messages`, `transforms` and `bytes` are what was received. `missed` messages were sent and
+    never came; `outdated` ones were of a former epoch; `rejected` ones could not be read.
+    `excluded` are the transforms that another publisher of their frame had the right of way of.
+    `last_heard_ns` is when the last one came, by the system's clock, in ns since the Unix epoch.
+    `delay_s` is how old a transform is when it comes, by its stamp and our clock, smoothed over
+    some ten messages. `clock_offset_s` is how far the publisher's clock is ahead of ours. All
+    three are None while they are not known.
+    """
+
+    name: str
+    node: str = ""
+    host: str = ""
+    pid: int = 0
+    session: str = ""
+    alive: bool = False
+    epoch_ns: int | None = None
+    frames: tuple[tuple[str, str, bool], ...] = ()
+    priority: int = 0
+    messages: int = 0
+    transforms: int = 0
+    bytes: int = 0
+    missed: int = 0
+    outdated: int = 0
+    rejected: int = 0
+    excluded: int = 0
+    last_heard_ns: int | None = None
+    delay_s: float | None = None
+    clock_offset_s: float | None = None

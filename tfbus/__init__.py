@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
     from tfbus.change import Change as Change
+    from tfbus.clock import SimulatedClock as SimulatedClock
+    from tfbus.clock import SystemClock as SystemClock
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
     from tfbus.errors import DecodeError as DecodeError
@@ -72,9 +74,11 @@ _MODULE_OF = {
     "Sampling": "sampling",
     "ServiceError": "errors",
     "SettingsError": "errors",
+    "SimulatedClock": "clock",
     "SingleSampleException": "errors",
     "StaleException": "errors",
     "StaticTransformBroadcaster": "broadcaster",
+    "SystemClock": "clock",
     "TfbusError": "errors",
     "TimeoutException": "errors",
     "Transform": "transform",

@@ -176,15 +176,16 @@ class Node:
         self.ready()
         self.wait(None)
 
-    def wait(self, timeout_s: float | None) -> bool:
+    def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait for `timeout_s` seconds (None: for ever), less where the node is shut down.
 
         Returns whether the node goes on, so that `while node.wait(1.0):` is a loop at 1 Hz. The
-        seconds are those of the node's clock.
+        seconds are those of the node's clock, unless another is given.
         """
-        if timeout_s is None or not self.clock.is_simulated:
+        clock = clock or self.clock
+        if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
-        with Wakeup() as wakeup, self.clock.limit(timeout_s, wakeup.wake) as limit:
+        with Wakeup() as wakeup, clock.limit(timeout_s, wakeup.wake) as limit:
             return limit.passed or not self._signals.wait(None, wakeup)
 
     def close(self) -> None:
@@ -285,12 +286,16 @@ class Node:
         name = self._resolve(name)
         return self._keep("calls", GoalClient(self.session, goal_type, name))
 
-    def create_timer(self, period_s: float, callback: Callable[[], Any]) -> Timer:
-        """Call `callback()` every `period_s` seconds of the node's clock, the first time after
-        one period.
+    def create_timer(
+        self, period_s: float, callback: Callable[[], Any], *, clock: Clock | None = None
+    ) -> Timer:
+        """Call `callback()` every `period_s` seconds, the first time after one period.
+
+        The seconds are those of the node's clock, unless another is given.
         """
-        if isinstance(self.clock, SimulatedClock):
-            return self._executor.every_simulated(self.clock, period_s, callback)
+        clock = clock or self.clock
+        if isinstance(clock, SimulatedClock):
+            return self._executor.every_simulated(clock, period_s, callback)
         return self._executor.every(period_s, callback)
 
     def create_clock_publisher(self) -> ClockPublisher:

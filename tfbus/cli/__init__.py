@@ -26,6 +26,7 @@ TOOLS = {
 NODES = {
     "broadcaster": "Broadcast a turtle's frame and its drone's.",
     "carrot": "Broadcast a frame fixed to another one, or circling it.",
+    "clock": "Tell the simulated time to all nodes with --sim-time.",
     "draw_square": "Drive a turtle along a square.",
     "echo": "Print the pose of the frame TARGET seen from the frame SOURCE.",
     "follow": "Spawn a turtle that follows a frame.",

@@ -1,0 +1,154 @@
+"""The simulated time, at any rate, paused, set forward or back.
+
+    tfbus clock --rate 10
+    tfbus call clock/set '{stamp_ns: 0}'
+
+All nodes that were started with `--sim-time` in its namespace, or in one within it, follow.
+Services: clock/pause, clock/resume, clock/set. Parameter, at any time: rate.
+"""
+
+import time
+from dataclasses import replace
+
+import click
+
+from tfbus import Node, NodeSettings, Number, node_options
+from tfbus.messages import Clock, Empty, SetClock
+from tfbus.nodes.moment import Moment, parse_moment
+
+# The time is told no more often than this; where steps come sooner, several are told as one.
+SHORTEST_TICK_S = 0.001
+
+# Stamps have 64 bits; this leaves 146 years to go on.
+LATEST_NS = 2**62
+
+SLOWEST, FASTEST = 1e-3, 1e4
+
+
+class SimulatedTime:
+    """A time that goes on in whole steps, on a node's thread, and is told at each.
+
+    What the machine is too slow for is made up for by longer steps, so that the rate holds.
+    """
+
+    def __init__(self, node: Node, *, start_ns: int, step_ns: int, rate: float, paused: bool):
+        self._node = node
+        self._now_ns = start_ns
+        self._step_ns = step_ns
+        self._paused = True
+        self._publisher = node.create_clock_publisher()
+        self._rate = node.declare_parameter(
+            "rate",
+            rate,
+            description="Simulated seconds in a real one.",
+            minimum=SLOWEST,
+            maximum=FASTEST,
+            on_change=self._change_rate,
+        ).value
+        self._tell()
+        node.create_service(Empty, "clock/pause", self._pause)
+        node.create_service(Empty, "clock/resume", self._resume)
+        node.create_service(SetClock, "clock/set", self._set)
+        if not paused:
+            self._go()
+
+    def __str__(self) -> str:
+        seconds, nanoseconds = divmod(self._now_ns, 1_000_000_000)
+        going = "paused" if self._paused else f"at {self._rate:g} times the real speed"
+        return f"{seconds}.{nanoseconds:09} s, {going}, in steps of {self._step_ns / 1e9:g} s"
+
+    def _go(self) -> None:
+        self._paused = False
+        self._owed_ns = 0.0
+        self._real_ns = time.monotonic_ns()
+        tick_s = max(SHORTEST_TICK_S, self._step_ns / 1e9 / self._rate)
+        self._timer = self._node.create_timer(tick_s, self._tick)
+
+    def _stop(self) -> None:
+        if not self._paused:
+            self._paused = True
+            self._timer.cancel()
+
+    def _tick(self) -> None:
+        real_ns = time.monotonic_ns()
+        self._owed_ns += (real_ns - self._real_ns) * self._rate
+        self._real_ns = real_ns
+        steps = int(self._owed_ns // self._step_ns)
+        if steps:
+            self._owed_ns -= steps * self._step_ns
+            self._now_ns += steps * self._step_ns
+            self._tell()
+
+    def _tell(self) -> None:
+        self._publisher.publish(Clock(self._now_ns, self._rate, self._paused))
+
+    def _change_rate(self, rate: float) -> None:
+        was_paused = self._paused
+        self._stop()
+        self._rate = rate
+        if not was_paused:
+            self._go()
+
+    def _pause(self, request: Empty.Request) -> Empty.Response:
+        self._stop()
+        self._tell()
+        return Empty.Response()
+
+    def _resume(self, request: Empty.Request) -> Empty.Response:
+        if self._paused:
+            self._go()
+            self._tell()
+        return Empty.Response()
+
+    def _set(self, request: SetClock.Request) -> SetClock.Response:
+        self._now_ns = request.stamp_ns
+        self._tell()
+        return SetClock.Response()
+
+
+def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
+    try:
+        return Moment(0, is_relative=True) if text == "now" else parse_moment(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+@click.command(epilog="Example: tfbus clock --rate 10 --start 0")
+@click.option(
+    "--rate",
+    type=Number(least=SLOWEST, most=FASTEST),
+    default=1.0,
+    help="Simulated seconds in a real one; 1.",
+)
+@click.option(
+    "--start",
+    metavar="TIME",
+    default="now",
+    callback=_start,
+    help="Seconds or ns since 1970, ISO 8601, or from now as -3s; now.",
+)
+@click.option(
+    "--step",
+    "step_s",
+    type=Number(least=1e-9, most=1e6),
+    default=0.01,
+    metavar="SECONDS",
+    help="The time goes on by so much at once; 0.01.",
+)
+@click.option("--paused", is_flag=True, help="Stand still until clock/resume is called.")
+@node_options("clock")
+def main(settings: NodeSettings, rate: float, start: Moment, step_s: float, paused: bool) -> None:
+    """Tell the simulated time to all nodes with --sim-time."""
+    start_ns = start.at(time.time_ns())
+    if not 0 <= start_ns < LATEST_NS:
+        raise click.UsageError("--start is before 1970 or after 2116; choose a time between them")
+    with Node.from_settings(replace(settings, sim_time=False)) as node:
+        simulated = SimulatedTime(
+            node, start_ns=start_ns, step_ns=round(step_s * 1e9), rate=rate, paused=paused
+        )
+        node.ready(f"It is {simulated}")
+        node.spin()
+
+
+if __name__ == "__main__":
+    main()

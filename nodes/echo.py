@@ -7,7 +7,6 @@ import itertools
 import math
 import os
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -98,25 +97,33 @@ def answers(
 ) -> Iterator[TransformStamped]:
     """The answer once in every period, until the node is shut down.
 
-    Raises TransformException where there is none for `timeout_s`, or can be none.
+    Raises TransformException where there is none for `timeout_s`, or can be none. Seconds are
+    those of the node's clock.
     """
-    due_s = time.monotonic()
+    _wait_for_clock(node, timeout_s)
+    due_s = _elapsed_s(node)
     while (answer := _wait_for_answer(node, buffer, question, timeout_s)) is not None:
         yield answer
-        now_s = time.monotonic()
+        now_s = _elapsed_s(node)
         due_s = max(due_s + 1.0 / rate_hz, now_s)
         node.wait(due_s - now_s)
+
+
+def _wait_for_clock(node: Node, timeout_s: float) -> None:
+    limit_s = None if math.isinf(timeout_s) else timeout_s
+    if not node.wait_for_clock(limit_s) and node.ok:
+        raise TimeoutException(f"nobody told the time within {timeout_s:g} s: is a clock running?")
 
 
 def _wait_for_answer(
     node: Node, buffer: Buffer, question: Question, timeout_s: float
 ) -> TransformStamped | None:
     """The answer as soon as there is one; None where the node is shut down before."""
-    give_up_s = time.monotonic() + timeout_s
-    say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
+    give_up_s = _elapsed_s(node) + timeout_s
+    say_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
     while node.ok:
         try:
-            return question.ask(buffer, node.now_ns(), _seconds_until(say_at_s))
+            return question.ask(buffer, node.now_ns(), _seconds_until(say_at_s, node))
         except InvalidArgumentException:
             raise  # no waiting makes it right
         except TransformException as error:
@@ -125,19 +132,23 @@ def _wait_for_answer(
             raise PastExtrapolationException(
                 f"{reason}; only what is sent while echo runs is known to it"
             )
-        node.wait(min(_seconds_until(say_at_s), _gap_s(reason)))
-        if time.monotonic() >= give_up_s:
+        node.wait(min(_seconds_until(say_at_s, node), _gap_s(reason)))
+        if _elapsed_s(node) >= give_up_s:
             raise TimeoutException(
                 f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
             )
-        if time.monotonic() >= say_at_s:
+        if _elapsed_s(node) >= say_at_s:
             node.log.info("Waiting for transform %s: %s", question, _explained(reason, buffer))
-            say_at_s = min(time.monotonic() + _SAY_EVERY_S, give_up_s)
+            say_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
     return None
 
 
-def _seconds_until(monotonic_s: float) -> float:
-    return max(0.0, monotonic_s - time.monotonic())
+def _elapsed_s(node: Node) -> float:
+    return node.clock.elapsed_ns() / 1e9
+
+
+def _seconds_until(elapsed_s: float, node: Node) -> float:
+    return max(0.0, elapsed_s - _elapsed_s(node))
 
 
 def _is_past(reason: TransformException) -> bool:

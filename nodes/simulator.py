@@ -13,7 +13,7 @@ from pathlib import Path
 
 import click
 
-from tfbus import Node, NodeSettings, node_options
+from tfbus import Node, NodeSettings, SystemClock, node_options
 from tfbus.messages import Color, Empty, Kill, Spawn
 from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.turtle import TICK_S
@@ -21,6 +21,10 @@ from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import BACKGROUND, Snapshot, World
 
 FRAME_S = 1.0 / 60.0
+TICK_NS = round(TICK_S * 1e9)
+
+# A jump of the simulated time moves the turtles by ten seconds at most.
+MOST_STEPS = round(10.0 / TICK_S)
 
 
 class Simulator:
@@ -50,14 +54,25 @@ class Simulator:
         node.create_service(Kill, "kill", self._kill)
         node.create_service(Empty, "clear", self._clear)
         node.create_service(Empty, "reset", self._reset)
+        self._stepped_ns = max(0, node.clock.elapsed_ns())
         node.create_timer(TICK_S, self._tick)
 
     def _tick(self) -> None:
         self._take_parameters()
-        self.world.step()
+        for _ in range(self._steps()):
+            self.world.step()
         stamp_ns = self._node.now_ns()
         for interface in self._interfaces.values():
             interface.publish(stamp_ns)
+
+    def _steps(self) -> int:
+        """How many steps have come: simulated time may bring several at once."""
+        if not self._node.clock.is_simulated:
+            return 1
+        elapsed_ns = self._node.clock.elapsed_ns()
+        steps = min((elapsed_ns - self._stepped_ns) // TICK_NS, MOST_STEPS)
+        self._stepped_ns = elapsed_ns - (elapsed_ns - self._stepped_ns) % TICK_NS
+        return steps
 
     def _take_parameters(self) -> None:
         self.world.background = Color(*(part.value for part in self._background))
@@ -119,10 +134,12 @@ def _show(node: Node, world: World) -> None:
     frames: deque[Snapshot] = deque(maxlen=1)
     try:
         with Window(f"{node.full_name} - tfbus simulator") as window:
-            # The world belongs to the node's thread, the window to this one.
-            node.create_timer(FRAME_S, lambda: frames.append(world.snapshot()))
+            # The world belongs to the node's thread, the window to this one. It is looked at in
+            # real time, also while the world stands still.
+            clock = SystemClock()
+            node.create_timer(FRAME_S, lambda: frames.append(world.snapshot()), clock=clock)
             node.ready()
-            while window.is_open and node.wait(FRAME_S):
+            while window.is_open and node.wait(FRAME_S, clock=clock):
                 if frames:
                     window.show(frames[-1])
     except DisplayError as error:

@@ -1,0 +1,254 @@
+"""Receiving one stream: epochs, misses, removals and marks, message by message."""
+
+import logging
+from collections.abc import Iterable
+
+import pytest
+
+from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tfbus.claims import Ruling
+from tfbus.reception import DynamicReception, StreamReception
+from tfbus.wire import TransformMessage, encode_transforms
+
+S = 10**9
+
+
+def at(x: float, child: str, stamp_ns: int = S, parent: str = "world") -> TransformStamped:
+    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
+
+
+def payload(
+    transforms: Iterable[TransformStamped], epoch_ns: int = 1, seq: int | None = None
+) -> bytes:
+    batch = TransformBatch.from_transforms(transforms)
+    return encode_transforms(TransformMessage(batch, epoch_ns, seq))
+
+
+class Received:
+    """A stream as it is received into a buffer of its own."""
+
+    def __init__(self) -> None:
+        self.buffer = Buffer()
+        self.stream = StreamReception("sim", self.buffer, logging.getLogger("test"), lambda: 9 * S)
+        self.key = DynamicReception(self.stream)
+
+    def send(
+        self, *transforms: TransformStamped, epoch_ns: int = 1, seq: int | None = None
+    ) -> None:
+        self.key.receive(payload(transforms, epoch_ns, seq))
+
+    def send_static(self, *transforms: TransformStamped, epoch_ns: int = 1) -> None:
+        self.stream.receive_static(payload(transforms, epoch_ns))
+
+    def describe(self, *children: str, epoch_ns: int = 1) -> None:
+        self.stream.describe(epoch_ns, frozenset(children))
+
+    def gone(self) -> list[str]:
+        return [info.name for info in self.buffer.all_frames() if info.gone]
+
+    def x_of(self, child: str) -> float | None:
+        if not self.buffer.can_transform("world", child):
+            return None
+        return self.buffer.lookup_transform("world", child).transform.x
+
+
+@pytest.fixture
+def received() -> Received:
+    return Received()
+
+
+def test_messages_are_counted(received: Received) -> None:
+    """A stream counts its messages, transforms and bytes, and how late they come."""
+    received.send(at(1, "robot", 8 * S), at(2, "arm", 8 * S))
+    stream = received.stream
+    assert (stream.messages, stream.transforms) == (1, 2)
+    assert stream.bytes == len(payload([at(1, "robot", 8 * S), at(2, "arm", 8 * S)]))
+    assert stream.delay_s == 1.0
+    received.send(at(1, "robot", 9 * S))
+    assert stream.delay_s == pytest.approx(0.9)
+
+
+def test_what_was_sent_before_the_first_message_heard_is_not_missed(received: Received) -> None:
+    """Misses are gaps in the numbers of messages, from the first that was heard."""
+    for seq in (5, 6, 9, 10):
+        received.send(at(1, "robot"), seq=seq)
+    assert received.stream.missed == 2
+    received.send(at(1, "robot", 2 * S), epoch_ns=2, seq=3)
+    received.send(at(1, "robot", 3 * S), epoch_ns=2, seq=4)
+    assert received.stream.missed == 2
+
+
+def test_a_message_that_comes_twice_or_late_is_not_a_miss(received: Received) -> None:
+    """Numbers that go back are no gap, and messages without a number are not counted."""
+    for seq in (1, 2, 1, 2, 3, None):
+        received.send(at(1, "robot"), seq=seq)
+    assert received.stream.missed == 0
+
+
+def test_a_new_epoch_begins_anew(received: Received, caplog: pytest.LogCaptureFixture) -> None:
+    """A publisher that starts again may send older stamps; its statics stay; one line says so."""
+    received.send(at(1, "robot", 1000 * S))
+    received.send_static(at(2, "post"))
+    with caplog.at_level("INFO"):
+        received.send(at(3, "robot", 5 * S), epoch_ns=2)
+        received.send(at(4, "robot", 6 * S), epoch_ns=2)
+    assert received.buffer.lookup_transform("world", "robot").stamp_ns == 6 * S
+    assert received.x_of("post") == 2
+    assert [record.getMessage() for record in caplog.records] == [
+        "Stream 'sim' begins anew: its publisher was started again, or its clock went back; what "
+        "it sent before is forgotten, static transforms stay"
+    ]
+
+
+def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
+    """What a former process sent does not come between, and is counted."""
+    received.send(at(1, "robot"), epoch_ns=2)
+    received.send(at(7, "robot", 2 * S), epoch_ns=1)
+    received.send_static(at(3, "post"), epoch_ns=2)
+    received.send_static(at(4, "post"), epoch_ns=1)
+    assert (received.x_of("robot"), received.x_of("post")) == (1, 3)
+    assert received.stream.outdated == 2
+
+
+def test_a_host_without_a_clock_battery_may_start_again(received: Received) -> None:
+    """After its token was lost an earlier epoch is a new one too: its clock went back."""
+    received.stream.appear()
+    received.send(at(1, "robot", 9 * S), epoch_ns=2)
+    received.stream.vanish()
+    received.stream.appear()
+    received.send(at(2, "robot", 1 * S), epoch_ns=1)
+    assert received.x_of("robot") == 2
+    assert received.stream.outdated == 0
+
+
+def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) -> None:
+    """A link that was down for a while does not make earlier epochs new."""
+    received.send(at(1, "robot", 9 * S), epoch_ns=2)
+    received.stream.vanish()
+    received.stream.appear()
+    received.send(at(2, "robot", 10 * S), epoch_ns=2)
+    received.send(at(3, "robot", 11 * S), epoch_ns=1)
+    assert received.x_of("robot") == 2
+    assert received.stream.outdated == 1
+
+
+def test_statics_outlive_a_jump_of_the_clock(received: Received) -> None:
+    """A stream that begins anew as its clock went back need not send its statics again."""
+    received.send_static(at(1, "post"), epoch_ns=1)
+    received.send(at(1, "robot"), epoch_ns=2)
+    received.describe("post", "robot", epoch_ns=2)
+    assert received.x_of("post") == 1
+    assert received.gone() == []
+    late = Received()
+    late.send(at(1, "robot"), epoch_ns=2)
+    late.send_static(at(1, "post"), epoch_ns=1)
+    assert late.x_of("post") == 1
+
+
+def test_a_static_that_is_no_longer_in_the_set_is_removed(received: Received) -> None:
+    """Each message of statics is the whole set: what is missing was removed."""
+    received.send_static(at(1, "post"), at(2, "lamp"))
+    received.send_static(at(3, "post"))
+    assert received.buffer.frames() == ["post", "world"]
+    assert received.x_of("post") == 3
+
+
+def test_a_static_that_moves_now_is_not_removed(received: Received) -> None:
+    """A frame that leaves the set because it moves stays."""
+    received.send_static(at(1, "post"), at(2, "door"))
+    received.send(at(3, "door"))
+    received.send_static(at(1, "post"))
+    assert received.x_of("door") == 3
+
+
+def test_a_frame_that_is_no_longer_described_is_removed(received: Received) -> None:
+    """A frame that leaves the description of the same epoch was removed by its publisher."""
+    received.send(at(1, "robot"), at(2, "arm"))
+    received.describe("robot", "arm")
+    received.describe("robot")
+    assert received.buffer.frames() == ["robot", "world"]
+
+
+def test_a_frame_that_another_sends_now_is_not_removed(received: Received) -> None:
+    """Only the one who sent a frame last takes it away."""
+    received.send(at(1, "robot"))
+    received.describe("robot")
+    received.buffer.set_transform(at(5, "robot", 2 * S), authority="other")
+    received.describe()
+    assert received.x_of("robot") == 5
+
+
+def test_all_frames_of_a_stream_go_and_come_with_its_token(received: Received) -> None:
+    """While the publisher is away, moving and static frames are marked, and stay usable."""
+    received.stream.appear()
+    received.send(at(1, "robot"))
+    received.send_static(at(2, "post"))
+    received.stream.vanish()
+    assert received.gone() == ["post", "robot"]
+    assert (received.x_of("robot"), received.x_of("post")) == (1, 2)
+    received.stream.appear()
+    assert received.gone() == []
+
+
+def test_a_straggler_does_not_bring_a_publisher_back(received: Received) -> None:
+    """A message that was on its way when the publisher went is marked as gone too."""
+    received.stream.appear()
+    received.send(at(1, "robot"))
+    received.stream.vanish()
+    received.send(at(2, "robot", 2 * S), at(2, "arm", 2 * S))
+    assert received.gone() == ["arm", "robot"]
+
+
+def test_frames_that_a_new_process_does_not_send_are_gone(received: Received) -> None:
+    """What only the former process sent is gone, not removed; what is new is not gone."""
+    received.send(at(1, "robot"), at(2, "arm"))
+    received.send_static(at(3, "post"), at(4, "lamp"))
+    received.describe("robot", "arm", "post", "lamp")
+    received.send(at(1, "robot", 2 * S), epoch_ns=2)
+    received.send_static(at(3, "post"), epoch_ns=2)
+    received.describe("post", epoch_ns=2)
+    assert received.gone() == ["arm", "lamp"]
+    assert received.x_of("lamp") == 4
+    received.send(at(1, "arm", 2 * S), epoch_ns=2)
+    received.describe("post", "robot", "arm", epoch_ns=2)
+    assert received.gone() == ["lamp"]
+
+
+def test_kept_messages_fill_the_past(received: Received) -> None:
+    """What a stream has kept goes below what came meanwhile, and is no miss."""
+    received.send(at(5, "robot", 5 * S), seq=50)
+    for stamp in (3, 4, 5):
+        received.stream.receive_kept(payload([at(stamp, "robot", stamp * S)], seq=stamp))
+    received.send(at(6, "robot", 6 * S), seq=51)
+    xyz = received.buffer.lookup_transforms("world", "robot", [3 * S, 4 * S, 5 * S, 6 * S]).xyz
+    assert xyz[:, 0].tolist() == [3, 4, 5, 6]
+    assert received.stream.missed == 0
+    assert received.buffer.frame("robot").conflicts == 0
+
+
+def test_kept_messages_do_not_bring_a_removed_frame_back(received: Received) -> None:
+    """A frame that the stream has removed is left out of what it has kept."""
+    received.describe("robot")
+    received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")]))
+    assert received.buffer.frames() == ["robot", "world"]
+
+
+def test_what_another_has_the_right_of_is_left_out(received: Received) -> None:
+    """Rows of frames that the stream has lost are counted, and not taken."""
+    received.stream.exclude(Ruling(set(), {"arm"}))
+    received.send(at(1, "robot"), at(2, "arm"))
+    assert received.buffer.frames() == ["robot", "world"]
+    assert received.stream.excluded_rows == 1
+    received.stream.exclude(Ruling({"arm"}, set()))
+    received.send(at(1, "robot", 2 * S), at(2, "arm", 2 * S))
+    assert received.x_of("arm") == 2
+    assert received.stream.excluded_rows == 1
+
+
+def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
+    """Bytes that are no message are counted, moving or static."""
+    received.key.receive(b"nonsense")
+    received.stream.receive_static(b"nonsense")
+    received.stream.receive_kept(b"")
+    assert received.stream.rejected == 3
+    assert received.buffer.frames() == []

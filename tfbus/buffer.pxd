@@ -16,7 +16,7 @@ cdef class Buffer:
     cdef cython.pymutex _lock
     cdef readonly object _waiters
     cdef public object clock
-    cdef list _listeners
+    cdef list _listeners, _readers
     cdef object __weakref__
 
     cpdef _watch(self, waiter, questions, fresh=*)

@@ -18,8 +18,10 @@ from tfbus.change import Change
 from tfbus.clock import SYSTEM_CLOCK, limit_by
 from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import (
+    ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
+    LookupException,
     StaleException,
     TimeoutException,
     TransformException,
@@ -57,6 +59,9 @@ COMPILED: bool = cython.compiled
 _CHUNK = 256
 # As long as a cache can be: stamps span no more.
 _LONGEST_NS = 2**62
+
+# Told which frames are asked for; and explains why one of them is not there yet, if it can.
+Reader = tuple[Callable[[str, str], object], Callable[[str, str], TransformException | None]]
 
 _log = logging.getLogger(__name__)
 
@@ -99,6 +104,7 @@ class Buffer:
         self._tree = Tree(round(min(cache_time_s * 1e9, _LONGEST_NS)))
         self._waiters = Waiters(self._tree)
         self._listeners: list[Callable[[Change], None]] = []
+        self._readers: list[Reader] = []
 
     # Filling it
 
@@ -114,7 +120,7 @@ class Buffer:
         """
         with self._lock:
             taken = self._insert_one(transform, static, authority)
-        if self._tree.touched or self._tree.news:
+        if self._tree.touched or self._tree.news or self._tree.untold:
             self._announce()
         return taken
 
@@ -137,7 +143,7 @@ class Buffer:
                 static,
                 authority,
             )
-        if self._tree.touched or self._tree.news:
+        if self._tree.touched or self._tree.news or self._tree.untold:
             self._announce()
         return taken
 
@@ -512,6 +518,41 @@ class Buffer:
 
         return end
 
+    def watch_questions(
+        self,
+        callback: Callable[[str, str], object],
+        explain: Callable[[str, str], TransformException | None] = lambda target, source: None,
+    ) -> Callable[[], None]:
+        """Call `callback(target, source)` once for each pair of frames that is asked for from now
+        on; call what is returned to end that.
+
+        It is called without the lock, in the thread that asks and before a lookup waits. A pair
+        that can be answered at once is told at the next insert, or the next lookup that cannot
+        be answered; so the others pay nothing for it. Where frames are unknown or not connected,
+        `explain(target, source)` may give the error that says it better.
+        """
+        reader = (callback, explain)
+        with self._lock:
+            self._readers = [*self._readers, reader]
+            self._tree.asked = set()
+            self._tree.topology += 1
+
+        def end() -> None:
+            with self._lock:
+                self._readers = [each for each in self._readers if each is not reader]
+                if not self._readers:
+                    self._tree.asked = None
+
+        return end
+
+    def ask_again(self) -> None:
+        """Call those who watch questions once more for each pair, when it is asked for next;
+        for those that wait in a lookup that is now.
+        """
+        with self._lock:
+            self._tree.ask_again()
+        self._waiters.wake_all()
+
     @property
     def waiting(self) -> int:
         """How many lookups wait in it now."""
@@ -689,6 +730,17 @@ class Buffer:
         fresh: Freshness | None = None,
     ) -> list[TransformStamped] | None:
         """The answers, of one state of the buffer; None where one is missing or not fresh."""
+        answers = self._answers(questions, sampling, fresh)
+        if self._tree.untold:
+            self._tell_questions()
+        return answers
+
+    def _answers(
+        self,
+        questions: Sequence[Question],
+        sampling: Sampling | None,
+        fresh: Freshness | None,
+    ) -> list[TransformStamped] | None:
         answers = []
         with self._lock:
             for target_frame, source_frame, stamp_ns in questions:
@@ -809,6 +861,20 @@ class Buffer:
                     listener(change)
                 except Exception:
                     _log.exception("a listener of changes failed")
+        if tree.untold:
+            self._tell_questions()
+
+    def _tell_questions(self) -> None:
+        """Tell those who watch which pairs were asked for; without the lock."""
+        with self._lock:
+            untold, self._tree.untold = self._tree.untold, []
+            readers = self._readers
+        for target_frame, source_frame in untold:
+            for callback, _ in readers:
+                try:
+                    callback(target_frame, source_frame)
+                except Exception:
+                    _log.exception("a watcher of questions failed")
 
     def _why_none(
         self,
@@ -823,7 +889,7 @@ class Buffer:
             names["fixed_frame"] = questions[0][0]
         error = self._misnamed(names)
         if error is not None:
-            return error
+            return self._explained(error, questions)
         for question in questions[:-1]:
             if self._ask((question,), sampling) is None:
                 return self._why_not(question, sampling)
@@ -836,9 +902,11 @@ class Buffer:
 
     def _why_not(self, question: Question, sampling: Sampling | None) -> TransformException:
         target_frame, source_frame, stamp_ns = question
+        if self._tree.untold:
+            self._tell_questions()
         misnamed = self._misnamed({"target_frame": target_frame, "source_frame": source_frame})
         if misnamed is not None:
-            return misnamed
+            return self._explained(misnamed, (question,))
         if stamp_ns is not None:
             check_stamp(stamp_ns)
         with self._lock:
@@ -849,11 +917,26 @@ class Buffer:
                 stamp_ns,
                 self.sampling if sampling is None else sampling,
             )
+        if isinstance(error, ConnectivityException):
+            error = self._explained(error, (question,))
         return error or ExtrapolationException(
             f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, and can be "
             "now: ask again",
             requested_ns=stamp_ns,
         )
+
+    def _explained(
+        self, error: TransformException, questions: Iterable[Question]
+    ) -> TransformException:
+        """The error, or the one that a reader of what is asked for has in its place."""
+        if self._readers and isinstance(error, LookupException | ConnectivityException):
+            for target_frame, source_frame, _ in questions:
+                if self._ask_path(target_frame, source_frame) is None:
+                    for _, explain in self._readers:
+                        better = explain(target_frame, source_frame)
+                        if better is not None:
+                            return better
+        return error
 
     def _misnamed(self, names: dict[str, str]) -> TransformException | None:
         for what, frame in names.items():

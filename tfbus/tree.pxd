@@ -14,12 +14,19 @@ cdef class Tree:
     cdef dict senders
     cdef readonly long long topology
     cdef public list touched, moved, news
+    cdef public set asked
+    cdef public list untold
 
     @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
                    beyond=cython.longlong, screw=cython.bint)
     cpdef TransformStamped answer(self, target_frame, source_frame, stamp_ns, sampling)
-    @cython.locals(target=History, source=History, path=Path)
+    @cython.locals(target=History, path=Path)
     cpdef Path path(self, target_frame, source_frame)
+    @cython.locals(target=History, source=History)
+    cdef Path _seek_path(self, target_frame, source_frame)
+    @cython.locals(asked=set)
+    cdef _note(self, tuple pair)
+    cpdef ask_again(self)
     @cython.locals(path=Path)
     cdef Path _find_path(self, History target, History source)
     @cython.locals(target=History, source=History)

@@ -16,6 +16,8 @@ from tfbus.transform import TransformStamped, check_frame_id, make_stamped, make
 
 # Paths are found again in a microsecond; so many of one target are worth keeping.
 _MOST_PATHS = 1024
+# Of so many pairs it is remembered that they were asked for.
+_MOST_ASKED = 100_000
 
 
 class Tree:
@@ -24,7 +26,8 @@ class Tree:
     `topology` counts the changes after which a path that was found may be another: a frame that
     had been there got a parent, or another parent. `touched` and `moved` gather, while somebody
     waits, the histories that got a sample or a parent; `news` gathers, while somebody listens,
-    what changed.
+    what changed. `asked` gathers, while somebody wants to know, the pairs of target and source
+    that a path was looked for between, and `untold` those of them that he was not told of.
     """
 
     def __init__(self, cache_ns: int) -> None:
@@ -36,6 +39,8 @@ class Tree:
         self.touched: list[History] | None = None
         self.moved: list[History] | None = None
         self.news: list[Change] | None = None
+        self.asked: set[tuple[str, str]] | None = None
+        self.untold: list[tuple[str, str]] = []
 
     # Looking up
 
@@ -68,15 +73,33 @@ class Tree:
     def path(self, target_frame: str, source_frame: str) -> Path | None:
         """The path as the tree is now; None where a frame is unknown or nothing joins them."""
         target = self.frames.get(target_frame)
-        if target is None:
-            return None
-        path = target.paths.get(source_frame)
-        if path is not None and path.topology == self.topology:
-            return path
-        source = self.frames.get(source_frame)
-        if source is None:
+        if target is not None:
+            path = target.paths.get(source_frame)
+            if path is not None and path.topology == self.topology:
+                return path
+        return self._seek_path(target_frame, source_frame)
+
+    def _seek_path(self, target_frame: str, source_frame: str) -> Path | None:
+        if self.asked is not None:
+            self._note((target_frame, source_frame))
+        target, source = self.frames.get(target_frame), self.frames.get(source_frame)
+        if target is None or source is None:
             return None
         return self._find_path(target, source)
+
+    def _note(self, pair: tuple[str, str]) -> None:
+        asked = self.asked
+        if asked is not None and pair not in asked:
+            if len(asked) >= _MOST_ASKED:
+                asked.clear()
+            asked.add(pair)
+            self.untold.append(pair)
+
+    def ask_again(self) -> None:
+        """Note each pair anew when it is asked for next."""
+        if self.asked is not None:
+            self.asked.clear()
+            self.topology += 1
 
     def _find_path(self, target: History, source: History) -> Path | None:
         above_target, above_source = chain(target), chain(source)

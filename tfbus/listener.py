@@ -65,6 +65,7 @@ class TransformListener:
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
         self._seen: dict[str, StreamState] = {}
         self._asked: set[str] = set()
+        self._lost: set[str] = set()
         self._closed = False
         self._watch = StreamWatch(node.session, self._on_stream, log=node.log)
         self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_message)
@@ -131,12 +132,13 @@ class TransformListener:
         description = state.description
         if former.alive and not state.alive:
             self._asked.discard(state.name)
+            self._lost.add(state.name)
             stream.vanish()
             self._tell_gone(state)
         elif state.alive and not former.alive:
-            was_gone = stream.gone
             stream.appear()
-            if was_gone:
+            if state.name in self._lost:
+                self._lost.discard(state.name)
                 self._log.info("Stream %s is back", _who(state))
         if description is not None and description is not former.description:
             stream.describe(

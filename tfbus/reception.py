@@ -76,7 +76,8 @@ class StreamReception:
                 self.outdated += 1
                 return False
             self.epoch_ns = epoch_ns
-            self._was_gone = False
+            # A new epoch is heard of who is there, even before his token is.
+            self.gone = self._was_gone = False
             self._turns += 1
         if former_ns is not None:
             self._begin_anew()

@@ -7,14 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from tfbus.codec import decode_message
-from tfbus.description import StreamDescription
+from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import DecodeError
-from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, node_key, stream_of
 from tfbus.retained import declare_retained_subscriber
-from tfbus.session import Session
+from tfbus.session import Answer, Session
 
 # Streams come and go; of those that have gone so many of the last are remembered.
 MOST_GONE = 1000
+
+_WHO_IS_BACK_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,10 @@ class StreamWatch:
     `on_change(state)` is called after each change of one stream, one call at a time, on threads
     of Zenoh's. With `everywhere` the streams of all namespaces below are watched. Descriptions
     that cannot be read are counted in `rejected` by their stream, and the first is logged.
+
+    A token that comes back may be that of a new process, which the last description says nothing
+    of. So its node is asked who it is, and the stream is alive once it is known to be the same,
+    or has sent a new description.
     """
 
     def __init__(
@@ -49,10 +55,12 @@ class StreamWatch:
         log: logging.Logger | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
+        self._session = session
         self._on_change = on_change
         self._log = log
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
+        self._returning: set[str] = set()
         self._turns = _Turns()
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
@@ -68,7 +76,7 @@ class StreamWatch:
         self._descriptions.close()
 
     def _on_token(self, key: str, alive: bool) -> None:
-        self._turns.take(lambda: self._update(key, alive=alive))
+        self._turns.take(lambda: self._take_token(key, alive))
 
     def _on_description(self, key: str, payload: bytes) -> None:
         try:
@@ -76,18 +84,58 @@ class StreamWatch:
         except DecodeError as error:
             self._reject(stream_of(key), error)
         else:
-            self._turns.take(lambda: self._update(key, description=description))
+            self._turns.take(lambda: self._take_description(key, description))
 
-    def _update(self, key: str, **changed: object) -> None:
+    def _take_token(self, key: str, alive: bool) -> None:
+        former = self._state(key)
+        self._returning.discard(former.name)
+        if not alive or former.alive or former.description is None:
+            self._set(replace(former, alive=alive))
+        else:
+            self._returning.add(former.name)
+            self._ask_who_is_back(key, former.description)
+
+    def _take_description(self, key: str, description: StreamDescription) -> None:
+        former = self._state(key)
+        alive = former.alive or former.name in self._returning
+        self._returning.discard(former.name)
+        self._set(replace(former, alive=alive, description=description))
+
+    def _ask_who_is_back(self, key: str, former: StreamDescription) -> None:
+        sessions: set[str] = set()
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None:
+                sessions.add(decode_message(NodeDescription, answer.payload).session)
+
+        def on_end() -> None:
+            # Where nobody answers, it is not a node of ours, and nobody knows better.
+            if not sessions or former.session in sessions:
+                self._turns.take(lambda: self._take_back(key))
+
+        namespace = key.partition("@tfbus/")[0]
+        node = former.node.rpartition("/")[2]
+        self._session.ask_later(
+            f"{namespace}{node_key(node)}", None, on_answer, on_end, timeout_s=_WHO_IS_BACK_S
+        )
+
+    def _take_back(self, key: str) -> None:
+        former = self._state(key)
+        if former.name in self._returning:
+            self._returning.discard(former.name)
+            self._set(replace(former, alive=True))
+
+    def _state(self, key: str) -> StreamState:
         name = stream_of(key)
-        former = self._states.get(name) or StreamState(name, key=key)
-        state = replace(former, **changed)  # type: ignore[arg-type]  # fields of StreamState
-        if state == former and name in self._states:
+        return self._states.get(name) or StreamState(name, key=key)
+
+    def _set(self, state: StreamState) -> None:
+        if state == self._states.get(state.name):
             return
-        self._states[name] = state
-        self._gone.pop(name, None)
+        self._states[state.name] = state
+        self._gone.pop(state.name, None)
         if not state.alive:
-            self._remember_as_gone(name)
+            self._remember_as_gone(state.name)
         self._on_change(state)
 
     def _remember_as_gone(self, name: str) -> None:

@@ -1,0 +1,126 @@
+"""Claims: two living streams that send one frame, and which of them has the right of way."""
+
+from itertools import permutations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import InvalidArgumentException
+from tfbus.claims import Claims, Conflict, Rule
+from tfbus.description import StreamDescription
+
+
+def described(*children: str, epoch: int = 1, priority: int = 0) -> StreamDescription:
+    frames = tuple(("world", child, False) for child in children)
+    return StreamDescription(1, "/n", epoch, frames, host="h", pid=epoch, priority=priority)
+
+
+def lost(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
+    """Of each stream the frames that another has the right of."""
+    rulings = claims.rulings(stream, contested)
+    return {name: ruling.lost for name, ruling in rulings.items() if ruling.lost}
+
+
+def test_frames_of_one_stream_are_not_contested() -> None:
+    """Streams of different frames do not meet."""
+    claims = Claims("first")
+    assert claims.update("a", described("robot")) == set()
+    assert claims.update("b", described("arm")) == set()
+
+
+def test_the_first_is_the_one_of_the_older_epoch() -> None:
+    """With "first" the stream that was started first wins, in whatever order they are met."""
+    for order in permutations("abc"):
+        claims = Claims("first")
+        for name in order:
+            contested = claims.update(name, described("robot", epoch="bca".index(name)))
+        assert lost(claims, order[-1], contested) == {"a": {"robot"}, "c": {"robot"}}
+
+
+def test_the_priority_comes_before_the_epoch() -> None:
+    """With "priority" the higher one wins, and of equal ones who was started first."""
+    claims = Claims("priority")
+    claims.update("a", described("robot", epoch=1))
+    claims.update("b", described("robot", epoch=3, priority=2))
+    contested = claims.update("c", described("robot", epoch=2, priority=2))
+    assert lost(claims, "c", contested) == {"a": {"robot"}, "b": {"robot"}}
+
+
+def test_with_latest_nobody_is_left_out() -> None:
+    """As in tf2, all may send, and the last counts."""
+    claims = Claims("latest")
+    claims.update("a", described("robot", epoch=1))
+    contested = claims.update("b", described("robot", epoch=2))
+    assert contested == {"robot"}
+    assert lost(claims, "b", contested) == {}
+
+
+def test_when_the_winner_goes_the_next_takes_over() -> None:
+    """A stream that is gone, or lists a frame no more, leaves it to the next."""
+    claims = Claims("first")
+    claims.update("a", described("robot", epoch=1))
+    claims.update("b", described("robot", epoch=2))
+    contested = claims.update("a", None)
+    assert claims.rulings("a", contested)["b"].won == {"robot"}
+    contested = claims.update("a", described("robot", "arm", epoch=3))
+    assert lost(claims, "a", contested) == {"a": {"robot"}}
+    contested = claims.update("a", described("arm", epoch=3))
+    assert claims.rulings("a", contested)["a"].won == {"robot"}
+
+
+def test_each_pair_is_told_once() -> None:
+    """A conflict is news once for each two streams, with the frames that they share."""
+    claims = Claims("latest")
+    claims.update("b", described("robot", "arm", "drone", epoch=1))
+    contested = claims.update("a", described("robot", "arm", epoch=2))
+    (conflict,) = claims.news(contested)
+    assert isinstance(conflict, Conflict)
+    assert (conflict.first.stream, conflict.other.stream) == ("b", "a")
+    assert conflict.frames == ("arm", "robot")
+    assert str(conflict.other) == "'a' of /n (host h, pid 2)"
+    claims.update("a", None)
+    assert claims.news(claims.update("a", described("robot", epoch=3))) == []
+
+
+def test_a_rule_that_is_not_known_is_refused() -> None:
+    """What wins is one of three words."""
+    with pytest.raises(InvalidArgumentException, match="choose one of latest, first, priority"):
+        Claims("strongest")  # type: ignore[arg-type]  # the mistake is the test
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from("abcd"),
+            st.none() | st.sets(st.sampled_from("xyz")),
+            st.integers(1, 3),
+            st.integers(0, 1),
+        ),
+        max_size=12,
+    ),
+    st.sampled_from(["first", "priority"]),
+)
+def test_whatever_happened_the_rule_alone_decides(
+    events: list[tuple[str, set[str] | None, int, int]], rule: Rule
+) -> None:
+    """After any events each frame is taken from the one winner among those who list it now."""
+    claims = Claims(rule)
+    now: dict[str, StreamDescription] = {}
+    excluded: dict[str, set[str]] = {}
+    for stream, children, epoch, priority in events:
+        told = None if children is None else described(*children, epoch=epoch, priority=priority)
+        contested = claims.update(stream, told)
+        now.pop(stream, None)
+        if told is not None:
+            now[stream] = told
+        for name, ruling in claims.rulings(stream, contested).items():
+            excluded[name] = (excluded.get(name, set()) - ruling.won) | ruling.lost
+    for child in "xyz":
+        claimants = [
+            (-told.priority if rule == "priority" else 0, told.epoch, name)
+            for name, told in now.items()
+            if any(child == frame for _, frame, _ in told.frames)
+        ]
+        losers = {name for _, _, name in sorted(claimants)[1:]}
+        assert {name for name, frames in excluded.items() if child in frames} == losers

@@ -1,0 +1,120 @@
+"""Two processes that send one frame: who is told, and whose transforms are taken."""
+
+import logging
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Bus, Process, eventually
+
+from tfbus import Buffer, Change, Node, TransformListener
+from tfbus.claims import Rule
+
+PUBLISHER = Path(__file__).parent / "stream_publisher.py"
+
+
+class Lines(logging.Handler):
+    """What a node's log says."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+        node.log.addHandler(self)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines.append(record.getMessage())
+
+
+def start(bus: Bus, *arguments: str) -> Process:
+    """A publisher of its own process, ready."""
+    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
+    process.wait_for_line("ready")
+    return process
+
+
+class Listening:
+    """A listener with a node and a buffer of its own."""
+
+    def __init__(self, bus: Bus, name: str, rule: Rule) -> None:
+        self.node = bus.node(name)
+        self.log = Lines(self.node)
+        self.buffer = Buffer()
+        self.changes: list[Change] = []
+        self.buffer.on_change(self.changes.append)
+        self.listener = TransformListener(self.buffer, self.node, conflicts=rule)
+
+    def x_of(self, child: str) -> float | None:
+        if not self.buffer.can_transform("world", child):
+            return None
+        return self.buffer.lookup_transform("world", child).transform.x
+
+    def excluded(self) -> dict[str, int]:
+        return {info.name: info.excluded for info in self.listener.streams() if info.excluded}
+
+    def conflicts(self) -> list[tuple[str, str, str]]:
+        return [
+            (c.frame, c.authority, c.former_authority)
+            for c in self.changes
+            if c.kind == "conflict" and c.stamp_ns == 0
+        ]
+
+    def warnings(self) -> list[str]:
+        return [line for line in self.log.lines if line.startswith("Two publishers")]
+
+
+def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
+    """One warning and one change name both; without a rule whoever sent last wins, as in tf2."""
+    listening = Listening(bus, "receiver", "latest")
+    first = start(bus, "one", "--moving", "robot", "--x", "1")
+    eventually(lambda: listening.x_of("robot") == 1)
+    second = start(bus, "two", "--moving", "robot", "--x", "2")
+    eventually(listening.warnings)
+    (line,) = listening.warnings()
+    assert line.startswith("Two publishers send 'robot': stream 'one' of /one (host ")
+    assert f"pid {first.pid}), and stream 'two' of /two (host " in line
+    assert line.endswith(
+        f"pid {second.pid}); whoever sent last wins (conflicts='latest'). Stop one of them, or "
+        "give its frame another name"
+    )
+    assert listening.conflicts() == [("robot", "two", "one")]
+    # Both are heard, again and again.
+    for x in (1, 2, 1, 2):
+        eventually(lambda x=x: listening.x_of("robot") == x)
+    assert listening.excluded() == {}
+    assert len(listening.warnings()) == 1
+
+
+@pytest.mark.parametrize("kind", ["--moving", "--static"])
+def test_the_first_wins_in_every_listener(bus: Bus, kind: str) -> None:
+    """With "first" all listeners take who was started first, whomever they met first."""
+    early = Listening(bus, "early", "first")
+    start(bus, "one", kind, "robot", "--x", "1")
+    start(bus, "two", kind, "robot", "--x", "2", "--moving", "other")
+    late = Listening(bus, "late", "first")
+    for listening in (early, late):
+        eventually(lambda listening=listening: listening.warnings())
+        eventually(lambda listening=listening: listening.x_of("robot") == 1)
+        eventually(lambda listening=listening: listening.x_of("other") == 2)
+        assert "'one' wins, as it was started first" in listening.warnings()[0]
+    if kind == "--moving":
+        before = late.excluded().get("two", 0)
+        eventually(lambda: late.excluded().get("two", 0) > before + 10)
+    assert [listening.x_of("robot") for listening in (early, late)] == [1, 1]
+
+
+@pytest.mark.parametrize("kind", ["--moving", "--static"])
+def test_when_the_winner_is_killed_the_next_takes_over(bus: Bus, kind: str) -> None:
+    """The frames of a publisher that is gone are taken from the next, moving or static."""
+    listening = Listening(bus, "receiver", "first")
+    first = start(bus, "one", kind, "robot", "--x", "1")
+    start(bus, "two", kind, "robot", "--x", "2")
+    eventually(listening.warnings)
+    eventually(lambda: listening.x_of("robot") == 1)
+    first.stop(signal.SIGKILL)
+    eventually(lambda: listening.x_of("robot") == 2)
+    eventually(lambda: listening.buffer.can_transform("world", "robot", living=True))
+    # Started again it is the younger one.
+    start(bus, "one", kind, "robot", "--x", "3", "--static", "again")
+    eventually(lambda: listening.x_of("again") == 3)
+    eventually(lambda: listening.x_of("robot") == 2)

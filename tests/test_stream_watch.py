@@ -1,0 +1,120 @@
+"""Which streams there are: their tokens and descriptions, without their data."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from conftest import Bus, eventually
+
+from tfbus import Node, Transform, TransformBroadcaster, TransformStamped
+from tfbus.codec import encode_message
+from tfbus.description import StreamDescription
+from tfbus.retained import declare_retained_publisher
+from tfbus.stream_watch import StreamState, StreamWatch
+
+
+class Watching:
+    """A watch and the changes that it told."""
+
+    def __init__(self, node: Node, *, everywhere: bool = False) -> None:
+        self.changes: list[StreamState] = []
+        self.watch = StreamWatch(
+            node.session, self.changes.append, everywhere=everywhere, log=node.log
+        )
+
+    def alive(self) -> list[str]:
+        return sorted(name for name, state in self.watch.streams().items() if state.alive)
+
+    def described(self, name: str) -> StreamDescription | None:
+        state = self.watch.streams().get(name)
+        return state.description if state else None
+
+
+@pytest.fixture
+def watching(bus: Bus) -> Iterator[Watching]:
+    watching = Watching(bus.node("watcher"))
+    yield watching
+    watching.watch.close()
+
+
+def broadcast(node: Node, child: str = "robot", stream: str | None = None) -> Callable[[], None]:
+    broadcaster = TransformBroadcaster(node, stream=stream)
+    return lambda: broadcaster.send_transform(
+        TransformStamped(1, "world", child, Transform.identity())
+    )
+
+
+def test_streams_are_known_without_their_data(bus: Bus, watching: Watching) -> None:
+    """Who is there, and which frames it sends, is known from tokens and descriptions."""
+    node = bus.node("sim")
+    broadcast(node, stream="arm/left *")()
+    told = eventually(lambda: watching.described("arm/left *"))
+    eventually(lambda: watching.alive() == ["arm/left *"])
+    assert (told.node, told.epoch) == ("/sim", node.started_ns)
+    assert told.frames == (("world", "robot", False),)
+    assert watching.changes[-1] == watching.watch.streams()["arm/left *"]
+    node.close()
+    eventually(lambda: watching.alive() == [])
+    assert watching.described("arm/left *") is not None
+
+
+def test_who_watches_later_learns_the_same(bus: Bus) -> None:
+    """A watch that starts last knows what the others know."""
+    broadcast(bus.node("sim"))()
+    late = Watching(bus.node("late"))
+    eventually(lambda: late.described("sim"))
+    eventually(lambda: late.alive() == ["sim"])
+
+
+def test_streams_of_all_namespaces_can_be_watched(bus: Bus, watching: Watching) -> None:
+    """Outside of all namespaces a watch can know the streams of each, by full names."""
+    everywhere = Watching(bus.node("everywhere"), everywhere=True)
+    broadcast(bus.node("sim", namespace="robot7"))()
+    broadcast(bus.node("sim"))()
+    eventually(lambda: everywhere.alive() == ["robot7/sim", "sim"])
+    told = eventually(lambda: everywhere.described("robot7/sim"))
+    assert told.node == "/robot7/sim"
+    eventually(lambda: watching.alive() == ["sim"])
+
+
+def test_a_token_that_comes_back_is_not_taken_for_the_former_process(
+    bus: Bus, watching: Watching
+) -> None:
+    """A node of the same name that has sent nothing yet is not who was gone."""
+    first = bus.node("sim")
+    broadcast(first)()
+    eventually(lambda: watching.described("sim"))
+    eventually(lambda: watching.alive() == ["sim"])
+    first.close()
+    eventually(lambda: watching.alive() == [])
+    before = len(watching.changes)
+    second = bus.node("sim")
+    broadcast(second, "arm")()
+    eventually(lambda: watching.alive() == ["sim"])
+    told = [state.description for state in watching.changes[before:] if state.alive]
+    assert {description.epoch for description in told if description} == {second.started_ns}
+
+
+def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching: Watching) -> None:
+    """A publisher whose link was down is back, with the description that it had."""
+    node = bus.node("sim")
+    stranger = bus.node("stranger")
+    publisher = declare_retained_publisher(stranger.session, "@tfbus/stream/lone")
+    for name, session in (("/sim", node.session.id), ("/nobody", "?")):
+        description = StreamDescription(1, name, 1, (("world", "robot", False),), session=session)
+        publisher.put(encode_message(description))
+        eventually(lambda description=description: watching.described("lone") == description)
+        for _ in range(2):
+            token = stranger.session.token("@tfbus/stream/lone")
+            eventually(lambda: watching.alive() == ["lone"])
+            token.close()
+            eventually(lambda: watching.alive() == [])
+
+
+def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watching) -> None:
+    """What is no description is counted, and the next one is taken."""
+    node = bus.node("sim")
+    publisher = declare_retained_publisher(node.session, "@tfbus/stream/sim")
+    publisher.put(b"nonsense")
+    eventually(lambda: watching.watch.rejected)
+    publisher.put(encode_message(StreamDescription(1, "/sim", 1, ())))
+    assert eventually(lambda: watching.described("sim")) == StreamDescription(1, "/sim", 1, ())

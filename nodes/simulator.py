@@ -3,18 +3,20 @@
     tfbus simulator
     tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'
 
-Services: spawn, kill, clear, reset; for each turtle set_pen, teleport_absolute,
+Services: spawn, kill, clear, reset, field; for each turtle set_pen, teleport_absolute,
 teleport_relative, and the goal rotate_absolute. Parameters, at any time: background_r,
 background_g, background_b, holonomic. Closing the window ends the simulator.
 """
 
+import zlib
 from collections import deque
 from pathlib import Path
 
 import click
 
 from tfbus import Node, NodeSettings, SystemClock, node_options
-from tfbus.messages import Color, Empty, Kill, Spawn
+from tfbus.messages import Color, Empty, Field, Kill, Spawn
+from tfbus.nodes.turtle import field
 from tfbus.nodes.turtle.interface import TurtleInterface
 from tfbus.nodes.turtle.turtle import TICK_S
 from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
@@ -54,6 +56,7 @@ class Simulator:
         node.create_service(Kill, "kill", self._kill)
         node.create_service(Empty, "clear", self._clear)
         node.create_service(Empty, "reset", self._reset)
+        node.create_service(Field, "field", self._field)
         self._stepped_ns = max(0, node.clock.elapsed_ns())
         node.create_timer(TICK_S, self._tick)
 
@@ -104,6 +107,16 @@ class Simulator:
         self.world.reset()
         self._meet_turtles()
         return Empty.Response()
+
+    def _field(self, request: Field.Request) -> Field.Response:
+        """What the field looks like; the picture only for those who do not have it yet."""
+        snapshot = self.world.snapshot()
+        # Not the number alone: another simulator of this name counts from zero again.
+        version = f"{self._node.started_ns}-{snapshot.version}"
+        is_known = request.version == version
+        ink = b"" if is_known else zlib.compress(snapshot.ink.tobytes(), level=1)
+        turtles = list(self.world.turtles)
+        return Field.Response(version, snapshot.background, turtles, field.SIZE_PX, ink)
 
 
 @click.command(epilog="Example: tfbus simulator --headless")

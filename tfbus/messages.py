@@ -98,6 +98,31 @@ class SetClock:
         """Done, and told to all who follow the clock."""
 
 
+class Field:
+    """What the turtles' field looks like: a service for those who show it."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The version of the picture that the caller has, empty where it has none."""
+
+        version: str = ""
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """The background, the names of the turtles, and the ink that they have drawn.
+
+        `ink` is a square of `size` by `size` pixels, 45 to the metre, rows from the top, each
+        pixel red, green, blue and opacity, packed by zlib; empty where the caller has this
+        version already.
+        """
+
+        version: str
+        background: Color
+        turtles: list[str]
+        size: int
+        ink: bytes
+
+
 class Empty:
     """A service that is only asked to act: clear, reset."""
 

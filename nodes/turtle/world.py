@@ -39,12 +39,13 @@ class Snapshot:
     """The world at one moment, never changed after: what a window draws.
 
     `ink` is (size, size, 4) bytes as `Canvas.copy` gives them; two snapshots of the same ink
-    share one array.
+    share one array, and have the same `version`.
     """
 
     background: Color
     turtles: tuple[TurtleView, ...]
     ink: NDArray[np.uint8]
+    version: int
 
     def looks_like(self, other: "Snapshot | None") -> bool:
         """Whether a picture of the other one is a picture of this one."""
@@ -133,7 +134,8 @@ class World:
         if self._ink[0] != self._canvas.version:
             self._ink = (self._canvas.version, self._canvas.copy())
         turtles = tuple(TurtleView(t.name, t.x, t.y, t.theta) for t in self._turtles.values())
-        return Snapshot(self.background, turtles, self._ink[1])
+        version, ink = self._ink
+        return Snapshot(self.background, turtles, ink, version)
 
     def _next_name(self) -> str:
         while True:

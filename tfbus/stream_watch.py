@@ -4,19 +4,22 @@ import logging
 import threading
 from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from tfbus.codec import decode_message
-from tfbus.description import NodeDescription, StreamDescription
-from tfbus.errors import DecodeError
-from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, node_key, stream_of
-from tfbus.retained import declare_retained_subscriber
+from tfbus.description import StreamDescription
+from tfbus.errors import BusError, DecodeError
+from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.session import Answer, Session
 
 # Streams come and go; of those that have gone so many of the last are remembered.
 MOST_GONE = 1000
 
-_WHO_IS_BACK_S = 1.0
+# A token may come before its publisher can answer, or has anything to tell.
+_ANSWER_WITHIN_S = 2.0
+_ASK_AGAIN_S = (0.1, 0.4, 1.0)
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,8 @@ class StreamWatch:
     that cannot be read are counted in `rejected` by their stream, and the first is logged.
 
     A token that comes back may be that of a new process, which the last description says nothing
-    of. So its node is asked who it is, and the stream is alive once it is known to be the same,
-    or has sent a new description.
+    of. So with each token the stream's description is asked for; one that comes back is alive as
+    soon as that has come.
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class StreamWatch:
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
+        self._closed = False
         self._turns = _Turns()
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
@@ -72,6 +76,7 @@ class StreamWatch:
 
     def close(self) -> None:
         """Watch no more. Twice is fine."""
+        self._closed = True
         self._tokens.close()
         self._descriptions.close()
 
@@ -79,12 +84,15 @@ class StreamWatch:
         self._turns.take(lambda: self._take_token(key, alive))
 
     def _on_description(self, key: str, payload: bytes) -> None:
+        if description := self._read(key, payload):
+            self._turns.take(lambda: self._take_description(key, description))
+
+    def _read(self, key: str, payload: bytes) -> StreamDescription | None:
         try:
-            description = decode_message(StreamDescription, payload)
+            return decode_message(StreamDescription, payload)
         except DecodeError as error:
             self._reject(stream_of(key), error)
-        else:
-            self._turns.take(lambda: self._take_description(key, description))
+            return None
 
     def _take_token(self, key: str, alive: bool) -> None:
         former = self._state(key)
@@ -93,7 +101,8 @@ class StreamWatch:
             self._set(replace(former, alive=alive))
         else:
             self._returning.add(former.name)
-            self._ask_who_is_back(key, former.description)
+        if alive:
+            self._ask_for_description(key, list(_ASK_AGAIN_S))
 
     def _take_description(self, key: str, description: StreamDescription) -> None:
         former = self._state(key)
@@ -101,25 +110,37 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_who_is_back(self, key: str, former: StreamDescription) -> None:
-        sessions: set[str] = set()
+    def _ask_for_description(self, key: str, pauses_s: list[float]) -> None:
+        """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
+        at keys that begin with `@`.
+        """
+        known = self._state(key).description
+        answers: list[StreamDescription] = []
 
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None:
-                sessions.add(decode_message(NodeDescription, answer.payload).session)
+            if answer.refusal is None and (description := self._read(key, answer.payload)):
+                answers.append(description)
 
         def on_end() -> None:
-            # Where nobody answers, it is not a node of ours, and nobody knows better.
-            if not sessions or former.session in sessions:
-                self._turns.take(lambda: self._take_back(key))
+            self._turns.take(take_answers)
 
-        namespace = key.partition("@tfbus/")[0]
-        node = former.node.rpartition("/")[2]
-        self._session.ask_later(
-            f"{namespace}{node_key(node)}", None, on_answer, on_end, timeout_s=_WHO_IS_BACK_S
-        )
+        def take_answers() -> None:
+            state = self._state(key)
+            waits = state.alive or state.name in self._returning
+            # One that has come by itself in the meantime is at least as new.
+            if state.description is known and waits and not self._closed:
+                if answers:
+                    self._take_description(key, max(answers, key=lambda answer: answer.epoch))
+                elif pauses_s:
+                    _later(pauses_s[0], lambda: self._ask_for_description(key, pauses_s[1:]))
+                else:
+                    self._take_back(key)
+
+        with suppress(BusError):  # the session has been closed
+            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
 
     def _take_back(self, key: str) -> None:
+        """Nobody describes the stream: what is known of it has to do."""
         former = self._state(key)
         if former.name in self._returning:
             self._returning.discard(former.name)
@@ -175,3 +196,9 @@ class _Turns:
                     self._jobs.popleft()()
             finally:
                 self._busy.release()
+
+
+def _later(delay_s: float, job: Callable[[], None]) -> None:
+    timer = threading.Timer(delay_s, job)
+    timer.daemon = True
+    timer.start()

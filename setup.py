@@ -9,7 +9,7 @@ import os
 from setuptools import Extension, setup
 
 # Beside each stands a .pxd file that says its C types.
-KERNEL = ("kernel", "transform", "tree", "buffer")
+KERNEL = ("kernel", "transform", "columns", "tree", "buffer")
 
 
 def kernel_extensions() -> list[Extension]:

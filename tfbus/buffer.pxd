@@ -1,4 +1,7 @@
 cimport cython
+from tfbus cimport octets
+from tfbus.columns cimport Columns
+from tfbus.octets cimport edge_t, octets_t
 from tfbus.kernel cimport Path
 from tfbus.kernel cimport pose_t
 from tfbus.transform cimport Transform, TransformStamped
@@ -7,7 +10,7 @@ from tfbus.tree cimport Tree
 cdef object TF2
 cdef long long ALL_STATIC, NO_DATA, _LONGEST_NS
 cdef double QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
-cdef Py_ssize_t _CHUNK
+cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _CHUNK
 
 cdef class Buffer:
     cdef readonly double cache_time_s
@@ -25,10 +28,10 @@ cdef class Buffer:
         self, TransformStamped transform, bint static, str authority) except -1
     @cython.locals(i=Py_ssize_t, stamp=cython.longlong, x=double, y=double, z=double, qx=double,
                    qy=double, qz=double, qw=double, total=double, square=double, error=double,
-                   scale=double, pose=pose_t, taken=Py_ssize_t, parent=str, child=str)
-    cdef Py_ssize_t _insert_rows(
-        self, tuple frames, const unsigned int[:, ::1] edges, const long long[::1] stamps,
-        const double[:, ::1] poses, bint static, str authority) except -1
+                   scale=double, pose=pose_t, taken=Py_ssize_t, parent=str, child=str,
+                   frames=tuple, edge=edge_t, edges=octets_t,
+                   stamps=octets_t, poses=octets_t)
+    cdef Py_ssize_t _insert_rows(self, Columns columns, bint static, str authority) except -1
     @cython.locals(path=Path, start=Py_ssize_t, stop=Py_ssize_t, i=Py_ssize_t, count=Py_ssize_t,
                    strict=cython.bint, screw=cython.bint, answer=TransformStamped)
     cdef _fill_chunks(

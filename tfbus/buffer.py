@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfbus import octets
 from tfbus.batch import TransformBatch
 from tfbus.change import Change
 from tfbus.clock import SYSTEM_CLOCK, limit_by
+from tfbus.columns import Columns
 from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import (
     ConnectivityException,
@@ -30,6 +32,7 @@ from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.frame import FrameInfo as FrameInfo
 from tfbus.freshness import Freshness
 from tfbus.kernel import Pose
+from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.outcome import ALL_STATIC, NO_DATA
 from tfbus.rejections import Rejections
 from tfbus.sampling import TF2, Sampling
@@ -125,24 +128,16 @@ class Buffer:
         return taken
 
     def set_transforms(
-        self, batch: TransformBatch, *, static: bool = False, authority: str = ""
+        self, batch: TransformBatch | Columns, *, static: bool = False, authority: str = ""
     ) -> int:
         """Take the rows of a batch; how many were taken.
 
         A row that cannot be taken harms none of the others: it is counted in `rejected`, by its
         reason.
         """
-        if not len(batch):
-            return 0
+        columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
         with self._lock:
-            taken = self._insert_rows(
-                batch.frames,
-                batch.edges.data,
-                batch.stamps_ns.data,
-                batch.poses.data,
-                static,
-                authority,
-            )
+            taken = self._insert_rows(columns, static, authority)
         if self._tree.touched or self._tree.news or self._tree.untold:
             self._announce()
         return taken
@@ -618,21 +613,16 @@ class Buffer:
             authority,
         )
 
-    def _insert_rows(
-        self,
-        frames: tuple[str, ...],
-        edges: memoryview,
-        stamps: memoryview,
-        poses: memoryview,
-        static: bool,
-        authority: str,
-    ) -> int:
+    def _insert_rows(self, columns: Columns, static: bool, authority: str) -> int:
+        frames = columns.frames
+        edges, stamps, poses = columns.edges, columns.stamps, columns.poses
         taken = 0
-        for i in range(len(stamps)):
-            parent, child = frames[edges[i, 0]], frames[edges[i, 1]]
-            x, y, z = poses[i, 0], poses[i, 1], poses[i, 2]
-            qx, qy, qz, qw = poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
-            stamp = stamps[i]
+        for i in range(columns.count):
+            edge = octets.edge_at(edges, columns.edges_at + EDGE_SIZE * i)
+            parent, child = frames[edge[0]], frames[edge[1]]
+            stamp = octets.stamp_at(stamps, columns.stamps_at + STAMP_SIZE * i)
+            pose: Pose = octets.pose_at(poses, columns.poses_at + POSE_SIZE * i)
+            x, y, z, qx, qy, qz, qw = pose
             total = x + y + z
             square = qx * qx + qy * qy + qz * qz + qw * qw
             error = square - 1.0
@@ -646,8 +636,7 @@ class Buffer:
             else:
                 if error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
                     scale = square**-0.5
-                    qx, qy, qz, qw = qx * scale, qy * scale, qz * scale, qw * scale
-                pose: Pose = (x, y, z, qx, qy, qz, qw)
+                    pose = (x, y, z, qx * scale, qy * scale, qz * scale, qw * scale)
                 try:
                     taken += self._tree.insert(parent, child, stamp, pose, static, authority)
                 except InvalidArgumentException as reason:

@@ -1,0 +1,44 @@
+# The same in C; there is no module to compile: whoever uses them, has them compiled into it.
+
+from cpython.unicode cimport PyUnicode_DecodeUTF8
+from libc.string cimport memcmp, memcpy
+from tfbus.kernel cimport pose_t
+
+ctypedef (unsigned int, unsigned int) edge_t
+ctypedef const unsigned char* octets_t
+
+
+cdef inline edge_t edge_at(octets_t data, Py_ssize_t at) noexcept nogil:
+    cdef edge_t edge
+    memcpy(&edge, data + at, 8)
+    return edge
+
+
+cdef inline long long stamp_at(octets_t data, Py_ssize_t at) noexcept nogil:
+    cdef long long stamp
+    memcpy(&stamp, data + at, 8)
+    return stamp
+
+
+cdef inline pose_t pose_at(octets_t data, Py_ssize_t at) noexcept nogil:
+    cdef pose_t pose
+    memcpy(&pose, data + at, 56)
+    return pose
+
+
+cdef inline unsigned long long big_endian_at(
+        octets_t data, Py_ssize_t at, Py_ssize_t size) noexcept nogil:
+    cdef unsigned long long number = 0
+    cdef Py_ssize_t i
+    for i in range(at, at + size):
+        number = number << 8 | data[i]
+    return number
+
+
+cdef inline bint is_at(octets_t data, Py_ssize_t at, const char* text,
+                       Py_ssize_t size) noexcept nogil:
+    return memcmp(data + at, text, size) == 0
+
+
+cdef inline str text_at(octets_t data, Py_ssize_t at, Py_ssize_t size):
+    return PyUnicode_DecodeUTF8(<const char*> data + at, size, NULL)

@@ -1,0 +1,48 @@
+"""Numbers and texts at a place of some bytes.
+
+Where the kernel is compiled, `octets.pxd` beside this stands in for it: then each of these is one
+load of the processor. Numbers are in the byte order of the machine unless their name says more.
+"""
+
+from struct import unpack_from
+
+Pose = tuple[float, float, float, float, float, float, float]
+
+
+# Of one transform, in bytes.
+EDGE_SIZE = 8
+STAMP_SIZE = 8
+POSE_SIZE = 56
+
+
+def edge_at(data: bytes, at: int) -> tuple[int, int]:
+    """Two unsigned integers of 32 bits: the indices of a parent and of a child."""
+    parent, child = unpack_from("=2I", data, at)
+    return parent, child
+
+
+def stamp_at(data: bytes, at: int) -> int:
+    """A signed integer of 64 bits."""
+    stamp: int = unpack_from("=q", data, at)[0]
+    return stamp
+
+
+def pose_at(data: bytes, at: int) -> Pose:
+    """Seven floats of 64 bits: x y z qx qy qz qw."""
+    pose: Pose = unpack_from("=7d", data, at)
+    return pose
+
+
+def big_endian_at(data: bytes, at: int, size: int) -> int:
+    """An unsigned integer of `size` bytes, 8 at most, the greatest first."""
+    return int.from_bytes(data[at : at + size], "big")
+
+
+def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:
+    """Whether the `size` bytes from there are those of the text."""
+    return data[at : at + size] == text
+
+
+def text_at(data: bytes, at: int, size: int) -> str:
+    """A text in UTF-8. Raises UnicodeDecodeError where it is not."""
+    return data[at : at + size].decode()

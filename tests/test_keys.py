@@ -69,6 +69,8 @@ def test_the_keys_are_those_of_the_wire_format() -> None:
         ("tf_static/camera%2Fleft", "camera/left"),
         ("robot7/tf/sim", "robot7/sim"),
         ("lab/robot7/tf_static/sim", "lab/robot7/sim"),
+        ("robot7/tf_static/tf", "robot7/tf"),
+        ("lab/@tfbus/stream/tf", "lab/tf"),
         ("elsewhere", "elsewhere"),
         ("tf", ""),
     ],
@@ -76,6 +78,32 @@ def test_the_keys_are_those_of_the_wire_format() -> None:
 def test_a_key_tells_its_stream(key: str, stream: str) -> None:
     """The stream is what follows tf or tf_static; a namespace in front stays part of it."""
     assert keys.stream_of(key) == stream
+
+
+@pytest.mark.parametrize(
+    ("key", "namespace"),
+    [
+        ("tf/sim", ""),
+        ("robot7/tf/sim/base", "robot7"),
+        ("lab/robot7/tf_static/tf", "lab/robot7"),
+        ("robot7/@tfbus/stream/sim", "robot7"),
+    ],
+)
+def test_a_key_tells_its_namespace(key: str, namespace: str) -> None:
+    """The namespace is what is in front of tf, tf_static or @tfbus."""
+    assert keys.namespace_of(key) == namespace
+
+
+@given(names | awkward)
+def test_the_data_of_a_stream_is_beside_its_token(name: str) -> None:
+    """The keys of a stream's transforms follow from the key of its token, in its namespace."""
+    for namespace in ("", "lab/robot7/"):
+        token = f"{namespace}{keys.stream_key(name)}"
+        whole = f"{namespace}{keys.transforms_key(name)}"
+        assert keys.transforms_key_beside(token) == whole
+        assert keys.transforms_key_beside(token, "arm/left") == f"{whole}/arm%2Fleft"
+        static = f"{namespace}{keys.static_transforms_key(name)}"
+        assert keys.static_transforms_key_beside(token) == static
 
 
 @pytest.mark.parametrize(

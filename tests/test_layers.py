@@ -33,6 +33,7 @@ LAYERS = [
     {"explain", "waiting", "freshness"},
     {"buffer"},
     {"codec", "keys", "messages", "description"},
+    {"fleet", "described_tree"},
     {"wire"},
     {"transform_reader"},
     {"settings", "executor", "interface"},

@@ -60,6 +60,21 @@ class TransformBatch:
             np.array(poses, dtype=np.float64).reshape(-1, 7),
         )
 
+    def with_frames(self, frames: tuple[str, ...]) -> "TransformBatch":
+        """The same rows, between frames of other names: as many, in the same order.
+
+        Raises InvalidArgumentException where they are not as many.
+        """
+        if len(frames) != len(self.frames):
+            raise InvalidArgumentException(
+                f"{len(frames)} names cannot stand for those of {len(self.frames)} frames"
+            )
+        # The columns have been checked, which takes longer than all the rest.
+        batch = object.__new__(TransformBatch)
+        for name, value in (*vars(self).items(), ("frames", frames)):
+            object.__setattr__(batch, name, value)
+        return batch
+
     def __len__(self) -> int:
         return len(self.stamps_ns)
 

@@ -17,7 +17,12 @@ ALL_TRANSFORMS = "tf/**"
 ALL_STATIC_TRANSFORMS = "tf_static/**"
 ALL_STREAMS = "@tfbus/stream/*"
 ALL_STREAMS_EVERYWHERE = f"**/{ALL_STREAMS}"
+ALL_TRANSFORMS_EVERYWHERE = f"**/{ALL_TRANSFORMS}"
+ALL_STATIC_TRANSFORMS_EVERYWHERE = f"**/{ALL_STATIC_TRANSFORMS}"
 ALL_NODES = "@tfbus/node/*"
+
+# Of how many chunks what a key is for consists, by the first of them.
+_CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}
 
 _ESCAPES = str.maketrans({char: f"%{ord(char):02X}" for char in "%*$?#/@"})
 _NODE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
@@ -49,10 +54,24 @@ def stream_key(stream: str) -> str:
     return f"@tfbus/stream/{escape(stream)}"
 
 
+def transforms_key_beside(stream_key: str, child: str | None = None) -> str:
+    """The key of the dynamic transforms of the stream of a token, in the token's namespace; of a
+    split stream, that of one child frame.
+    """
+    prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
+    below = "" if child is None else f"/{escape(child)}"
+    return f"{prefix}{TRANSFORMS}/{stream}{below}"
+
+
+def static_transforms_key_beside(stream_key: str) -> str:
+    """The key of the static transforms of the stream of a token, in the token's namespace."""
+    prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
+    return f"{prefix}{STATIC_TRANSFORMS}/{stream}"
+
+
 def kept_transforms_key(stream_key: str, last_s: float) -> str:
     """The selector that asks the stream of a token for its transforms of the last seconds."""
-    prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
-    return f"{prefix}{TRANSFORMS}/{stream}/**?last_s={last_s:g}"
+    return f"{transforms_key_beside(stream_key)}/**?last_s={last_s:g}"
 
 
 def node_key(node: str) -> str:
@@ -85,13 +104,22 @@ def stream_of(key: str) -> str:
 
     Any namespace in front stays part of the answer: `robot7/tf/sim` is of stream `robot7/sim`.
     """
+    above, below = _split(key)
+    return "/".join([*above, *map(unescape, below[:1])])
+
+
+def namespace_of(key: str) -> str:
+    """The namespace in front of a key of a stream, as it is seen: `robot7` of `robot7/tf/sim`."""
+    return "/".join(_split(key)[0])
+
+
+def _split(key: str) -> tuple[list[str], list[str]]:
+    """The chunks before and behind those that say what a key of a stream is for."""
     chunks = key.split("/")
-    for kind, length in (("@tfbus", 2), (TRANSFORMS, 1), (STATIC_TRANSFORMS, 1)):
-        if kind in chunks:
-            at = chunks.index(kind)
-            named = at + length
-            return "/".join([*chunks[:at], *map(unescape, chunks[named : named + 1])])
-    return key
+    for at, chunk in enumerate(chunks):
+        if chunk in _CHUNKS_OF_KIND:
+            return chunks[:at], chunks[at + _CHUNKS_OF_KIND[chunk] :]
+    return chunks, []
 
 
 def full_name(key: str, namespace: str = "") -> str:

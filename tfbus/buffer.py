@@ -608,7 +608,7 @@ class Buffer:
             transform._frame_id,
             transform._child_frame_id,
             transform._stamp_ns,
-            transform._transform._pose,
+            transform._pose,
             static,
             authority,
         )
@@ -963,7 +963,7 @@ def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
         there.stamp_ns,
         there.frame_id,
         back.child_frame_id,
-        there.transform @ back.transform,
+        (there.transform @ back.transform).as_pose(),
         max(back.extrapolated_ns, there.extrapolated_ns),
     )
 

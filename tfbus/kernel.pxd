@@ -34,22 +34,57 @@ cpdef pose_t exp_twist(double vx, double vy, double vz, double wx, double wy, do
 @cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double, sine=double, half=double, s=double, c=double, wx=double, wy=double, wz=double, ax=double, ay=double, az=double)
 cpdef twist_t log_pose(pose_t p) noexcept nogil
 
+cdef struct samples_t:
+    long long* stamps
+    double* poses
+    Py_ssize_t head
+    Py_ssize_t tail
+    Py_ssize_t capacity
+    Py_ssize_t at
+    long long newest
+    bint is_static
+    bint mixed
+    pose_t fixed
+
+ctypedef samples_t* samples_ptr
+ctypedef long long* stamps_ptr
+ctypedef double* poses_ptr
+
 cdef long long ALL_STATIC, CONFLICT, KEPT, NO_DATA, REPEATED, TOO_OLD
 cdef Py_ssize_t _FIRST_CAPACITY
+cdef double OUTSIDE
 
-# `elapsed` is a double, so that what is divided is not whole numbers.
+# `elapsed` and `period` of a ratio are doubles, so that what is divided is not whole numbers.
+
+@cython.locals(stamps=stamps_ptr, at=Py_ssize_t, last=Py_ssize_t, before=cython.longlong,
+               elapsed=double, period=double)
+cdef double locate(samples_t* samples, long long stamp_ns) noexcept nogil
+@cython.locals(stamps=stamps_ptr, low=Py_ssize_t, high=Py_ssize_t, guess=Py_ssize_t,
+               step=Py_ssize_t, middle=Py_ssize_t, period=cython.longlong)
+cdef Py_ssize_t find(samples_t* samples, long long stamp_ns) noexcept nogil
+cdef pose_t pose_at(samples_t* samples, double ratio) noexcept nogil
+cdef pose_t screw_at(samples_t* samples, double ratio) noexcept nogil
+@cython.locals(poses=poses_ptr, k=Py_ssize_t)
+cdef pose_t sample(samples_t* samples, Py_ssize_t at) noexcept nogil
+cdef bint append(
+    samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
+@cython.locals(stamps=stamps_ptr, oldest=cython.longlong)
+cdef void push(
+    samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
+@cython.locals(poses=poses_ptr, k=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double,
+               qz=double, qw=double)
+cdef void write(samples_t* samples, Py_ssize_t at, long long stamp_ns, pose_t pose) noexcept nogil
 
 @cython.final
 cdef class History:
+    cdef samples_t own
+    cdef samples_t* samples
     cdef readonly str name
     cdef readonly History parent
-    cdef readonly bint static
-    cdef pose_t fixed
     cdef long long fixed_stamp
     cdef long long[::1] stamps
     cdef double[::1] poses
     cdef readonly list parents
-    cdef Py_ssize_t capacity, head, tail, at
     cdef double ratio
     cdef long long beyond
     cdef public str authority
@@ -58,71 +93,73 @@ cdef class History:
     cdef dict paths
     cdef public object alarms
 
-    @cython.locals(head=Py_ssize_t, last=Py_ssize_t, at=Py_ssize_t, before=cython.longlong,
-                   elapsed=double)
+    @cython.locals(at=Py_ssize_t)
     cdef bint seek(self, long long stamp_ns) noexcept
-    @cython.locals(at=Py_ssize_t, near=cython.longlong)
+    @cython.locals(samples=samples_ptr, stamps=stamps_ptr, at=Py_ssize_t, near=cython.longlong)
     cdef bint seek_nearest(self, long long stamp_ns, long long tolerance_ns) noexcept
-    @cython.locals(first=Py_ssize_t, last=Py_ssize_t, at=Py_ssize_t, beyond=cython.longlong,
-                   before=cython.longlong, elapsed=double)
+    @cython.locals(samples=samples_ptr, stamps=stamps_ptr, first=Py_ssize_t, last=Py_ssize_t,
+                   at=Py_ssize_t, beyond=cython.longlong, before=cython.longlong, elapsed=double,
+                   period=double)
     cdef bint seek_beyond(self, long long stamp_ns, long long extrapolation_ns) noexcept
     cdef pose_t pose(self, bint screw) noexcept
     cdef History parent_here(self)
-    cpdef long long latest(self) noexcept
     cpdef Py_ssize_t count(self)
-    @cython.locals(low=Py_ssize_t, high=Py_ssize_t, guess=Py_ssize_t, step=Py_ssize_t,
-                   middle=Py_ssize_t, oldest=cython.longlong, newest=cython.longlong, period=cython.longlong)
-    cdef Py_ssize_t _find(self, long long stamp_ns) noexcept
-    @cython.locals(k=Py_ssize_t)
-    cdef pose_t _sample(self, Py_ssize_t at) noexcept
 
     cdef int fix(self, long long stamp_ns, pose_t pose, History parent) except -1
-    @cython.locals(tail=Py_ssize_t, oldest=cython.longlong)
+    @cython.locals(samples=samples_ptr, newest=cython.longlong)
     cdef int insert(
         self, long long stamp_ns, pose_t pose, History parent, long long cache_ns) except -1
-    cdef unfix(self)
     cdef History parent_after(self, long long stamp_ns, History parent, bint static)
     cpdef forget(self)
+    @cython.locals(samples=samples_ptr)
     cpdef forget_samples(self)
     @cython.locals(tail=Py_ssize_t)
     cpdef forget_after(self, long long stamp_ns)
-    @cython.locals(at=Py_ssize_t, before=Py_ssize_t, tail=Py_ssize_t)
-    cdef int _insert_late(
-        self, long long stamp_ns, pose_t pose, History parent, long long cache_ns) except -1
+    @cython.locals(samples=samples_ptr, at=Py_ssize_t, before=Py_ssize_t, tail=Py_ssize_t)
+    cdef int _insert_late(self, long long stamp_ns, pose_t pose, History parent) except -1
+    @cython.locals(known=History, parents=list)
     cdef int _replace(self, Py_ssize_t at, pose_t pose, History parent) except -1
     cdef bint _is_fixed_at(self, pose_t pose, History parent)
+    cdef _unfix(self)
+    cdef long long _newest_sample(self) noexcept
+    cdef void _set_newest(self) noexcept
+    @cython.locals(samples=samples_ptr)
     cdef _change_parent(self, History parent)
-    @cython.locals(head=Py_ssize_t, tail=Py_ssize_t, alive=Py_ssize_t, stamps='long long[::1]',
-                   poses='double[::1]')
+    cdef _set_parents(self, list parents)
+    @cython.locals(samples=samples_ptr, head=Py_ssize_t, tail=Py_ssize_t, capacity=Py_ssize_t,
+                   alive=Py_ssize_t, stamps='long long[::1]', poses='double[::1]')
     cdef _make_room(self)
-    @cython.locals(k=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double, qz=double,
-                   qw=double)
-    cdef void _write(self, Py_ssize_t at, pose_t pose) noexcept
+    cdef _set_columns(self, long long[::1] stamps, double[::1] poses, Py_ssize_t capacity)
 
 @cython.final
 cdef class Path:
     cdef readonly History target, source
     cdef readonly list up, down
     cdef readonly long long topology
+    cdef pose_t pose
+    cdef Py_ssize_t turn, count
+    cdef unsigned long long[::1] addresses
+    cdef samples_t** steps
 
+    @cython.locals(history=History, i=Py_ssize_t)
+    cdef _set_steps(self, list histories)
     cpdef list edges(self)
     @cython.locals(history=History, top=History)
     cpdef list names(self)
     @cython.locals(history=History)
     cpdef bint is_mixed(self) except -1
-    @cython.locals(history=History, latest=cython.longlong)
-    cpdef long long latest(self) except *
-    @cython.locals(history=History)
-    cdef bint seek(self, long long stamp_ns) except -1
-    @cython.locals(history=History, beyond=cython.longlong)
-    cdef long long seek_as(self, long long stamp_ns, sampling) except *
-    @cython.locals(back=pose_t)
-    cdef pose_t pose(self, bint screw) except *
+    @cython.locals(i=Py_ssize_t, newest=cython.longlong, latest=cython.longlong)
+    cpdef long long latest(self) noexcept
+    @cython.locals(samples=samples_ptr, i=Py_ssize_t, ratio=double, pose=pose_t, step=pose_t)
+    cdef bint follow(self, long long stamp_ns, bint screw) noexcept nogil
+    @cython.locals(history=History, beyond=cython.longlong, screw=cython.bint, back=pose_t)
+    cdef long long follow_as(self, long long stamp_ns, sampling) except *
     @cython.locals(i=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double, qz=double,
                    qw=double)
-    cpdef fill(self, const long long[::1] stamps, Py_ssize_t start, Py_ssize_t stop,
-               double[::1] xyz, double[::1] quat, unsigned char[::1] known, bint screw)
+    cdef void fill(
+        self, const long long[::1] stamps, Py_ssize_t start, Py_ssize_t stop, double[::1] xyz,
+        double[::1] quat, unsigned char[::1] known, bint screw) noexcept nogil
 
-@cython.locals(history=History, pose=pose_t, i=Py_ssize_t)
-cdef pose_t climb(list histories, bint screw) except *
+@cython.locals(history=History, pose=pose_t)
+cdef pose_t _climb(list histories, bint screw) except *
 cpdef bint seek_as(History history, long long stamp_ns, sampling) except -1

@@ -17,6 +17,11 @@ from collections.abc import MutableSequence, Sequence
 from tfbus.outcome import ALL_STATIC, CONFLICT, KEPT, NO_DATA, REPEATED, TOO_OLD
 from tfbus.sampling import Sampling
 
+try:
+    import cython
+except ImportError:
+    from tfbus import uncompiled as cython
+
 Pose = tuple[float, float, float, float, float, float, float]
 
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -26,6 +31,9 @@ IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _SERIES_BELOW = 1e-3
 # Where sines of so small an angle would lose digits.
 _SMALL_ANGLE = 1e-3
+
+# Said by `locate` of a time that is not between samples.
+OUTSIDE = -1.0
 
 _FIRST_CAPACITY = 4
 _NO_STAMPS = array("q")
@@ -189,208 +197,308 @@ def log_pose(p: Pose) -> tuple[float, float, float, float, float, float]:
     )
 
 
-class History:
-    """A frame's place in its parent over time.
+class Samples:
+    """What a lookup reads of one edge; where the kernel is compiled, it is a struct of C.
 
     `stamps` and `poses` (seven numbers a sample) are sorted columns, of which [head, tail) is
     alive: old samples leave at the head, new ones come at the tail, and now and then what is
-    alive moves down to the start. `parents` is None while all samples have the one `parent`; so
-    that history survives a change of parent, it is then a list of each sample's parent.
+    alive moves down to the start. `newest` is the last stamp, NO_DATA without one.
 
-    A static frame has the pose `fixed` at all times; samples of when it was not are kept.
+    A static edge has the pose `fixed` at all times, and `newest` is ALL_STATIC; samples of when it
+    was not are kept. `mixed` is whether the samples have several parents.
 
-    Reading is two steps: `seek` puts the cursor on a time, `pose` reads there. The cursor stays,
-    and is where the next search begins.
+    `at` is the cursor: the sample before the time that was asked last, where the next search
+    begins.
+    """
+
+    __slots__ = (
+        "at",
+        "capacity",
+        "fixed",
+        "head",
+        "is_static",
+        "mixed",
+        "newest",
+        "poses",
+        "stamps",
+        "tail",
+    )
+
+    stamps: MutableSequence[int]
+    poses: MutableSequence[float]
+    head: int
+    tail: int
+    capacity: int
+    at: int
+    newest: int
+    is_static: bool
+    mixed: bool
+    fixed: Pose
+
+
+def locate(samples: Samples, stamp_ns: int) -> float:
+    """Put the cursor on the last sample that is not later than a time; how far on from there
+    towards the next one it is, from 0 to 1, or OUTSIDE where samples are not on both sides of it.
+    """
+    if samples.is_static:
+        return 0.0
+    stamps = samples.stamps
+    last = samples.tail - 1
+    if stamp_ns >= samples.newest:
+        samples.at = last
+        return 0.0 if stamp_ns == samples.newest and last >= samples.head else OUTSIDE
+    at = samples.at
+    if not (samples.head <= at < last and stamps[at] <= stamp_ns and stamp_ns < stamps[at + 1]):
+        if stamp_ns < stamps[samples.head]:
+            return OUTSIDE
+        at = find(samples, stamp_ns)
+        samples.at = at
+    before = stamps[at]
+    elapsed, period = stamp_ns - before, stamps[at + 1] - before
+    return elapsed / period
+
+
+def find(samples: Samples, stamp_ns: int) -> int:
+    """The last sample that is not later than a time between the oldest and the newest.
+
+    Samples mostly come evenly: guess where it would be then, and search around there.
+    """
+    stamps = samples.stamps
+    low, high = samples.head, samples.tail - 1
+    # Rounded up, the period never leads beyond the last but one.
+    period = (stamps[high] - stamps[low]) // (high - low) + 1
+    guess = low + (stamp_ns - stamps[low]) // period
+    step = 1
+    if stamps[guess] <= stamp_ns:
+        low = guess
+        while low + step < high and stamps[low + step] <= stamp_ns:
+            low += step
+            step += step
+        if low + step < high:
+            high = low + step
+    else:
+        high = guess
+        while high - step > low and stamps[high - step] > stamp_ns:
+            high -= step
+            step += step
+        if high - step > low:
+            low = high - step
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if stamps[middle] <= stamp_ns:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def pose_at(samples: Samples, ratio: float) -> Pose:
+    """The pose at the cursor, and so far on towards the next sample."""
+    if samples.is_static:
+        return samples.fixed
+    if ratio == 0.0:
+        return sample(samples, samples.at)
+    return blend(sample(samples, samples.at), sample(samples, samples.at + 1), ratio)
+
+
+def screw_at(samples: Samples, ratio: float) -> Pose:
+    """As `pose_at`, along the screw; a ratio outside of 0 to 1 goes on beyond the two samples."""
+    if samples.is_static or ratio == 0.0:
+        return pose_at(samples, ratio)
+    return blend_screw(sample(samples, samples.at), sample(samples, samples.at + 1), ratio)
+
+
+def sample(samples: Samples, at: int) -> Pose:
+    """The pose of one sample."""
+    poses = samples.poses
+    k = 7 * at
+    return (
+        poses[k],
+        poses[k + 1],
+        poses[k + 2],
+        poses[k + 3],
+        poses[k + 4],
+        poses[k + 5],
+        poses[k + 6],
+    )
+
+
+def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
+    """Take a sample that is newer than all others, and let go of those that are too old then.
+
+    False where it is not newer, or where there is more to do: then nothing has changed.
+    """
+    # The stamp of a static edge is newer than all.
+    if stamp_ns <= samples.newest or samples.tail == samples.capacity or samples.mixed:
+        return False
+    push(samples, stamp_ns, pose, cache_ns)
+    return True
+
+
+def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:
+    """Add a sample where there is room, and let go of those that are too old then."""
+    write(samples, samples.tail, stamp_ns, pose)
+    samples.tail += 1
+    samples.newest = stamp_ns
+    oldest = stamp_ns - cache_ns
+    stamps = samples.stamps
+    while stamps[samples.head] < oldest:
+        samples.head += 1
+
+
+def write(samples: Samples, at: int, stamp_ns: int, pose: Pose) -> None:
+    """Overwrite one sample."""
+    x, y, z, qx, qy, qz, qw = pose
+    samples.stamps[at] = stamp_ns
+    poses = samples.poses
+    k = 7 * at
+    poses[k] = x
+    poses[k + 1] = y
+    poses[k + 2] = z
+    poses[k + 3] = qx
+    poses[k + 4] = qy
+    poses[k + 5] = qz
+    poses[k + 6] = qw
+
+
+class History:
+    """A frame's place in its parent over time: the edge above it.
+
+    `samples` is what there is to read. `parents` is None while all samples have the one
+    `parent`; so that history survives a change of parent, it is then a list of each sample's.
+
+    Reading is two steps: `seek` puts the cursor on a time, `pose` reads there.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.parent: History | None = None
-        self.static = False
-        self.fixed: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        self.samples: Samples
+        if cython.compiled:
+            self.samples = cython.address(self.own)  # type: ignore[attr-defined]  # a struct of C
+        else:
+            self.samples = Samples()
+        self.samples.is_static = False
+        self.samples.fixed = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.fixed_stamp = 0
-        self.stamps = _NO_STAMPS
-        self.poses = _NO_POSES
-        self.parents: list[History | None] | None = None
-        self.capacity = 0
-        self.head = 0
-        self.tail = 0
-        # The cursor: the sample before the time, and how far on towards the next one.
-        self.at = 0
-        self.ratio = 0.0
-        self.beyond = 0
         self.authority = ""
         self.gone = False
         self.conflicts = 0
         self.refused = 0
         self.paths: dict[str, Path] = {}
         self.alarms: object = None
+        # Where the cursor is between two samples, and how far beyond the samples the time is.
+        self.ratio = 0.0
+        self.beyond = 0
+        self.forget_samples()
 
     # Reading
 
+    @property
+    def static(self) -> bool:
+        """Whether it has one pose at all times."""
+        return bool(self.samples.is_static)
+
     def seek(self, stamp_ns: int) -> bool:
         """Put the cursor on a time; False where there is no sample on both sides of it."""
-        if self.static:
-            return True
-        head, last, at = self.head, self.tail - 1, self.at
-        if head <= at < last and self.stamps[at] <= stamp_ns and stamp_ns < self.stamps[at + 1]:
-            before = self.stamps[at]
-        else:
-            if last < head or stamp_ns < self.stamps[head] or stamp_ns > self.stamps[last]:
-                return False
-            at = self._find(stamp_ns)
-            self.at = at
-            before = self.stamps[at]
-        if before == stamp_ns or (
-            self.parents is not None and self.parents[at] is not self.parents[at + 1]
-        ):
-            # Between two parents tf2 stays at the older sample.
-            self.ratio = 0.0
-        else:
-            elapsed = stamp_ns - before
-            self.ratio = elapsed / (self.stamps[at + 1] - before)
-        return True
+        self.ratio = locate(self.samples, stamp_ns)
+        if self.ratio > 0.0 and self.parents is not None:
+            at = self.samples.at
+            if self.parents[at] is not self.parents[at + 1]:
+                # Between two parents tf2 stays at the older sample.
+                self.ratio = 0.0
+        return self.ratio >= 0.0
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
         """Put the cursor on the nearest sample; False where it is not within the tolerance."""
-        if self.static:
+        samples = self.samples
+        if samples.is_static:
             return True
-        if self.head == self.tail:
+        stamps = samples.stamps
+        if samples.head == samples.tail:
             return False
-        if stamp_ns <= self.stamps[self.head]:
-            at = self.head
-        elif stamp_ns >= self.stamps[self.tail - 1]:
-            at = self.tail - 1
+        if stamp_ns <= stamps[samples.head]:
+            at = samples.head
+        elif stamp_ns >= samples.newest:
+            at = samples.tail - 1
         else:
-            at = self._find(stamp_ns)
-            if stamp_ns - self.stamps[at] > self.stamps[at + 1] - stamp_ns:
+            at = find(samples, stamp_ns)
+            if stamp_ns - stamps[at] > stamps[at + 1] - stamp_ns:
                 at += 1
-        self.at = at
+        samples.at = at
         self.ratio = 0.0
-        near = self.stamps[at]
+        near = stamps[at]
         return stamp_ns - tolerance_ns <= near and near <= stamp_ns + tolerance_ns
 
     def seek_beyond(self, stamp_ns: int, extrapolation_ns: int) -> bool:
         """Put the cursor on a time up to so far outside of the samples."""
         self.beyond = 0
-        if self.static or self.seek(stamp_ns):
+        if self.seek(stamp_ns):
             return True
-        first, last = self.head, self.tail - 1
+        samples = self.samples
+        stamps = samples.stamps
+        first, last = samples.head, samples.tail - 1
         if last <= first:
             return False
         # So compared that no difference leaves 64 bits.
-        if stamp_ns > self.stamps[last]:
-            if stamp_ns - extrapolation_ns > self.stamps[last]:
+        if stamp_ns > stamps[last]:
+            if stamp_ns - extrapolation_ns > stamps[last]:
                 return False
-            at, beyond = last - 1, stamp_ns - self.stamps[last]
+            at, beyond = last - 1, stamp_ns - stamps[last]
         else:
-            if stamp_ns + extrapolation_ns < self.stamps[first]:
+            if stamp_ns + extrapolation_ns < stamps[first]:
                 return False
-            at, beyond = first, self.stamps[first] - stamp_ns
+            at, beyond = first, stamps[first] - stamp_ns
         if self.parents is not None and self.parents[at] is not self.parents[at + 1]:
             return False
-        self.at = at
+        samples.at = at
         self.beyond = beyond
-        before = self.stamps[at]
-        elapsed = stamp_ns - before
-        self.ratio = elapsed / (self.stamps[at + 1] - before)
+        before = stamps[at]
+        elapsed, period = stamp_ns - before, stamps[at + 1] - before
+        self.ratio = elapsed / period
         return True
 
     def pose(self, screw: bool) -> Pose:
         """The pose in the parent at the cursor."""
-        if self.static:
-            return self.fixed
-        if self.ratio == 0.0:
-            return self._sample(self.at)
         if screw or self.ratio < 0.0 or self.ratio > 1.0:
-            return blend_screw(self._sample(self.at), self._sample(self.at + 1), self.ratio)
-        return blend(self._sample(self.at), self._sample(self.at + 1), self.ratio)
+            return screw_at(self.samples, self.ratio)
+        return pose_at(self.samples, self.ratio)
 
     def parent_here(self) -> "History | None":
         """The parent at the cursor."""
-        if self.static or self.parents is None:
+        if self.samples.is_static or self.parents is None:
             return self.parent
-        return self.parents[self.at]
-
-    def latest(self) -> int:
-        """The stamp of the newest sample; NO_DATA without one."""
-        return self.stamps[self.tail - 1] if self.tail > self.head else NO_DATA
+        return self.parents[self.samples.at]
 
     def count(self) -> int:
         """How many samples are held; a static frame has one that holds at all times."""
-        return 1 if self.static else self.tail - self.head
+        return 1 if self.samples.is_static else self.samples.tail - self.samples.head
 
     def stamps_from(self, start_ns: int, end_ns: int) -> list[int]:
         """The stamps from start to end, both included."""
-        if self.static:
+        if self.samples.is_static:
             return []
-        stamps = (self.stamps[i] for i in range(self.head, self.tail))
+        stamps = (self.stamps[i] for i in range(self.samples.head, self.samples.tail))
         return [stamp for stamp in stamps if start_ns <= stamp <= end_ns]
 
     def stamp_span(self) -> tuple[int, int] | None:
         """Oldest and newest stamp; of a static frame its own; None without a sample."""
-        if self.static:
+        if self.samples.is_static:
             return self.fixed_stamp, self.fixed_stamp
-        if self.head == self.tail:
+        if self.samples.head == self.samples.tail:
             return None
-        return self.stamps[self.head], self.stamps[self.tail - 1]
-
-    def _find(self, stamp_ns: int) -> int:
-        """The last sample that is not newer than the time, which lies within the history.
-
-        Samples mostly come evenly: guess where it would be then, and search around there.
-        """
-        low, high = self.head, self.tail - 1
-        oldest, newest = self.stamps[low], self.stamps[high]
-        if stamp_ns >= newest:
-            return high
-        # Rounded up, the period never leads beyond the last but one.
-        period = (newest - oldest) // (high - low) + 1
-        guess = low + (stamp_ns - oldest) // period
-        step = 1
-        if self.stamps[guess] <= stamp_ns:
-            low = guess
-            while low + step < high and self.stamps[low + step] <= stamp_ns:
-                low += step
-                step += step
-            if low + step < high:
-                high = low + step
-        else:
-            high = guess
-            while high - step > low and self.stamps[high - step] > stamp_ns:
-                high -= step
-                step += step
-            if high - step > low:
-                low = high - step
-        while high - low > 1:
-            middle = (low + high) >> 1
-            if self.stamps[middle] <= stamp_ns:
-                low = middle
-            else:
-                high = middle
-        return low
-
-    def _sample(self, at: int) -> Pose:
-        k = 7 * at
-        return (
-            self.poses[k],
-            self.poses[k + 1],
-            self.poses[k + 2],
-            self.poses[k + 3],
-            self.poses[k + 4],
-            self.poses[k + 5],
-            self.poses[k + 6],
-        )
+        return self.stamps[self.samples.head], self.samples.newest
 
     # Writing
 
     def fix(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
         """Hold this pose at all times."""
         outcome = KEPT
-        if self.static and self.fixed_stamp == stamp_ns:
+        if self.samples.is_static and self.fixed_stamp == stamp_ns:
             outcome = REPEATED if self._is_fixed_at(pose, parent) else CONFLICT
-        self.static = True
-        self.fixed = pose
+        self.samples.is_static = True
+        self.samples.newest = ALL_STATIC
+        self.samples.fixed = pose
         self.fixed_stamp = stamp_ns
         self._change_parent(parent)
         return outcome
@@ -398,49 +506,49 @@ class History:
     def insert(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
         """Take a sample: KEPT; TOO_OLD, and not kept; REPEATED, one that is known already; or
         CONFLICT, which replaces a different one of the same stamp.
+
+        A static frame is one no longer, but for a sample that is too old.
         """
-        if self.tail > self.head and stamp_ns <= self.stamps[self.tail - 1]:
-            return self._insert_late(stamp_ns, pose, parent, cache_ns)
-        if self.tail == self.capacity:
+        samples = self.samples
+        if parent is self.parent and append(samples, stamp_ns, pose, cache_ns):
+            return KEPT
+        newest = self._newest_sample()
+        if newest != NO_DATA and newest - stamp_ns > cache_ns:
+            self.refused += 1
+            return TOO_OLD
+        if samples.is_static:
+            self._unfix()
+        if stamp_ns <= newest:
+            return self._insert_late(stamp_ns, pose, parent)
+        if samples.tail == samples.capacity:
             self._make_room()
-        tail = self.tail
         if parent is not self.parent:
             self._change_parent(parent)
         if self.parents is not None:
             self.parents.append(parent)
-        self.stamps[tail] = stamp_ns
-        self._write(tail, pose)
-        self.tail = tail + 1
-        oldest = stamp_ns - cache_ns
-        while self.stamps[self.head] < oldest:
-            self.head += 1
+        push(samples, stamp_ns, pose, cache_ns)
         return KEPT
-
-    def unfix(self) -> None:
-        """Hold the static pose no longer."""
-        self.static = False
-        if self.parents is not None:
-            self.parent = self.parents[self.tail - 1]
 
     def parent_after(self, stamp_ns: int, parent: "History", static: bool) -> "History | None":
         """The parent that this frame will have once a sample of this parent is in."""
-        if static or stamp_ns >= self.latest():
+        if static or stamp_ns >= self._newest_sample():
             return parent
-        return self.parent if self.parents is None else self.parents[self.tail - 1]
+        return self.parent if self.parents is None else self.parents[self.samples.tail - 1]
 
     def forget(self) -> None:
         """Drop all that is known, the parent too."""
+        self.samples.is_static = False
         self.forget_samples()
-        self.static = False
         self.parent = None
         self.paths.clear()
 
     def forget_samples(self) -> None:
         """Drop all samples; a static pose stays."""
-        self.head = self.tail = self.capacity = self.at = 0
-        self.stamps = _NO_STAMPS
-        self.poses = _NO_POSES
-        self.parents = None
+        samples = self.samples
+        samples.head = samples.tail = samples.at = 0
+        self._set_parents(None)
+        self._set_columns(_NO_STAMPS, _NO_POSES, 0)
+        self._set_newest()
 
     def forget_after(self, stamp_ns: int) -> None:
         """Drop the samples later than a time; a static pose stays.
@@ -448,96 +556,122 @@ class History:
         All of them where the parent has changed: a former parent might hang below this frame by
         now.
         """
-        tail = self.tail
-        while tail > self.head and self.stamps[tail - 1] > stamp_ns:
+        tail = self.samples.tail
+        while tail > self.samples.head and self.stamps[tail - 1] > stamp_ns:
             tail -= 1
-        if tail == self.tail:
+        if tail == self.samples.tail:
             return
-        if tail == self.head or self.parents is not None:
+        if tail == self.samples.head or self.parents is not None:
             self.forget_samples()
         else:
-            self.tail = tail
-            self.at = self.head
+            self.samples.tail = tail
+            self._set_newest()
 
-    def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
-        if self.stamps[self.tail - 1] - stamp_ns > cache_ns:
-            self.refused += 1
-            return TOO_OLD
-        at = self._find(stamp_ns) if stamp_ns >= self.stamps[self.head] else self.head - 1
-        if at >= self.head and self.stamps[at] == stamp_ns:
+    def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
+        samples = self.samples
+        if stamp_ns == samples.newest:
+            at = samples.tail - 1
+        elif stamp_ns >= self.stamps[samples.head]:
+            at = find(samples, stamp_ns)
+        else:
+            at = samples.head - 1
+        if at >= samples.head and self.stamps[at] == stamp_ns:
             return self._replace(at, pose, parent)
-        if self.tail == self.capacity:
-            before = self.head
+        if samples.tail == samples.capacity:
+            before = samples.head
             self._make_room()
-            at -= before - self.head
+            at -= before - samples.head
         at += 1
-        tail = self.tail
+        tail = samples.tail
         if self.parents is None and parent is not self.parent:
-            self.parents = [self.parent] * tail
+            self._set_parents([self.parent] * tail)
         if self.parents is not None:
             self.parents.insert(at, parent)
         self.stamps[at + 1 : tail + 1] = self.stamps[at:tail]
         self.poses[7 * at + 7 : 7 * tail + 7] = self.poses[7 * at : 7 * tail]
-        self.stamps[at] = stamp_ns
-        self._write(at, pose)
-        self.tail = tail + 1
+        write(samples, at, stamp_ns, pose)
+        samples.tail = tail + 1
         return KEPT
 
     def _replace(self, at: int, pose: Pose, parent: "History") -> int:
         known = self.parents[at] if self.parents is not None else self.parent
-        if known is parent and self._sample(at) == pose:
+        if known is parent and sample(self.samples, at) == pose:
             return REPEATED
         self.conflicts += 1
         if known is not parent:
-            if self.parents is None:
-                self.parents = [self.parent] * self.tail
-            self.parents[at] = parent
-            if at == self.tail - 1:
+            parents = self.parents or [self.parent] * self.samples.tail
+            parents[at] = parent
+            self._set_parents(parents)
+            if at == self.samples.tail - 1:
                 self.parent = parent
-        self._write(at, pose)
+        write(self.samples, at, self.stamps[at], pose)
         return CONFLICT
 
     def _is_fixed_at(self, pose: Pose, parent: "History") -> bool:
-        same = self.parent is parent and self.fixed == pose
+        same = self.parent is parent and self.samples.fixed == pose
         if not same:
             self.conflicts += 1
         return same
 
+    def _unfix(self) -> None:
+        """Hold the static pose no longer."""
+        self.samples.is_static = False
+        self._set_newest()
+        if self.parents is not None:
+            self.parent = self.parents[self.samples.tail - 1]
+
+    def _newest_sample(self) -> int:
+        """The stamp of the newest sample, whatever static pose hides it; NO_DATA without one."""
+        tail = self.samples.tail
+        return self.stamps[tail - 1] if tail > self.samples.head else NO_DATA
+
+    def _set_newest(self) -> None:
+        self.samples.newest = ALL_STATIC if self.samples.is_static else self._newest_sample()
+
     def _change_parent(self, parent: "History") -> None:
-        if parent is not self.parent and self.parents is None and self.tail > self.head:
-            self.parents = [self.parent] * self.tail
+        samples = self.samples
+        if parent is not self.parent and self.parents is None and samples.tail > samples.head:
+            self._set_parents([self.parent] * samples.tail)
         self.parent = parent
+
+    def _set_parents(self, parents: "list[History | None] | None") -> None:
+        self.parents = parents
+        self.samples.mixed = parents is not None
 
     def _make_room(self) -> None:
         """Move what is alive to the start; to larger columns, unless an eighth has died.
 
         So a column is at most a sixth larger than what is alive in it, or was when it was made.
         """
-        head, tail = self.head, self.tail
+        samples = self.samples
+        head, tail, capacity = samples.head, samples.tail, samples.capacity
         alive = tail - head
         stamps, poses = self.stamps, self.poses
-        if 8 * head <= self.capacity or 4 * alive < self.capacity:
-            self.capacity = alive + alive // 6 + _FIRST_CAPACITY
-            self.stamps = array("q", bytes(8 * self.capacity))
-            self.poses = array("d", bytes(56 * self.capacity))
+        if 8 * head <= capacity or 4 * alive < capacity:
+            capacity = alive + alive // 6 + _FIRST_CAPACITY
+            self._set_columns(
+                array("q", bytes(8 * capacity)), array("d", bytes(56 * capacity)), capacity
+            )
         self.stamps[0:alive] = stamps[head:tail]
         self.poses[0 : 7 * alive] = poses[7 * head : 7 * tail]
         if self.parents is not None:
             del self.parents[:head]
             if all(parent is self.parent for parent in self.parents):
-                self.parents = None
-        self.head, self.tail = 0, alive
+                self._set_parents(None)
+        samples.head, samples.tail = 0, alive
 
-    def _write(self, at: int, pose: Pose) -> None:
-        k = 7 * at
-        x, y, z, qx, qy, qz, qw = pose
-        self.poses[k] = x
-        self.poses[k + 1] = y
-        self.poses[k + 2] = z
-        self.poses[k + 3] = qx
-        self.poses[k + 4] = qy
-        self.poses[k + 5] = qz
-        self.poses[k + 6] = qw
+    def _set_columns(
+        self, stamps: MutableSequence[int], poses: MutableSequence[float], capacity: int
+    ) -> None:
+        self.stamps = stamps
+        self.poses = poses
+        self.samples.capacity = capacity
+        if cython.compiled:
+            self.samples.stamps = cython.address(self.stamps[0])
+            self.samples.poses = cython.address(self.poses[0])
+        else:
+            self.samples.stamps = stamps
+            self.samples.poses = poses
 
 
 class Path:
@@ -545,7 +679,7 @@ class Path:
 
     `up` are the histories whose poses lead up from the source, the source's own first; `down`
     those that lead up from the target. `topology` is the state of the tree that the path was
-    found in.
+    found in. `pose` is what `follow` has found.
     """
 
     def __init__(
@@ -561,6 +695,22 @@ class Path:
         self.up = up
         self.down = down
         self.topology = topology
+        self.pose = IDENTITY
+        # What is read, from the common ancestor down to the target in the first `turn` steps, then
+        # down to the source: so a product need not wait for all of the one before it.
+        self.turn = len(down)
+        self.count = len(up) + len(down)
+        self._set_steps([*down[::-1], *up[::-1]])
+
+    def _set_steps(self, histories: list[History]) -> None:
+        if cython.compiled:
+            self.addresses = array("Q", bytes(8 * len(histories)))
+            for i in range(len(histories)):
+                history = histories[i]
+                self.addresses[i] = cython.cast(cython.size_t, history.samples)
+            self.steps = cython.cast("samples_t **", cython.address(self.addresses[0]))
+        else:
+            self.steps = [history.samples for history in histories]
 
     def edges(self) -> list[History]:
         """The histories of all edges, from the source to the target."""
@@ -582,47 +732,49 @@ class Path:
         """The newest stamp that all edges have come to; ALL_STATIC; or NO_DATA where an edge is
         empty. Of a frame from itself its own newest, as tf2 has it.
         """
+        if self.count == 0:
+            newest = self.source.samples.newest
+            return ALL_STATIC if newest == NO_DATA else newest
         latest = ALL_STATIC
-        if self.source is self.target:
-            history = self.source
-            return latest if history.static or history.count() == 0 else history.latest()
-        for history in self.up:
-            if not history.static:
-                latest = min(latest, history.latest())
-        for history in self.down:
-            if not history.static:
-                latest = min(latest, history.latest())
+        for i in range(self.count):
+            newest = self.steps[i].newest
+            if newest < latest:
+                latest = newest
         return latest
 
-    def seek(self, stamp_ns: int) -> bool:
-        """Put all cursors on a time; False where one cannot be, or where the way at that time
-        may have been another one, because an edge has had several parents.
+    def follow(self, stamp_ns: int, screw: bool) -> bool:
+        """Find the pose of the source in the target at a time; False where one edge does not
+        reach it, or where the way at that time may have been another one, because an edge has
+        had several parents.
         """
-        for history in self.up:
-            if history.parents is not None or not history.seek(stamp_ns):
+        pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        for i in range(self.count):
+            samples = self.steps[i]
+            ratio = locate(samples, stamp_ns)
+            if ratio < 0.0 or samples.mixed:
                 return False
-        for history in self.down:
-            if history.parents is not None or not history.seek(stamp_ns):
-                return False
+            step = screw_at(samples, ratio) if screw else pose_at(samples, ratio)
+            if i == self.turn:
+                pose = invert(pose)
+            pose = compose(pose, step)
+        if self.turn == self.count:
+            pose = invert(pose)
+        self.pose = normalised(pose)
         return True
 
-    def seek_as(self, stamp_ns: int, sampling: Sampling) -> int:
-        """Put all cursors on a time as the sampling allows: how far the farthest had to go beyond
-        its samples; -1 where `seek` would be False.
+    def follow_as(self, stamp_ns: int, sampling: Sampling) -> int:
+        """As `follow`, but as the sampling allows: how far the farthest edge had to go beyond its
+        samples; -1 where `follow` would be False.
         """
         beyond = 0
         for history in self.edges():
             if history.parents is not None or not seek_as(history, stamp_ns, sampling):
                 return -1
             beyond = max(beyond, history.beyond)
+        screw = sampling.interpolation == "screw"
+        back = invert(_climb(self.down, screw))
+        self.pose = normalised(compose(back, _climb(self.up, screw)))
         return beyond
-
-    def pose(self, screw: bool) -> Pose:
-        """The pose of the source in the target at the cursors."""
-        if not self.down:
-            return normalised(climb(self.up, screw)) if self.up else IDENTITY
-        back = invert(climb(self.down, screw))
-        return normalised(compose(back, climb(self.up, screw)) if self.up else back)
 
     def fill(
         self,
@@ -638,10 +790,10 @@ class Path:
         numbers each) and `quat` (four); `known` is 0 where there is none.
         """
         for i in range(start, stop):
-            if not self.seek(stamps[i]):
+            if not self.follow(stamps[i], screw):
                 known[i] = 0
                 continue
-            x, y, z, qx, qy, qz, qw = self.pose(screw)
+            x, y, z, qx, qy, qz, qw = self.pose
             known[i] = 1
             xyz[3 * i] = x
             xyz[3 * i + 1] = y
@@ -652,12 +804,10 @@ class Path:
             quat[4 * i + 3] = qw
 
 
-def climb(histories: list[History], screw: bool) -> Pose:
+def _climb(histories: list[History], screw: bool) -> Pose:
     """The pose of the first frame in the parent of the last, at the cursors."""
-    history = histories[0]
-    pose = history.pose(screw)
-    for i in range(1, len(histories)):
-        history = histories[i]
+    pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    for history in histories:
         pose = compose(history.pose(screw), pose)
     return pose
 

@@ -15,7 +15,7 @@ cdef class Transform:
 @cython.freelist(256)
 cdef class TransformStamped:
     cdef str _frame_id, _child_frame_id
-    cdef Transform _transform
+    cdef pose_t _pose
     cdef long long _stamp_ns, _extrapolated_ns
 
 @cython.locals(self=Transform)
@@ -25,4 +25,4 @@ cdef pose_t pose_of(Transform transform) except *
 
 @cython.locals(self=TransformStamped)
 cpdef TransformStamped make_stamped(
-    long long stamp_ns, str frame_id, str child_frame_id, Transform transform, long long extrapolated_ns)
+    long long stamp_ns, str frame_id, str child_frame_id, pose_t pose, long long extrapolated_ns)

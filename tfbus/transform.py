@@ -313,7 +313,8 @@ class TransformStamped:
     Raises InvalidArgumentException for frame ids that are empty or begin with a slash.
     """
 
-    __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_stamp_ns", "_transform")
+    # The pose is not kept as a Transform, which most lookups would make for nothing.
+    __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
 
     def __init__(
         self,
@@ -333,7 +334,7 @@ class TransformStamped:
         self._stamp_ns = check_stamp(stamp_ns)
         self._frame_id = frame_id
         self._child_frame_id = child_frame_id
-        self._transform = transform
+        self._pose = pose_of(transform)
         self._extrapolated_ns = extrapolated_ns
 
     @property
@@ -354,7 +355,7 @@ class TransformStamped:
     @property
     def transform(self) -> Transform:
         """Takes points of the child frame into the parent."""
-        return self._transform
+        return make_transform(self._pose)
 
     @property
     def extrapolated_ns(self) -> int:
@@ -376,15 +377,15 @@ class TransformStamped:
         beyond = f", extrapolated_ns={self._extrapolated_ns}" if self._extrapolated_ns else ""
         return (
             f"TransformStamped({self._stamp_ns}, {self._frame_id!r}, {self._child_frame_id!r}, "
-            f"{self._transform!r}{beyond})"
+            f"{self.transform!r}{beyond})"
         )
 
-    def _fields(self) -> tuple[int, str, str, Transform, int]:
+    def _fields(self) -> tuple[int, str, str, Pose, int]:
         return (
             self._stamp_ns,
             self._frame_id,
             self._child_frame_id,
-            self._transform,
+            self._pose,
             self._extrapolated_ns,
         )
 
@@ -402,14 +403,14 @@ def pose_of(transform: Transform) -> Pose:
 
 
 def make_stamped(
-    stamp_ns: int, frame_id: str, child_frame_id: str, transform: Transform, extrapolated_ns: int
+    stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, extrapolated_ns: int
 ) -> TransformStamped:
     """A TransformStamped from parts that are known to be good; nothing is checked."""
     self = TransformStamped.__new__(TransformStamped)
     self._stamp_ns = stamp_ns
     self._frame_id = frame_id
     self._child_frame_id = child_frame_id
-    self._transform = transform
+    self._pose = pose
     self._extrapolated_ns = extrapolated_ns
     return self
 

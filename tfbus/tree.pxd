@@ -2,7 +2,7 @@ cimport cython
 from tfbus.kernel cimport History
 from tfbus.kernel cimport Path, seek_as
 from tfbus.kernel cimport pose_t, compose, invert, normalised
-from tfbus.transform cimport Transform, TransformStamped, make_stamped, make_transform
+from tfbus.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2
 cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
@@ -18,7 +18,7 @@ cdef class Tree:
     cdef public list untold
 
     @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
-                   beyond=cython.longlong, screw=cython.bint)
+                   beyond=cython.longlong)
     cpdef TransformStamped answer(self, target_frame, source_frame, stamp_ns, sampling)
     @cython.locals(target=History, path=Path)
     cpdef Path path(self, target_frame, source_frame)
@@ -38,7 +38,8 @@ cdef class Tree:
     cpdef info(self, frame)
     @cython.locals(history=History)
     cpdef list infos(self)
-    @cython.locals(child=History, parent=History, outcome=cython.int)
+    @cython.locals(child=History, parent=History, was_static=cython.bint,
+                   outcome=cython.int)
     cdef bint insert(self, str parent_frame, str child_frame, long long stamp_ns, pose_t pose,
                      bint static, str authority) except -1
     @cython.locals(child=History, parent=History, candidate=History, after=History)

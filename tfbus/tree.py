@@ -12,7 +12,7 @@ from tfbus.frame import FrameInfo
 from tfbus.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
 from tfbus.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.sampling import TF2, Sampling
-from tfbus.transform import TransformStamped, check_frame_id, make_stamped, make_transform
+from tfbus.transform import TransformStamped, check_frame_id, make_stamped
 
 # Paths are found again in a microsecond; so many of one target are worth keeping.
 _MOST_PATHS = 1024
@@ -59,16 +59,13 @@ class Tree:
         else:
             stamp = stamp_ns
         beyond = 0
-        screw = False
         if sampling is not TF2:
-            screw = sampling.interpolation == "screw"
-            beyond = path.seek_as(stamp, sampling)
+            beyond = path.follow_as(stamp, sampling)
             if beyond < 0:
                 return self._answer_by_walk(target_frame, source_frame, stamp, sampling)
-        elif not path.seek(stamp):
+        elif not path.follow(stamp, False):
             return self._answer_by_walk(target_frame, source_frame, stamp, sampling)
-        transform = make_transform(path.pose(screw))
-        return make_stamped(stamp, path.target.name, path.source.name, transform, beyond)
+        return make_stamped(stamp, path.target.name, path.source.name, path.pose, beyond)
 
     def path(self, target_frame: str, source_frame: str) -> Path | None:
         """The path as the tree is now; None where a frame is unknown or nothing joins them."""
@@ -127,7 +124,7 @@ class Tree:
         for frame, back, back_beyond in self._walk(target, stamp_ns, sampling):
             for other, pose, beyond in from_source:
                 if other is frame:
-                    whole = make_transform(normalised(compose(invert(back), pose)))
+                    whole = normalised(compose(invert(back), pose))
                     beyond = max(beyond, back_beyond)
                     return make_stamped(stamp_ns, target.name, source.name, whole, beyond)
         return None
@@ -199,17 +196,19 @@ class Tree:
         else:
             parent = child.parent
         if static:
-            if not child.static and child.tail > child.head:
+            if not child.samples.is_static and child.count():
                 self._tell("became static", child, parent, authority, stamp_ns)
             outcome = child.fix(stamp_ns, pose, parent)
         else:
+            was_static = child.samples.is_static
             outcome = child.insert(stamp_ns, pose, parent, self.cache_ns)
             if outcome == TOO_OLD:
                 self._tell("too old", child, parent, authority, stamp_ns)
                 return False
-            if child.static:
+            if was_static:
                 self._tell("became dynamic", child, parent, authority, stamp_ns)
-                child.unfix()
+                # Its newest sample may be of another parent than the static pose was.
+                self.topology += 1
         if outcome == CONFLICT:
             self._tell("conflict", child, parent, authority, stamp_ns)
         if child.authority != authority:

@@ -45,6 +45,7 @@ LAYERS = [
     {"claims", "stream_info", "stream_watch", "reception"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
+    {"clock_offset"},
     {"broadcaster", "listener", "presence", "graph"},
     {"launch"},
     {"nodes", "cli", "__main__"},

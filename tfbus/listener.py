@@ -7,6 +7,8 @@ from dataclasses import replace
 from tfbus.buffer import Buffer
 from tfbus.change import Change
 from tfbus.claims import Claimant, Claims, Conflict, Rule
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.clock_offset import ClockOffsets
 from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
 from tfbus.keys import (
@@ -67,6 +69,11 @@ class TransformListener:
         self._asked: set[str] = set()
         self._lost: set[str] = set()
         self._closed = False
+        if buffer.clock is SYSTEM_CLOCK:
+            buffer.clock = node.clock
+        # Under simulated time no stamp is made by a system's clock.
+        self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
+        node.clock.add_jump_callback(self._on_jump_back)
         self._watch = StreamWatch(node.session, self._on_stream, log=node.log)
         self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_message)
         self._static = declare_retained_subscriber(
@@ -86,6 +93,8 @@ class TransformListener:
             self._dynamic.close()
             self._static.close()
             self._watch.close()
+            self._offsets.close()
+            self._node.clock.remove_jump_callback(self._on_jump_back)
 
     @property
     def rejected(self) -> Counter[str]:
@@ -97,9 +106,14 @@ class TransformListener:
         """What is known of each stream, sorted by name."""
         states = self._watch.streams()
         receptions = dict(self._streams)
-        return [
+        infos = [
             _info(name, states.get(name), receptions.get(name))
             for name in sorted(states.keys() | receptions.keys())
+        ]
+        offsets = [self._offsets.of(info.session) for info in infos]
+        return [
+            info if offset is None else replace(info, clock_offset_s=offset.offset_s)
+            for info, offset in zip(infos, offsets, strict=True)
         ]
 
     def _on_message(self, key: str, payload: bytes) -> None:
@@ -122,6 +136,10 @@ class TransformListener:
             name, StreamReception(name, self.buffer, self._log, self._node.now_ns)
         )
 
+    def _on_jump_back(self, now_ns: int) -> None:
+        """The clock was set back: what lies in its future now has not happened."""
+        self.buffer.clear(after_ns=now_ns)
+
     # Who is there
 
     def _on_stream(self, state: StreamState) -> None:
@@ -132,6 +150,8 @@ class TransformListener:
         description = state.description
         if former.alive and not state.alive:
             self._asked.discard(state.name)
+            if description is not None:
+                self._offsets.forget(state.name, description)
             self._lost.add(state.name)
             stream.vanish()
             self._tell_gone(state)
@@ -144,8 +164,11 @@ class TransformListener:
             stream.describe(
                 description.epoch, frozenset(child for _, child, _ in description.frames)
             )
+        if state.alive and description is not None:
+            self._offsets.watch(state.name, description)
         self._judge(state.name, description if state.alive else None)
-        if state.alive and description is not None and state.name not in self._asked:
+        keeps = state.alive and description is not None and description.history_s > 0.0
+        if self._history_s and keeps and state.name not in self._asked:
             self._asked.add(state.name)
             self._ask_for_history(state, stream)
 
@@ -249,7 +272,6 @@ def _info(name: str, state: StreamState | None, stream: StreamReception | None) 
             excluded=stream.excluded_rows,
             last_heard_ns=stream.last_heard_ns,
             delay_s=stream.delay_s,
-            clock_offset_s=stream.clock_offset_s,
         )
     return info
 

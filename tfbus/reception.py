@@ -49,7 +49,6 @@ class StreamReception:
         self.missed = self.outdated = self.rejected = self.excluded_rows = 0
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
-        self.clock_offset_s: float | None = None
         self._was_gone = False
         # Counts what decides on who is gone.
         self._turns = 0

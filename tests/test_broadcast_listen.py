@@ -211,6 +211,7 @@ def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
         host=socket.gethostname(),
         pid=os.getpid(),
         session=sender.session.id,
+        history_s=10.0,
     )
     eventually(lambda: early[-1:] == [wanted])
     listen(late)

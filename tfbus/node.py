@@ -328,7 +328,7 @@ class Node:
         with self._lock:
             if name not in self._streams:
                 self._streams[name] = Stream(
-                    name, self.full_name, self.started_ns, self.session, self._executor
+                    name, self.full_name, self.started_ns, self.session, self._executor, self.log
                 )
             return self._streams[name]
 

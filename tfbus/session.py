@@ -27,6 +27,10 @@ _RETRY_S = 0.5
 # How long a link may be silent before its tokens are lost; Zenoh fills it with four signs of life.
 _LEASE_MS = 1500
 
+# So many batches of 64 KiB of urgent messages wait on a link before one is dropped: a burst of
+# 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
+_URGENT_BATCHES = 8
+
 # What Zenoh itself puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
 
@@ -49,6 +53,10 @@ class Query:
         self._query = query
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    def parameter(self, name: str) -> str | None:
+        """What the selector `key?name=value` says of this name; None for nothing."""
+        return self._query.parameters.get(name)
 
     def answer(self, key: str, payload: bytes) -> None:
         """Send one answer; `key` lies within the key expression that was asked."""
@@ -152,6 +160,47 @@ class BytesPublisher(Declaration):
             raise _as_bus_error(f"publish {self._key}", error) from error
 
 
+class PublishersWithin:
+    """Makes publishers by the thousand.
+
+    Zenoh's own take a time that grows with the square of their number: 10,000 took 3 s. These
+    share one of them, which knows whether anybody hears any of the keys.
+    """
+
+    def __init__(self, session: zenoh.Session, heard: HeardWatch, priority: zenoh.Priority):
+        self._session = session
+        self._heard = heard
+        self._priority = priority
+
+    def publisher(self, key: str) -> BytesPublisher:
+        """A publisher of one key."""
+        return BytesPublisher(key, _OneOfMany(self._session, self._heard, key, self._priority))
+
+
+class _OneOfMany:
+    """Stands in for a publisher of Zenoh's."""
+
+    def __init__(
+        self, session: zenoh.Session, heard: HeardWatch, key: str, priority: zenoh.Priority
+    ):
+        self._session = session
+        self._heard = heard
+        self._key = zenoh.KeyExpr(key)
+        self._priority = priority
+
+    def put(self, payload: bytes) -> None:
+        if self._heard.heard or self._session.is_closed():
+            self._session.put(
+                self._key,
+                payload,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=self._priority,
+            )
+
+    def undeclare(self) -> None:
+        """There is nothing of its own to end."""
+
+
 class Session:
     """One process's place on the bus; it closes by `with` or `close()`, twice is fine."""
 
@@ -197,8 +246,8 @@ class Session:
                 self._log.warning("Waiting for a router%s", _at(self.settings))
             time.sleep(_RETRY_S)
 
-    def publisher(self, key: str) -> BytesPublisher:
-        """A publisher of messages or dynamic transforms.
+    def publisher(self, key: str, *, urgent: bool = False) -> BytesPublisher:
+        """A publisher of messages or dynamic transforms; what is urgent goes before the rest.
 
         A newer message makes an old one worthless, so where a link is congested one is dropped:
         a subscriber that has stopped must not hold up the publisher's node, and with it all
@@ -207,9 +256,15 @@ class Session:
         """
         with bus_errors(f"publish {key}"):
             publisher = self.zenoh.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.DROP
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=_priority(urgent),
             )
         return BytesPublisher(key, publisher)
+
+    def publishers_within(self, expression: str, *, urgent: bool = False) -> "PublishersWithin":
+        """Publishers of many keys within a key expression, each as `publisher` makes them."""
+        return PublishersWithin(self.zenoh, self.watch_heard(expression), _priority(urgent))
 
     def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
         """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
@@ -388,6 +443,7 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
         "scouting/multicast/interface": loopback_where_alone(),
         # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
     }
     given: dict[str, Any] = {
         "namespace": settings.namespace,
@@ -426,6 +482,10 @@ def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = N
     the node's thread, and so one that falls behind holds up its own link, not the memory.
     """
     return zenoh.handlers.Callback(on_kept_thread(callback), drop, indirect=False)
+
+
+def _priority(urgent: bool) -> zenoh.Priority:
+    return zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA
 
 
 def _answer(reply: zenoh.Reply) -> Answer:

@@ -5,99 +5,137 @@ node, its epoch and its frames; so others know which frames exist, and who publi
 without reading a transform.
 """
 
+import logging
 import os
 import socket
 import threading
-from collections.abc import Iterable
+import time
 
 from tfbus.batch import TransformBatch
-from tfbus.codec import encode_message
+from tfbus.codec import encode_map
 from tfbus.description import STREAM_VERSION, StreamDescription
+from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
-from tfbus.keys import static_transforms_key, stream_key, transforms_key
+from tfbus.keys import static_transforms_key, stream_key
 from tfbus.retained import declare_retained_publisher
 from tfbus.session import Session
+from tfbus.stream_frames import FrameRows, StreamFrames
+from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped
+from tfbus.transform_sender import TransformSender
 from tfbus.wire import TransformMessage, encode_transforms
 
-# New frames often come in a burst: one description tells of all of them.
-_DESCRIBE_AFTER_S = 0.02
+# What a stream is that nothing moves in.
+_NOTHING_MOVES = StreamOptions(history_s=0.0)
 
 
 class Stream:
-    """Publishes the dynamic and static transforms of one stream; safe from any thread."""
+    """Publishes the dynamic and static transforms of one stream; safe from any thread.
+
+    `epoch_ns` is its first epoch. A new one begins where its stamps go back by more than a
+    second: what was sent before is then worth nothing, but for the static transforms.
+    """
 
     def __init__(
-        self, name: str, node: str, epoch_ns: int, session: Session, executor: Executor
+        self,
+        name: str,
+        node: str,
+        epoch_ns: int,
+        session: Session,
+        executor: Executor,
+        log: logging.Logger,
     ) -> None:
         self.name = name
         self._node = node
         self._epoch_ns = epoch_ns
         self._session = session
-        self._executor = executor
+        self._log = log
         self._lock = threading.Lock()
-        self._edges: dict[str, tuple[str, bool]] = {}  # of each child: its parent, static
-        self._last_table: tuple[tuple[str, ...], bytes] | None = None
+        self._sender: TransformSender | None = None
+        self._static_lock = threading.Lock()
         self._statics: dict[str, TransformStamped] = {}
-        self._sent = 0
-        self._sent_static = 0
-        self._description_is_due = False
-        self._transforms = session.publisher(transforms_key(name))
-        self._static_transforms = declare_retained_publisher(session, static_transforms_key(name))
-        self._description = declare_retained_publisher(session, stream_key(name))
+        self._statics_sent = 0
+        self._static_publisher = declare_retained_publisher(session, static_transforms_key(name))
+        self._frames = StreamFrames(
+            name, declare_retained_publisher(session, stream_key(name)), self._describe, executor
+        )
         self._token = session.token(stream_key(name))
+        self._frames.describe_soon()
 
-    def send(self, batch: TransformBatch) -> None:
-        """Send the transforms of the batch in one message."""
-        with self._lock:
-            self._note_edges(batch, static=False)
-            self._transforms.put(
-                encode_transforms(TransformMessage(batch, self._epoch_ns, self._sent))
-            )
-            self._sent += 1
+    def sender(self, options: StreamOptions) -> TransformSender:
+        """What sends the stream's dynamic transforms, the same for all who ask.
 
-    def send_static(self, transforms: Iterable[TransformStamped]) -> None:
-        """Add static transforms to the stream, or replace those of the same child frame; the
-        whole set is sent, and kept for those who join later.
+        Raises InvalidArgumentException where it sends otherwise already.
         """
         with self._lock:
-            self._statics |= {ts.child_frame_id: ts for ts in transforms}
-            batch = TransformBatch.from_transforms(self._statics.values())
-            self._note_edges(batch, static=True)
-            self._static_transforms.put(
-                encode_transforms(TransformMessage(batch, self._epoch_ns, self._sent_static))
-            )
-            self._sent_static += 1
+            if self._sender is None:
+                self._sender = TransformSender(
+                    self.name, options, self._epoch_ns, self._session, self._frames, self._begin
+                )
+                self._frames.describe_soon()
+            elif self._sender.options != options:
+                raise InvalidArgumentException(
+                    f"stream {self.name!r} has a broadcaster with {self._sender.options} already, "
+                    f"{options} is asked for: let them agree, or name another stream (stream=...)"
+                )
+            return self._sender
 
-    def _note_edges(self, batch: TransformBatch, *, static: bool) -> None:
-        table = (batch.frames, batch.edges.tobytes())
-        if not static and table == self._last_table:
-            return
-        if not static:
-            self._last_table = table
-        frames = batch.frames
-        edges = {frames[child]: (frames[parent], static) for parent, child in batch.edges.tolist()}
-        if not edges.items() <= self._edges.items():
-            self._edges |= edges
-            self._describe_soon()
+    def send_static(self, batch: TransformBatch) -> None:
+        """Add static transforms to the stream, or replace those of the same child frame; the
+        whole set is sent, and kept for those who join later.
 
-    def _describe_soon(self) -> None:
-        if not self._description_is_due:
-            self._description_is_due = True
-            self._executor.after(_DESCRIBE_AFTER_S, self._describe)
+        Raises InvalidArgumentException where a name can be no frame's, or parent and child are
+        the same.
+        """
+        added = {ts.child_frame_id: ts for ts in batch}
+        with self._static_lock:
+            self._frames.note({child: (ts.frame_id, True) for child, ts in added.items()})
+            self._statics |= added
+            self._send_statics()
 
-    def _describe(self) -> None:
-        with self._lock:
-            self._description_is_due = False
-            self._description.put(encode_message(self._describe_itself()))
+    def remove_static(self, child: str) -> None:
+        """Take a static transform out of the stream. Errors as StreamFrames.remove."""
+        with self._static_lock:
+            self._frames.remove(child, static=True)
+            self._statics.pop(child, None)
+            self._send_statics()
 
-    def _describe_itself(self) -> StreamDescription:
-        return StreamDescription(
+    def _send_statics(self) -> None:
+        batch = TransformBatch.from_transforms(self._statics.values())
+        message = TransformMessage(batch, self._epoch_ns, self._statics_sent)
+        self._statics_sent += 1
+        self._static_publisher.put(encode_transforms(message))
+
+    def _begin(self, child: str, back_ns: int) -> int:
+        """A new epoch, since the stamps of a frame went back; the static transforms go with it."""
+        with self._static_lock:
+            self._epoch_ns = max(time.time_ns(), self._epoch_ns + 1)
+            self._statics_sent = 0
+            if self._statics:
+                self._send_statics()
+        self._log.info(
+            "The stamps of frame %r went back by %.3f s: stream %r begins anew, what was sent "
+            "before counts no more, static transforms stay",
+            child,
+            back_ns / 1e9,
+            self.name,
+        )
+        self._frames.describe_soon()
+        return self._epoch_ns
+
+    def _describe(self, frames: FrameRows) -> bytes:
+        options = self._sender.options if self._sender is not None else _NOTHING_MOVES
+        description = StreamDescription(
             STREAM_VERSION,
             self._node,
             self._epoch_ns,
-            tuple((parent, child, static) for child, (parent, static) in self._edges.items()),
+            frames,
             host=socket.gethostname(),
             pid=os.getpid(),
             session=self._session.id,
+            priority=options.priority,
+            split=options.split,
+            history_s=options.history_s,
         )
+        # Its fields are what goes on the wire; of 10,000 frames `as_map` would take 20 ms.
+        return encode_map(vars(description))

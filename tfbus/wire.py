@@ -3,11 +3,14 @@
 A batch is written and read column by column, without a Python object for each transform.
 """
 
+import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus.batch import TransformBatch
 from tfbus.codec import decode_map
@@ -38,18 +41,34 @@ class TransformMessage:
 def encode_transforms(message: TransformMessage) -> bytes:
     """The payload of one message."""
     batch = message.batch
-    columns = {
-        "v": VERSION,
-        "epoch": message.epoch_ns,
-        "frames": batch.frames,
-        "edges": batch.edges.astype(_EDGE, copy=False).tobytes(),
-        "stamps": batch.stamps_ns.astype(_STAMP, copy=False).tobytes(),
-        "poses": batch.poses.astype(_POSE, copy=False).tobytes(),
-    }
-    if message.seq is not None:
-        columns["seq"] = message.seq
-    payload: bytes = msgpack.packb(columns)
-    return payload
+    encoder = TransformEncoder(message.epoch_ns, batch.frames, batch.edges)
+    return encoder.encode(message.seq, batch.stamps_ns, batch.poses)
+
+
+class TransformEncoder:
+    """Writes messages that have their epoch, frames and edges in common: these are encoded once.
+
+    `edges` are as a TransformBatch has them.
+    """
+
+    def __init__(self, epoch_ns: int, frames: Sequence[str], edges: NDArray[np.uint32]) -> None:
+        pack = msgpack.Packer().pack
+        common = [pack("v"), pack(VERSION), pack("epoch"), pack(epoch_ns)]
+        common += [pack("frames"), pack(frames), pack("edges"), pack(_bytes(edges, _EDGE))]
+        count = len(edges)
+        self._uncounted = b"".join([b"\x86", *common])
+        self._counted = b"".join([b"\x87", *common, pack("seq")])
+        self._stamps = pack("stamps") + _bin_header(count * _STAMP.itemsize)
+        self._poses = pack("poses") + _bin_header(count * 7 * _POSE.itemsize)
+
+    def encode(
+        self, seq: int | None, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]
+    ) -> bytes:
+        """The payload of one message: as many stamps and poses as there are edges."""
+        columns = (self._stamps, _bytes(stamps_ns, _STAMP), self._poses, _bytes(poses, _POSE))
+        if seq is None:
+            return b"".join((self._uncounted, *columns))
+        return b"".join((self._counted, msgpack.packb(seq), *columns))
 
 
 def decode_transforms(payload: bytes) -> TransformMessage:
@@ -84,6 +103,17 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     except InvalidArgumentException as error:
         raise DecodeError(str(error)) from error
     return TransformMessage(batch, epoch_ns, seq)
+
+
+def _bytes(column: NDArray[Any], dtype: np.dtype[Any]) -> bytes:
+    return column.astype(dtype, copy=False).tobytes()
+
+
+def _bin_header(size: int) -> bytes:
+    """What MessagePack puts before so many bytes of binary."""
+    if size < 2**8:
+        return struct.pack(">BB", 0xC4, size)
+    return struct.pack(">BH", 0xC5, size) if size < 2**16 else struct.pack(">BI", 0xC6, size)
 
 
 def _column(columns: dict[str, Any], name: str, dtype: np.dtype[Any], width: int) -> Any:

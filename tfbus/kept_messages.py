@@ -1,0 +1,56 @@
+"""What a stream sent in the last seconds, kept for those who join."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+# At most so much memory a stream, whatever its seconds are.
+MOST_BYTES = 16 * 2**20
+
+# What a message takes besides its payload: Python's own objects for it.
+_OVERHEAD_BYTES = 200
+
+
+class KeptMessages:
+    """The messages of the last `history_s` seconds, as they were sent, oldest first.
+
+    The oldest go earlier where all together would take more than `most_bytes`. Used by one
+    thread at a time.
+    """
+
+    def __init__(
+        self,
+        history_s: float,
+        *,
+        most_bytes: int = MOST_BYTES,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._history_ns = _ns(history_s)
+        self._most_bytes = most_bytes
+        self._clock_ns = clock_ns
+        self._messages: deque[tuple[int, str, bytes]] = deque()
+        self._bytes = 0
+
+    def append(self, key: str, payload: bytes) -> None:
+        """Keep a message that is sent now on `key`."""
+        now_ns = self._clock_ns()
+        messages = self._messages
+        messages.append((now_ns, key, payload))
+        self._bytes += len(payload) + _OVERHEAD_BYTES
+        too_old_ns = now_ns - self._history_ns
+        while messages and (messages[0][0] < too_old_ns or self._bytes > self._most_bytes):
+            self._bytes -= len(messages.popleft()[2]) + _OVERHEAD_BYTES
+
+    def last(self, last_s: float) -> list[tuple[str, bytes]]:
+        """Key and payload of each message of the last `last_s` seconds, oldest first."""
+        since_ns = self._clock_ns() - min(_ns(last_s), self._history_ns)
+        return [(key, payload) for sent_ns, key, payload in self._messages if sent_ns >= since_ns]
+
+    def clear(self) -> None:
+        """Keep none of them."""
+        self._messages.clear()
+        self._bytes = 0
+
+
+def _ns(seconds: float) -> int:
+    return round(min(seconds, 1e9) * 1e9)

@@ -1,0 +1,102 @@
+"""On which keys a stream sends what moves: all on one, or each frame on its own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus.batch import TransformBatch
+from tfbus.keys import escape, transforms_key
+from tfbus.session import BytesPublisher, Session
+from tfbus.wire import TransformEncoder
+
+
+class StreamKey:
+    """One key; its messages are numbered from 0 in each epoch."""
+
+    def __init__(self, key: str, publisher: BytesPublisher) -> None:
+        self.key = key
+        self.publisher = publisher
+        self.sent = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowsOfKey:
+    """The rows of a batch that go on one key, in one message."""
+
+    key: StreamKey
+    rows: slice | NDArray[np.intp]
+    encoder: TransformEncoder
+
+    def encode(self, batch: TransformBatch) -> bytes:
+        """The next message of the key, with these rows of a batch."""
+        seq = self.key.sent
+        self.key.sent += 1
+        return self.encoder.encode(seq, batch.stamps_ns[self.rows], batch.poses[self.rows])
+
+
+class StreamKeys(Protocol):
+    """The keys of a stream; `expression` is the key expression of all of them."""
+
+    expression: str
+
+    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """Which rows of this batch, and others with the same edges, go on which key."""
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+
+
+class OneKey:
+    """Everything goes on the stream's own key."""
+
+    def __init__(self, stream: str, session: Session) -> None:
+        self.expression = transforms_key(stream)
+        self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
+
+    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """All rows in one message."""
+        encoder = TransformEncoder(epoch_ns, batch.frames, batch.edges)
+        return [RowsOfKey(self._key, slice(None), encoder)]
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+        self._key.sent = 0
+
+
+class KeyPerFrame:
+    """Each child frame has a key below the stream's, so that others can subscribe to it alone."""
+
+    def __init__(self, stream: str, session: Session) -> None:
+        self._own_key = transforms_key(stream)
+        self.expression = f"{self._own_key}/**"
+        self._publishers = session.publishers_within(self.expression, urgent=True)
+        self._keys: dict[str, StreamKey] = {}
+
+    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """One message a child frame."""
+        rows_of: dict[str, list[int]] = {}
+        for row, child in enumerate(batch.edges[:, 1].tolist()):
+            rows_of.setdefault(batch.frames[child], []).append(row)
+        return [self._rows(batch, child, rows, epoch_ns) for child, rows in rows_of.items()]
+
+    def restart(self) -> None:
+        """Number messages from 0 again."""
+        for key in self._keys.values():
+            key.sent = 0
+
+    def _rows(self, batch: TransformBatch, child: str, rows: list[int], epoch_ns: int) -> RowsOfKey:
+        if child not in self._keys:
+            key = f"{self._own_key}/{escape(child)}"
+            self._keys[child] = StreamKey(key, self._publishers.publisher(key))
+        used, edges = np.unique(batch.edges[rows], return_inverse=True)
+        encoder = TransformEncoder(
+            epoch_ns,
+            [batch.frames[frame] for frame in used.tolist()],
+            edges.reshape(-1, 2).astype(np.uint32),
+        )
+        # Nearly always there is one row a frame, and a slice is taken without a copy.
+        taken = slice(rows[0], rows[0] + 1) if len(rows) == 1 else np.array(rows, dtype=np.intp)
+        return RowsOfKey(self._keys[child], taken, encoder)

@@ -1,0 +1,155 @@
+"""Sends what moves in a stream, and keeps it for a while for those who join."""
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from tfbus.batch import TransformBatch
+from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.kept_messages import KeptMessages
+from tfbus.newest_stamps import NewestStamps, Rows
+from tfbus.session import Query, Session, within
+from tfbus.stream_frames import StreamFrames
+from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
+from tfbus.stream_options import StreamOptions
+
+# What sends have in common is remembered for tables of so many edges in all.
+_MOST_EDGES = 50_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """What sends of the same frames and edges have in common."""
+
+    frames: tuple[str, ...]
+    edges: bytes
+    stamp_rows: Rows
+    parts: Sequence[RowsOfKey]
+
+
+class TransformSender:
+    """Sends the dynamic transforms of one stream, and answers who asks for the last of them; safe
+    from any thread.
+
+    `begin_epoch(child, back_ns)` is called where the stamps of a frame go back by more than a
+    second: it answers the epoch that begins with this send.
+    """
+
+    def __init__(
+        self,
+        stream: str,
+        options: StreamOptions,
+        epoch_ns: int,
+        session: Session,
+        frames: StreamFrames,
+        begin_epoch: Callable[[str, int], int],
+    ) -> None:
+        self.options = options
+        self._epoch_ns = epoch_ns
+        self._frames = frames
+        self._begin_epoch = begin_epoch
+        self._lock = threading.Lock()
+        self._newest = NewestStamps()
+        self._tables: dict[tuple[tuple[str, ...], bytes], _Table] = {}
+        self._last_table: _Table | None = None
+        self._edges_remembered = 0
+        self._kept = KeptMessages(options.history_s) if options.history_s else None
+        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
+        if self._kept is not None:
+            session.queryable(self._keys.expression, self._on_query)
+
+    def send(self, batch: TransformBatch) -> None:
+        """Send the transforms of the batch: one message a key.
+
+        Raises InvalidArgumentException where a name can be no frame's, or parent and child are
+        the same.
+        """
+        with self._lock:
+            table = self._table(batch)
+            late = self._newest.note(table.stamp_rows, batch.stamps_ns)
+            if late is not None:
+                self._restart(batch, late, int(table.stamp_rows[late]))
+                table = self._table(batch)
+                self._newest.note(table.stamp_rows, batch.stamps_ns)
+            for part in table.parts:
+                payload = part.encode(batch)
+                if self._kept is not None:
+                    self._kept.append(part.key.key, payload)
+                part.key.publisher.put(payload)
+
+    def remove(self, child: str) -> None:
+        """Send this frame no more, until it is in a batch again. Errors as StreamFrames.remove."""
+        with self._lock:
+            self._frames.remove(child, static=False)
+            self._newest.forget(child)
+            self._forget_tables()
+
+    def _table(self, batch: TransformBatch) -> _Table:
+        edges = batch.edges.tobytes()
+        last = self._last_table
+        if last is None or last.edges != edges or last.frames != batch.frames:
+            known = self._tables.get((batch.frames, edges))
+            last = self._last_table = known or self._remember(batch, edges)
+        return last
+
+    def _remember(self, batch: TransformBatch, edges: bytes) -> _Table:
+        rows = [
+            (batch.frames[parent], batch.frames[child]) for parent, child in batch.edges.tolist()
+        ]
+        self._frames.note({child: (parent, False) for parent, child in rows})
+        self._edges_remembered += max(len(rows), 1)
+        if self._edges_remembered > _MOST_EDGES:
+            self._forget_tables()
+        table = _Table(
+            batch.frames,
+            edges,
+            self._newest.rows([child for _, child in rows]),
+            self._keys.divide(batch, self._epoch_ns),
+        )
+        self._tables[batch.frames, edges] = table
+        return table
+
+    def _forget_tables(self) -> None:
+        self._tables.clear()
+        self._last_table = None
+        self._edges_remembered = 0
+
+    def _restart(self, batch: TransformBatch, late: int, stamp_row: int) -> None:
+        back_ns = self._newest.newest_ns(stamp_row) - int(batch.stamps_ns[late])
+        child = batch.frames[int(batch.edges[late, 1])]
+        self._epoch_ns = self._begin_epoch(child, back_ns)
+        self._newest.clear()
+        self._keys.restart()
+        self._forget_tables()
+        if self._kept is not None:
+            self._kept.clear()
+
+    def _on_query(self, query: Query) -> None:
+        # On a thread of its own: were Zenoh's held up by answers that do not fit into the link,
+        # and the asker's as well, by answers to us, both would wait for each other.
+        threading.Thread(target=self._answer, args=(query,), daemon=True).start()
+
+    def _answer(self, query: Query) -> None:
+        # The session may be closed meanwhile, and then there is nobody to tell.
+        with suppress(BusError), query.answering("what was kept"):
+            for key, payload in self._last(query):
+                query.answer(key, payload)
+
+    def _last(self, query: Query) -> list[tuple[str, bytes]]:
+        last_s = _seconds(query.parameter("last_s"))
+        with self._lock:
+            kept = self._kept.last(last_s) if self._kept is not None else []
+        wanted = {key for key in {key for key, _ in kept} if within(key, query.key)}
+        return [message for message in kept if message[0] in wanted]
+
+
+def _seconds(text: str | None) -> float:
+    """How many seconds are asked for; all that there are where nothing is said."""
+    if text is None:
+        return math.inf
+    with suppress(ValueError):
+        if (seconds := float(text)) >= 0.0:
+            return seconds
+    raise InvalidArgumentException(f"last_s is {text!r:.40}; it is a number of seconds, 0 or more")

@@ -20,8 +20,8 @@ import pytest
 from tfbus import Node, NodeSettings
 from tfbus.session import Session
 
-# The real tf2 to compare with, and the options for how long.
-pytest_plugins = ["tf2_versus"]
+# Options: how long to compare with the real tf2, and how often to injure the hosts.
+pytest_plugins = ["tf2_versus", "fault_options"]
 
 T = TypeVar("T")
 
@@ -137,8 +137,8 @@ class Bus:
         self.config.write_text(_config())
         # A process has found the others when its session is open; a node of the test itself is
         # open at once, and the test waits for what it needs.
-        self._quick_config = folder / "quick.json5"
-        self._quick_config.write_text(_config(scouting_delay_ms=10))
+        self.quick_config = folder / "quick.json5"
+        self.quick_config.write_text(_config(scouting_delay_ms=10))
         self.options = ["--config", str(self.config), "--connect", self.endpoint]
         self.env = {
             **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},
@@ -149,9 +149,7 @@ class Bus:
         }
         self._nodes: list[Node] = []
         self._processes: list[Process] = []
-        meeting_point = NodeSettings(
-            "test", config=str(self._quick_config), listen=(self.endpoint,)
-        )
+        meeting_point = NodeSettings("test", config=str(self.quick_config), listen=(self.endpoint,))
         self._meeting_point = Session(meeting_point, logging.getLogger("test"))
 
     def node(self, name: str, *, namespace: str = "", **given: object) -> Node:
@@ -159,7 +157,7 @@ class Bus:
         settings = NodeSettings(
             name,
             namespace=namespace,
-            config=str(self._quick_config),
+            config=str(self.quick_config),
             connect=(self.endpoint,),
             **given,  # type: ignore[arg-type]  # fields of NodeSettings
         )

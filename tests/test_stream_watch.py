@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator
 
 import pytest
-from conftest import Bus, eventually
+from conftest import Bus, eventually, free_port
 
-from tfbus import Node, Transform, TransformBroadcaster, TransformStamped
+from tfbus import Node, NodeSettings, Transform, TransformBroadcaster, TransformStamped
 from tfbus.codec import encode_message
 from tfbus.description import StreamDescription
 from tfbus.retained import declare_retained_publisher
@@ -118,3 +118,18 @@ def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watchi
     eventually(lambda: watching.watch.rejected)
     publisher.put(encode_message(StreamDescription(1, "/sim", 1, ())))
     assert eventually(lambda: watching.described("sim")) == StreamDescription(1, "/sim", 1, ())
+
+
+def test_publishers_that_are_met_later_are_described_too(bus: Bus) -> None:
+    """A publisher whose link opens after the watch began is known with its description."""
+    meeting_point = f"tcp/127.0.0.1:{free_port()}"
+    config = str(bus.quick_config)
+    with Node(settings=NodeSettings("early", config=config, connect=(meeting_point,))) as early:
+        broadcast(early)()
+        listens = NodeSettings("watcher", config=config, listen=(meeting_point,))
+        with Node(settings=listens) as watcher:
+            watching = Watching(watcher)
+            told = eventually(lambda: watching.described("early"))
+            assert told.frames == (("world", "robot", False),)
+            eventually(lambda: watching.alive() == ["early"])
+            watching.watch.close()

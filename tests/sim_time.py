@@ -35,6 +35,11 @@ class Remote:
         self._set.call(SetClock.Request(stamp_ns), timeout_s=DEADLINE_S)
         eventually(lambda: self._node.now_ns() == stamp_ns)
 
+    def pause_and_set(self, second: float) -> None:
+        """Set it while it stands still, and wait until the node knows."""
+        self.pause()
+        self.set(second)
+
     def pause(self) -> None:
         """Let it stand still."""
         self._pause.call(Empty.Request(), timeout_s=DEADLINE_S)

@@ -7,6 +7,7 @@ import itertools
 import math
 import os
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -43,6 +44,12 @@ from tfbus.nodes.names import frame_mistake, own_name
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0
 
+# What publishers have kept is asked for at the start; it comes within this time.
+_HISTORY_WITHIN_S = 2.0
+_HISTORY_LOOK_S = 0.05
+_KEPT_AT_MOST_S = 3600.0
+_MARGIN_S = 5.0
+
 # A message about what is missing lists at most so many frames.
 _FRAMES_LISTED = 20
 
@@ -71,11 +78,15 @@ class Question:
         """Whether asking again can bring nothing new."""
         return self.moment is not None and not self.moment.is_relative and not self.fixed_frame
 
-    @property
-    def cache_time_s(self) -> float:
-        """How long a buffer has to keep what the answer needs."""
-        back_s = -self.moment.ns / 1e9 if self.moment and self.moment.is_relative else 0.0
-        return max(10.0, back_s + 5.0)
+    def history_s(self, now_ns: int) -> float:
+        """How many seconds back from now the answer reaches, with a margin; 0 for the present,
+        and for a date so long ago that nobody has kept it.
+        """
+        if self.moment is None:
+            return 0.0
+        back_s = (now_ns - self.moment.at(now_ns)) / 1e9
+        is_kept = self.moment.is_relative or back_s < _KEPT_AT_MOST_S
+        return back_s + _MARGIN_S if is_kept and back_s > 0.0 else 0.0
 
     def ask(self, buffer: Buffer, now_ns: int, timeout_s: float) -> TransformStamped:
         """The answer, waited for; raises TransformException where there is none."""
@@ -101,8 +112,15 @@ def answers(
     those of the node's clock.
     """
     _wait_for_clock(node, timeout_s)
+    has_history = question.history_s(node.now_ns()) > 0.0
+    history_by_s = time.monotonic() + (_HISTORY_WITHIN_S if has_history else 0.0)
     due_s = _elapsed_s(node)
-    while (answer := _wait_for_answer(node, buffer, question, timeout_s)) is not None:
+    told: frozenset[str] = frozenset()
+    while True:
+        answer = _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        if answer is None:
+            return
+        told = _tell_gone(node, buffer, question, told)
         yield answer
         now_s = _elapsed_s(node)
         due_s = max(due_s + 1.0 / rate_hz, now_s)
@@ -115,8 +133,25 @@ def _wait_for_clock(node: Node, timeout_s: float) -> None:
         raise TimeoutException(f"nobody told the time within {timeout_s:g} s: is a clock running?")
 
 
+def _tell_gone(
+    node: Node, buffer: Buffer, question: Question, told: frozenset[str]
+) -> frozenset[str]:
+    """Say of each frame on the path that its publisher is gone, unless that was told; which are."""
+    try:
+        path = buffer.path(question.source, question.target)
+        gone = frozenset(frame for frame in path if buffer.frame(frame).gone)
+    except TransformException:
+        return told  # a frame has just been removed
+    if new := gone - told:
+        node.log.warning(
+            "%s: not sent any more; what follows is where it was last",
+            ", ".join(map(repr, sorted(new))),
+        )
+    return gone
+
+
 def _wait_for_answer(
-    node: Node, buffer: Buffer, question: Question, timeout_s: float
+    node: Node, buffer: Buffer, question: Question, timeout_s: float, history_by_s: float
 ) -> TransformStamped | None:
     """The answer as soon as there is one; None where the node is shut down before."""
     give_up_s = _elapsed_s(node) + timeout_s
@@ -128,11 +163,15 @@ def _wait_for_answer(
             raise  # no waiting makes it right
         except TransformException as error:
             reason = _reason(error)
-        if question.is_hopeless(reason):
+        pause_s = _gap_s(reason)
+        if time.monotonic() < history_by_s:
+            pause_s = min(pause_s, _HISTORY_LOOK_S)
+        elif question.is_hopeless(reason):
             raise PastExtrapolationException(
-                f"{reason}; only what is sent while echo runs is known to it"
+                f"{reason}; known is what is sent while echo runs, and what publishers keep of the "
+                "time before, 10 s unless they say otherwise"
             )
-        node.wait(min(_seconds_until(say_at_s, node), _gap_s(reason)))
+        node.wait(min(_seconds_until(say_at_s, node), pause_s))
         if _elapsed_s(node) >= give_up_s:
             raise TimeoutException(
                 f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
@@ -275,16 +314,15 @@ def main(
     question = Question(source, target, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
-    buffer = Buffer(question.cache_time_s)
-    with (
-        Node.from_settings(settings) as node,
-        TransformListener(buffer, node),
-    ):
-        node.ready(f"Printing {question} at {rate:g} Hz")
-        blocks = answers(
-            node, buffer, question, rate_hz=rate, timeout_s=math.inf if timeout is None else timeout
-        )
-        _print_all(map(write, itertools.islice(blocks, limit)), CSV_HEADER if form == "csv" else "")
+    with Node.from_settings(settings) as node:
+        history_s = question.history_s(node.now_ns())
+        buffer = Buffer(max(10.0, history_s))
+        with TransformListener(buffer, node, history_s=history_s):
+            node.ready(f"Printing {question} at {rate:g} Hz")
+            timeout_s = math.inf if timeout is None else timeout
+            blocks = answers(node, buffer, question, rate_hz=rate, timeout_s=timeout_s)
+            header = CSV_HEADER if form == "csv" else ""
+            _print_all(map(write, itertools.islice(blocks, limit)), header)
 
 
 def _print_all(blocks: Iterator[str], header: str) -> None:

@@ -127,8 +127,36 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     """`--at` a time before all that is known fails without waiting for what cannot come."""
     done = bus.run("echo", "world", "hand", "--at", "2022-04-04T21:56:58Z")
     assert done.returncode == 1
-    assert "only what is sent while echo runs is known to it" in done.stderr
+    assert "known is what is sent while echo runs, and what publishers keep" in done.stderr
     assert "Waiting" not in done.stderr
+
+
+@pytest.mark.parametrize("at", ["-3s", "a date"])
+def test_a_moment_before_the_start_is_known(bus: Bus, clockwork: Node, at: str) -> None:
+    """A time before echo was started is answered from what the publisher has kept."""
+    eventually(lambda: clockwork.now_ns() - clockwork.started_ns > 4e9)
+    before_ns = clockwork.now_ns() - 3_000_000_000
+    asked = str(before_ns) if at == "a date" else at
+    done = bus.run("echo", "world", "hand", "--at", asked, "--once", "--format", "json")
+    assert done.returncode == 0
+    answer = json.loads(done.stdout)
+    assert answer["stamp_ns"] == before_ns if at == "a date" else answer["stamp_ns"] > before_ns
+    x = (answer["stamp_ns"] - clockwork.started_ns) / 1e9
+    assert answer["xyz"][0] == pytest.approx(x, abs=1e-6)
+
+
+def test_it_says_once_when_what_it_shows_is_not_sent_any_more(bus: Bus) -> None:
+    """When the publisher of a frame on its path has gone, one line says so."""
+    static = bus.start("static", "world", "camera", "--x", "1")
+    static.wait_for_line("ready")
+    echo = bus.start("echo", "world", "camera", "--rate", "20")
+    eventually(lambda: echo.out)
+    static.stop(signal.SIGKILL)
+    echo.wait_for_line("'camera': not sent any more; what follows is where it was last")
+    before = len(echo.out)
+    eventually(lambda: len(echo.out) > before + 30)
+    assert len([line for line in echo.err if "not sent any more" in line]) == 1
+    assert echo.stop() == 0
 
 
 def test_a_question_that_can_never_be_answered_fails_at_once(

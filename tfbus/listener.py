@@ -182,9 +182,6 @@ class TransformListener:
             )
 
     def _ask_for_history(self, state: StreamState, stream: StreamReception) -> None:
-        if not self._history_s:
-            return
-
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
                 stream.receive_kept(answer.payload)

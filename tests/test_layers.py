@@ -49,6 +49,7 @@ LAYERS = [
     {"node"},
     {"clock_offset"},
     {"broadcaster", "listener", "presence", "graph"},
+    {"frames"},
     {"launch"},
     {"nodes", "cli", "__main__"},
 ]

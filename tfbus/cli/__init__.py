@@ -18,10 +18,12 @@ NODE_GROUP = "tfbus.nodes"
 TOOLS = {
     "call": "Call a service, or send a goal and follow it.",
     "create": "Write a small package with a node of your own.",
+    "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
     "node": "List nodes, or show what one of them does.",
     "param": "List, read and set the parameters of nodes.",
     "router": "Run a Zenoh router, where nodes of several networks meet.",
+    "topic": "List, show, print, measure and publish topics.",
 }
 NODES = {
     "broadcaster": "Broadcast a turtle's frame and its drone's.",
@@ -34,6 +36,7 @@ NODES = {
     "simulator": "Turtles on a field: drive them, watch their poses (turtlesim).",
     "static": "Publish transforms that never change.",
     "teleop": "Drive a turtle with the keyboard.",
+    "view": "Show all frames in a browser.",
 }
 
 

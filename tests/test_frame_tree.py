@@ -1,0 +1,234 @@
+"""The tree of frames as a whole: what is said of it, and what is wrong with it."""
+
+import json
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import Buffer, Transform, TransformStamped
+from tfbus.frames import document
+from tfbus.frames.facts import duration
+from tfbus.frames.layout import Size, outline, tidy
+from tfbus.frames.text import edge_lines, tree_lines
+from tfbus.frames.tree import FrameTree, frame_tree
+from tfbus.stream_info import StreamInfo
+
+NS = 1_000_000_000
+NOW_NS = 1_670_400_300 * NS
+
+
+def buffer_of(*edges: tuple[str, str], static: tuple[str, ...] = (), by: str = "sim") -> Buffer:
+    """A buffer with 2 s of 10 Hz of each edge, or one static transform."""
+    buffer = Buffer()
+    for parent, child in edges:
+        for back in range(1 if child in static else 21):
+            stamp_ns = NOW_NS - back * NS // 10
+            edge = TransformStamped(stamp_ns, parent, child, Transform.identity())
+            buffer.set_transform(edge, static=child in static, authority=by)
+    return buffer
+
+
+def stream(name: str, *edges: tuple[str, str], alive: bool = True) -> StreamInfo:
+    rows = tuple((parent, child, False) for parent, child in edges)
+    return StreamInfo(name, node=f"/{name}", host="robot7", pid=42, alive=alive, frames=rows)
+
+
+def tree_of(buffer: Buffer, *streams: StreamInfo, now_ns: int = NOW_NS) -> FrameTree:
+    return frame_tree(buffer, streams, now_ns)
+
+
+def test_it_is_drawn_as_lines() -> None:
+    """A frame is a line, below its parent, with what matters most about its edge behind it."""
+    buffer = buffer_of(
+        ("world", "turtle1"), ("turtle1", "drone"), ("world", "camera"), static=("camera",)
+    )
+    assert tree_lines(tree_of(buffer), width=60) == [
+        "world",
+        "├─ camera    static, by sim",
+        "└─ turtle1   0.0 ms old, 10.0 Hz, by sim, 2.0 s kept",
+        "   └─ drone  0.0 ms old, 10.0 Hz, by sim, 2.0 s kept",
+    ]
+
+
+def test_lines_fit_the_width() -> None:
+    """Where a line would be too long, what matters least is left away."""
+    lines = tree_lines(tree_of(buffer_of(("world", "turtle1"))), width=34)
+    assert lines[1] == "└─ turtle1  0.0 ms old, 10.0 Hz"
+
+
+def test_stale_and_gone_frames_say_so() -> None:
+    """A frame that has not come for three of its periods and a second is stale; one whose
+    publisher has gone is gone.
+    """
+    buffer = buffer_of(("world", "turtle1"), ("world", "turtle2"))
+    buffer.mark_gone(["turtle2"], True, "sim")
+    lines = tree_lines(tree_of(buffer, now_ns=NOW_NS + 2 * NS))
+    assert lines[1:] == [
+        "├─ turtle1  STALE, 2.0 s old, 10.0 Hz, by sim, 2.0 s kept",
+        "└─ turtle2  GONE, 2.0 s old, 10.0 Hz, by sim, 2.0 s kept",
+    ]
+    assert "STALE" not in "".join(tree_lines(tree_of(buffer, now_ns=NOW_NS + NS)))
+
+
+def test_all_is_said_where_asked_for() -> None:
+    """The long form has publisher, rate, samples, stamps and delay of each edge."""
+    assert edge_lines(tree_of(buffer_of(("world", "turtle1")), stream("sim"))) == [
+        "world -> turtle1",
+        "  Publisher: /sim on robot7, pid 42, stream 'sim'",
+        "  Kind: dynamic",
+        "  Rate: 10.000 Hz, 21 samples over 2.0 s",
+        "  Newest: 1670400300.000000000, 0.0 ms old",
+        "  Oldest: 1670400298.000000000",
+        "  Delay: ?",
+    ]
+
+
+class TestProblems:
+    def problems(self, buffer: Buffer, *streams: StreamInfo) -> list[tuple[str, str]]:
+        return [(problem.kind, problem.text) for problem in tree_of(buffer, *streams).problems()]
+
+    def test_one_tree_of_living_publishers_has_none(self) -> None:
+        """Where each frame has one living publisher and hangs below one root, nothing is wrong."""
+        edges = (("world", "a"), ("a", "b"))
+        assert self.problems(buffer_of(*edges), stream("sim", *edges)) == []
+
+    def test_trees_apart(self) -> None:
+        """A second root is named with the tree that it is apart from, the larger one."""
+        buffer = buffer_of(("map", "a"), ("map", "b"), ("odom", "c"))
+        assert self.problems(buffer) == [
+            (
+                "disconnected",
+                "'odom' and 1 frame below it are a tree apart: no transform joins 'odom' to the "
+                "tree of 'map'",
+            )
+        ]
+
+    def test_a_frame_alone(self) -> None:
+        """A frame that nothing joins to any other is an orphan."""
+        buffer = buffer_of(("map", "a"), ("lost", "b"))
+        buffer.remove("b")
+        assert self.problems(buffer) == [
+            ("orphan", "'lost' is alone: no transform joins it to another frame")
+        ]
+
+    def test_two_publishers(self) -> None:
+        """Two living publishers of one frame are named with their nodes, hosts and parents."""
+        edge = ("world", "turtle1")
+        told = self.problems(buffer_of(edge), stream("a", edge), stream("b", ("map", "turtle1")))
+        assert told == [
+            (
+                "conflict",
+                "'turtle1' is published by several at once: /a on robot7, pid 42 under 'world'; "
+                "/b on robot7, pid 42 under 'map'",
+            )
+        ]
+        gone = stream("b", edge, alive=False)
+        assert self.problems(buffer_of(edge), stream("a", edge), gone) == []
+
+    def test_a_loop(self) -> None:
+        """A loop that publishers would make together is told, though a buffer never closes it."""
+        told = self.problems(
+            buffer_of(("a", "b"), ("b", "c")),
+            stream("one", ("a", "b"), ("b", "c")),
+            stream("two", ("c", "a")),
+        )
+        kind, text = told[0]
+        assert kind == "loop"
+        assert text.startswith("'b' -> 'c' -> 'a' -> 'b' is a loop, made by ")
+        assert "/one on robot7, pid 42" in text
+        assert "/two on robot7, pid 42" in text
+
+    def test_frames_that_never_came(self) -> None:
+        """A frame that a publisher tells of but has not sent is told."""
+        edges = (("world", "a"), ("a", "b"))
+        assert self.problems(buffer_of(edges[0]), stream("sim", *edges)) == [
+            ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 tells of it")
+        ]
+
+    def test_gone_publishers(self) -> None:
+        """The frames of a publisher that is gone are told together, the first few by name."""
+        edges = [("world", f"leg{i}") for i in range(8)]
+        buffer = buffer_of(*edges)
+        buffer.mark_gone([child for _, child in edges], True, "sim")
+        assert self.problems(buffer, stream("sim", *edges, alive=False)) == [
+            (
+                "gone",
+                "the publisher of 'leg0', 'leg1', 'leg2', 'leg3', 'leg4' and 3 more is gone: "
+                "/sim on robot7, pid 42",
+            )
+        ]
+
+
+class TestDocuments:
+    tree = tree_of(
+        buffer_of(("world", 'a "b"'), ("world", "camera"), static=("camera",)), stream("sim")
+    )
+
+    def test_json(self) -> None:
+        """JSON has every frame with its parent, rate, age and publisher."""
+        told = json.loads(document.as_json(self.tree))
+        frames = {frame["name"]: frame for frame in told["frames"]}
+        assert told["roots"] == ["world"]
+        assert frames["camera"]["static"]
+        assert frames['a "b"']["rate_hz"] == pytest.approx(10.0)
+        assert (frames['a "b"']["parent"], frames['a "b"']["node"]) == ("world", "/sim")
+
+    def test_yaml(self) -> None:
+        """YAML has the form of tf2's, which its readers know."""
+        told = yaml.safe_load(document.as_tf2_yaml(self.tree))
+        assert told["camera"]["parent"] == "world"
+        assert told["camera"]["rate"] == 10000.0
+
+    def test_mermaid(self) -> None:
+        """Mermaid's flowchart names each frame once, and what is special in a name is escaped."""
+        lines = document.as_mermaid(self.tree).splitlines()
+        assert lines[:4] == [
+            "flowchart TD",
+            '  f0["a &quot;b&quot;"]',
+            '  f1["camera"]',
+            '  f2["world"]',
+        ]
+        assert lines[5] == '  f2 -->|"static<br/>by sim"| f1'
+
+    def test_text(self) -> None:
+        """The text is what the terminal shows."""
+        assert document.as_text(self.tree).splitlines()[-2:] == [
+            "Publishers:",
+            "  sim: /sim on robot7, pid 42, 0 frames",
+        ]
+
+
+@given(st.lists(st.integers(min_value=0, max_value=10**6), min_size=1, max_size=40))
+def test_no_two_frames_are_drawn_over_each_other(choices: list[int]) -> None:
+    """In either layout each frame has a place of its own, right of its parent or below it."""
+    names = ["root"]
+    edges = []
+    for number, choice in enumerate(choices):
+        edges.append((names[choice % len(names)], f"f{number}"))
+        names.append(f"f{number}")
+    tree = tree_of(buffer_of(*edges, static=tuple(names)))
+    sizes = {name: Size(1.0, 1.5) for name in names}
+    for layout in (tidy, outline):
+        places = layout(tree, sizes)
+        assert places.keys() == set(names)
+        assert len({(place.x, round(place.y, 6)) for place in places.values()}) == len(names)
+        assert all(places[child].x > places[parent].x for parent, child in edges)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.00034, "0.3 ms"),
+        (0.021, "21 ms"),
+        (4.2, "4.2 s"),
+        (200.0, "3 min"),
+        (7300.0, "2 h"),
+        (-2.0, "-2.0 s"),
+        (None, "?"),
+    ],
+)
+def test_times_are_said_as_people_say_them(seconds: float | None, text: str) -> None:
+    """A time has the unit that makes it short."""
+    assert duration(seconds) == text

@@ -1,0 +1,145 @@
+"""`tfbus frames`: the tree of frames in the terminal, as a picture, or for other programs."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from tfbus.cli.listening import Listening, listening
+from tfbus.cli.output import is_terminal, json_option, paint, print_lines, width
+from tfbus.errors import TfbusError
+from tfbus.frames import document
+from tfbus.frames.facts import State
+from tfbus.frames.picture import write_picture
+from tfbus.frames.text import edge_lines, tree_lines
+from tfbus.frames.tree import FrameTree
+from tfbus.nodes.names import own_name
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+_TEXTS: dict[str, Callable[[FrameTree], str]] = {
+    ".dot": document.as_tf2_dot,
+    ".gv": document.as_tf2_dot,
+    ".json": document.as_json,
+    ".yaml": document.as_tf2_yaml,
+    ".mmd": document.as_mermaid,
+    ".txt": document.as_text,
+}
+_PICTURES = (".svg", ".pdf", ".png")
+_ENDINGS = [*_PICTURES, *_TEXTS]
+
+_ROLES: dict[State, str] = {
+    "root": "heading",
+    "static": "faint",
+    "stale": "warning",
+    "gone": "bad",
+    "conflict": "bad",
+}
+
+# In place: to the top left, and what was there before is cleared.
+_HOME = "\x1b[H\x1b[J"
+
+
+def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path, ...]) -> object:
+    for path in paths:
+        if path.suffix not in _ENDINGS:
+            raise click.BadParameter(
+                f"{path} ends with {path.suffix or 'nothing'}, which names no kind of file to "
+                f"write; use one of {', '.join(_ENDINGS)}"
+            )
+        if not path.parent.is_dir():
+            raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
+    return paths
+
+
+@click.command(epilog="Examples: tfbus frames; tfbus frames -o frames.svg; tfbus frames --watch")
+@click.option(
+    "-o",
+    "--output",
+    "outputs",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    callback=_check_output,
+    help=f"Write a file, by its ending: {' '.join(_ENDINGS)}; repeatable.",
+)
+@click.option(
+    "-w", "--watch", is_flag=True, help="Show it again and again, in place, until Ctrl-C."
+)
+@click.option("-l", "--long", is_flag=True, help="Say all that is known of each edge.")
+@json_option("Print one JSON object.")
+@click.option(
+    "-t",
+    "--wait-time",
+    "wait_s",
+    type=click.FloatRange(0.0, 3600.0),
+    default=2.0,
+    help="Listen for so many seconds at most, less where all is known before; 2.",
+)
+@click.option("--check", is_flag=True, help="Exit with 1 where something is wrong with the tree.")
+@bus_options(own_name("frames"))
+def command(
+    settings: NodeSettings,
+    outputs: tuple[Path, ...],
+    watch: bool,
+    long: bool,
+    as_json: bool,
+    wait_s: float,
+    check: bool,
+) -> None:
+    """Show the tree of frames, who publishes it, and what is wrong with it."""
+    if watch and (outputs or as_json):
+        raise click.UsageError("--watch shows the tree in the terminal: leave -o and --json away")
+    with listening(settings, within_s=wait_s) as heard:
+        if watch:
+            _watch(heard, long)
+            return
+        tree = heard.tree()
+    if as_json:
+        click.echo(document.as_json(tree), nl=False)
+    elif tree.frames and not outputs:
+        print_lines(_lines(tree, long))
+    for path in outputs:
+        _write(tree, path)
+        click.echo(f"Wrote {path}: {len(tree.frames)} frames", err=as_json)
+    if not tree.frames:
+        raise click.ClickException(
+            f"no frame is known after {wait_s:g} s: is a broadcaster running, on this network?"
+        )
+    if check and tree.problems():
+        raise SystemExit(1)
+
+
+def _lines(tree: FrameTree, long: bool) -> list[str]:
+    if long:
+        return [*edge_lines(tree), *document.summary(tree, [])]
+    return document.summary(tree, tree_lines(tree, width=width(), paint=_paint))
+
+
+def _paint(line: str, state: State) -> str:
+    return paint(line, _ROLES[state]) if state in _ROLES else line
+
+
+def _watch(heard: Listening, long: bool) -> None:
+    in_place = is_terminal()
+    while True:
+        tree = heard.tree()
+        lines = _lines(tree, long) if tree.frames else ["No frame is known yet."]
+        click.echo((_HOME if in_place else "") + "\n".join(lines) + ("" if in_place else "\n"))
+        if not heard.node.wait(0.5):
+            return
+
+
+def _write(tree: FrameTree, path: Path) -> None:
+    try:
+        if path.suffix in _PICTURES:
+            write_picture(tree, path)
+        else:
+            path.write_text(_TEXTS[path.suffix](tree))
+    except ImportError as error:
+        raise TfbusError(
+            f"{path.name} is drawn by matplotlib, which is not installed: "
+            "pip install 'tfbus[plot]', or write .dot, .mmd, .json, .yaml or .txt"
+        ) from error
+    except OSError as error:
+        raise TfbusError(f"{path} cannot be written: {error.strerror}") from error

@@ -1,0 +1,67 @@
+"""A listener for a command that looks at all frames: it has met everybody when it is handed out."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from tfbus.buffer import Buffer
+from tfbus.frames.tree import FrameTree, frame_tree
+from tfbus.listener import TransformListener
+from tfbus.node import Node
+from tfbus.settings import NodeSettings
+
+# Publishers are asked for so much of what they sent before, to tell rates at once.
+_HISTORY_S = 3.0
+
+# Links open one after the other, and what streams tell follows.
+_QUIET_S = 0.3
+
+
+@dataclass(frozen=True)
+class Listening:
+    """A node of this command's own, and what it hears."""
+
+    node: Node
+    buffer: Buffer
+    listener: TransformListener
+
+    def tree(self) -> FrameTree:
+        """All that is known now."""
+        return frame_tree(self.buffer, self.listener.streams(), self.node.now_ns())
+
+
+@contextmanager
+def listening(
+    settings: NodeSettings, *, within_s: float = 2.0, cache_time_s: float = 10.0
+) -> Iterator[Listening]:
+    """Listen to all transforms; handed out as soon as nothing new comes, at most `within_s` later.
+
+    The kept history of each publisher is asked for, so that rates are known from the start.
+    """
+    buffer = Buffer(cache_time_s)
+    with (
+        Node(settings=replace(settings, log_level="error")) as node,
+        TransformListener(buffer, node, history_s=_HISTORY_S) as listener,
+    ):
+        heard = Listening(node, buffer, listener)
+        _meet_everybody(heard, within_s)
+        yield heard
+
+
+def _meet_everybody(heard: Listening, within_s: float) -> None:
+    deadline = time.monotonic() + within_s
+    known, since = _known(heard), time.monotonic()
+    while time.monotonic() < deadline and heard.node.wait(0.02):
+        now = _known(heard)
+        if now != known:
+            known, since = now, time.monotonic()
+        elif now[0] and now[1] >= now[0] and time.monotonic() - since > _QUIET_S:
+            return
+
+
+def _known(heard: Listening) -> tuple[int, int, int]:
+    """How many frames streams tell of, how many have come, and how many streams there are."""
+    streams = [stream for stream in heard.listener.streams() if stream.alive]
+    told = {child for stream in streams for _, child, _ in stream.frames}
+    return len(told), len(told.intersection(heard.buffer.frames())), len(streams)

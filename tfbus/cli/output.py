@@ -1,0 +1,159 @@
+"""What the tools print: plain when it is piped, coloured and no wider than it in a terminal.
+
+Every tool prints through here, so that they look alike: `paint` for a word, `table` for rows,
+`yaml_lines` for values, `say` and `warn` for what is not the answer itself. Colour is taken out by
+click where stdout is no terminal, and by `NO_COLOR` (https://no-color.org) everywhere.
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
+
+import click
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# What the words of an output are, and how each is shown.
+_ROLES: dict[str, dict[str, Any]] = {
+    "heading": {"bold": True},
+    "name": {"fg": "cyan"},
+    "type": {"fg": "green"},
+    "faint": {"dim": True},
+    "good": {"fg": "green"},
+    "warning": {"fg": "yellow"},
+    "bad": {"fg": "red"},
+}
+
+# What `table` puts between two columns, and at the end of a cell that is cut.
+_GAP = "  "
+_CUT = "…"
+
+# A text of YAML stays on its line, however long it is.
+_NEVER_FOLDED = 2**31 - 1
+
+_YAML_KEY = re.compile(r"^(\s*(?:- )*)([^\s:'\"{\[-][^:]*)(:)(?=\s|$)")
+
+
+def json_option(text: str) -> Callable[[F], F]:
+    """The option `--json` of a tool, whose value is the argument `as_json`."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
+def print_json(value: object) -> None:
+    """Print one line of JSON."""
+    click.echo(as_json(value))
+
+
+def as_json(value: object) -> str:
+    """One line of JSON; bytes in hexadecimal digits."""
+    return json.dumps(value, default=lambda it: it.hex() if isinstance(it, bytes) else str(it))
+
+
+def as_text(value: object) -> str:
+    """A text as it is, all else as JSON."""
+    return value if isinstance(value, str) else as_json(value)
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines, all in one go; nothing where there are none."""
+    text = "\n".join(lines)
+    if text:
+        click.echo(text)
+
+
+def warn(what: object) -> None:
+    """Say on stderr what is wrong with others, and does not keep the tool from its work."""
+    click.echo(f"{paint('Warning:', 'warning')} {what}", err=True)
+
+
+def say(what: object) -> None:
+    """Say on stderr what the tool is about, such as what it waits for."""
+    click.echo(paint(str(what), "faint"), err=True)
+
+
+def paint(text: str, role: str) -> str:
+    """The text as its role is shown: heading, name, type, faint, good, warning or bad."""
+    if not text or os.environ.get("NO_COLOR"):
+        return text
+    return click.style(text, **_ROLES[role])
+
+
+def is_terminal() -> bool:
+    """Whether somebody looks at what is printed."""
+    return sys.stdout.isatty()
+
+
+def width() -> int:
+    """How many characters a line has: the terminal's, or COLUMNS; 80 where nobody says."""
+    return shutil.get_terminal_size((80, 24)).columns
+
+
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    right: Iterable[int] = (),
+    longest: int | None = None,
+) -> list[str]:
+    """Lines of columns under headings; cells may be painted.
+
+    The columns of index `right` are set to the right. Where a line would be longer than
+    `longest` (None: the terminal's width; no bound where it is piped), the widest column is cut,
+    and then the next.
+    """
+    if longest is None and is_terminal():
+        longest = width()
+    cells = [[paint(heading, "heading") for heading in headings], *map(list, rows)]
+    widths = [max(map(_length, column)) for column in zip(*cells, strict=True)]
+    if longest is not None:
+        _narrow(widths, longest - len(_GAP) * (len(widths) - 1))
+    on_the_right = set(right)
+    return [
+        _GAP.join(
+            _padded(cell, wide, at in on_the_right)
+            for at, (cell, wide) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    ]
+
+
+def yaml_text(value: object) -> str:
+    """The value as YAML in block style, its keys painted; maps keep their order."""
+    import yaml  # only where something is printed as YAML
+
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text: str = yaml.dump(
+        value,
+        Dumper=dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        default_flow_style=False,
+        width=_NEVER_FOLDED,
+    )
+    text = text.removesuffix("\n...\n").rstrip("\n")  # the end of a value that stands alone
+    return text if not is_terminal() else "\n".join(map(_painted_key, text.splitlines()))
+
+
+def _painted_key(line: str) -> str:
+    return _YAML_KEY.sub(lambda found: found[1] + paint(found[2], "name") + found[3], line)
+
+
+def _length(cell: str) -> int:
+    return len(click.unstyle(cell))
+
+
+def _narrow(widths: list[int], room: int) -> None:
+    while sum(widths) > room and max(widths) > 1:
+        widths[widths.index(max(widths))] -= 1
+
+
+def _padded(cell: str, wide: int, right: bool) -> str:
+    bare = click.unstyle(cell)
+    if len(bare) > wide:
+        cell = cell.replace(bare, bare[: wide - 1] + _CUT)
+    space = " " * (wide - _length(cell))
+    return space + cell if right else cell + space

@@ -1,0 +1,63 @@
+"""What is worth saying about one edge, short enough for a line."""
+
+from typing import Literal
+
+from tfbus.frame import FrameInfo
+from tfbus.frames.tree import FrameTree
+
+State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]
+
+# A frame is stale when it is this many of its own periods old, and at least this many seconds:
+# one that comes at 0.5 Hz is fresh for six seconds.
+_STALE_PERIODS = 3.0
+_STALE_S = 1.0
+
+
+def state(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> State:
+    """What a frame is above all, `conflicts` being those that several publish."""
+    if frame.parent is None:
+        return "root"
+    if frame.name in conflicts:
+        return "conflict"
+    if frame.gone:
+        return "gone"
+    if frame.static:
+        return "static"
+    return "stale" if is_stale(tree, frame) else "dynamic"
+
+
+def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
+    """Whether a frame that moves has not been heard of for longer than its rate allows."""
+    age_s = tree.age_s(frame)
+    period_s = 1.0 / frame.rate_hz if frame.rate_hz else 0.0
+    return age_s is not None and age_s > max(_STALE_S, _STALE_PERIODS * period_s)
+
+
+def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
+    """What to say of an edge, what matters most first; nothing of a root."""
+    if frame.parent is None:
+        return []
+    told = state(tree, frame, conflicts)
+    words = {"gone": ["GONE"], "stale": ["STALE"], "conflict": ["CONFLICT"]}.get(told, [])
+    if frame.static:
+        words.append("static")
+    else:
+        words.append(duration(tree.age_s(frame)) + " old")
+        if frame.rate_hz is not None:
+            words.append(f"{frame.rate_hz:.1f} Hz")
+    words.append(f"by {frame.authority}")
+    kept_s = tree.kept_s(frame)
+    if kept_s is not None:
+        words.append(f"{duration(kept_s)} kept")
+    return words
+
+
+def duration(seconds: float | None) -> str:
+    """A time as people say it: `0.3 ms`, `21 ms`, `4.2 s`, `3 min`, `2 h`."""
+    if seconds is None:
+        return "?"
+    size = abs(seconds)
+    for limit, unit, digits in ((0.01, 1e3, 1), (1.0, 1e3, 0), (100.0, 1.0, 1)):
+        if size < limit:
+            return f"{seconds * unit:.{digits}f} {'ms' if unit > 1 else 's'}"
+    return f"{seconds / 60:.0f} min" if size < 6000 else f"{seconds / 3600:.0f} h"

@@ -1,0 +1,123 @@
+"""The tree of frames as a picture, drawn by matplotlib: SVG, PDF or PNG."""
+
+import textwrap
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from tfbus.frames.facts import State, facts, state
+from tfbus.frames.layout import Place, Size, extent, outline, tidy
+from tfbus.frames.text import conflicting
+from tfbus.frames.tree import FrameTree
+
+COLOURS: dict[State, str] = {
+    "root": "#111827",
+    "dynamic": "#2563eb",
+    "static": "#4b5563",
+    "stale": "#b45309",
+    "gone": "#b91c1c",
+    "conflict": "#a21caf",
+}
+_GREY, _TRUNK = "#6b7280", "#9ca3af"
+
+# From so many frames on the columns would be wider than any screen.
+_LARGE = 60
+
+# Inches; and how wide a letter is at most, on average.
+_MARGIN, _HEAD, _LEAST_WIDTH = 0.3, 0.9, 7.2
+_NAME_CHAR, _FACT_CHAR, _TEXT_CHAR = 0.088, 0.062, 0.072
+_PROBLEM_ROW = 0.17
+
+# A PNG of more pixels is not opened by every viewer: a larger one gets fewer dots an inch.
+_DOTS_PER_INCH, _MOST_PIXELS = 150, 30_000
+
+
+@dataclass(frozen=True)
+class _Label:
+    """What is written at a frame's place."""
+
+    name: str
+    facts: str
+    state: State
+
+    @property
+    def size(self) -> Size:
+        """How large it is."""
+        return Size(len(self.name) * _NAME_CHAR, len(self.facts) * _FACT_CHAR)
+
+
+def write_picture(tree: FrameTree, path: Path) -> None:
+    """Draw the tree into a file of one of matplotlib's kinds, by its ending."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    conflicts = conflicting(tree)
+    labels = {
+        name: _Label(name, ", ".join(facts(tree, frame, conflicts)), state(tree, frame, conflicts))
+        for name, frame in tree.frames.items()
+    }
+    sizes = {name: label.size for name, label in labels.items()}
+    places = (outline if len(labels) > _LARGE else tidy)(tree, sizes)
+    right, bottom = extent(places, sizes)
+    width = max(right + 2 * _MARGIN, _LEAST_WIDTH)
+    problems = _problem_lines(tree, width)
+    height = _HEAD + bottom + 3 * _MARGIN + _PROBLEM_ROW * len(problems)
+
+    # Text stays text in an SVG: it can be searched, and is drawn in the reader's own font.
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        figure = Figure(figsize=(width, height), facecolor="white")
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        axes.set_xlim(-_MARGIN, width - _MARGIN)
+        axes.set_ylim(height - _HEAD, -_HEAD)
+        _draw_head(axes, tree)
+        for name, place in places.items():
+            _draw_frame(axes, place, labels[name])
+        for number, line in enumerate(problems):
+            _write(
+                axes, 0.0, bottom + 2 * _MARGIN + _PROBLEM_ROW * number, line, 8, COLOURS["gone"]
+            )
+        figure.savefig(path, dpi=min(_DOTS_PER_INCH, _MOST_PIXELS / max(width, height)))
+
+
+def _draw_head(axes: Any, tree: FrameTree) -> None:
+    streams = sum(stream.alive for stream in tree.streams.values())
+    when = datetime.fromtimestamp(tree.recorded_ns / 1e9).astimezone()
+    title = f"{len(tree.frames)} frames, {streams} publishers" if tree.frames else "no frames"
+    _write(axes, 0.0, -0.58, title, 13, COLOURS["root"], weight="bold")
+    _write(axes, 0.0, -0.32, f"recorded {when:%Y-%m-%d %H:%M:%S %Z}", 8, _GREY)
+    kinds: tuple[State, ...] = ("dynamic", "static", "stale", "gone", "conflict")
+    for number, kind in enumerate(kinds):
+        _write(axes, 2.6 + 0.8 * number, -0.32, f"● {kind}", 8, COLOURS[kind])
+
+
+def _draw_frame(axes: Any, place: Place, label: _Label) -> None:
+    colour = COLOURS[label.state]
+    if place.line:
+        *trunk, corner, end = place.line
+        xs, ys = zip(*trunk, corner, strict=True)
+        axes.plot(xs, ys, color=_TRUNK, linewidth=1.0)
+        style = "--" if label.state in ("gone", "stale") else "-"
+        xs, ys = zip(corner, end, strict=True)
+        axes.plot(xs, ys, color=colour, linewidth=1.2, linestyle=style)
+        axes.plot(*end, marker=">", markersize=3.5, color=colour)
+    _write(axes, place.x, place.y, label.name, 10, colour, weight="bold")
+    _write(axes, place.facts_x, place.facts_y, label.facts, 7, _GREY)
+
+
+def _problem_lines(tree: FrameTree, width: float) -> list[str]:
+    letters = int((width - 2 * _MARGIN) / _TEXT_CHAR)
+    return [
+        line
+        for problem in tree.problems()
+        for line in textwrap.wrap(f"{problem.kind}: {problem.text}", letters)
+    ]
+
+
+def _write(
+    axes: Any, x: float, y: float, text: str, points: int, colour: str, weight: str = "normal"
+) -> None:
+    # A dollar sign would begin a formula.
+    shown = text.replace("$", r"\$")
+    axes.text(x, y, shown, fontsize=points, color=colour, weight=weight, va="center")

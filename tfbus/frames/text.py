@@ -1,0 +1,108 @@
+"""The tree of frames as lines of text."""
+
+from collections.abc import Callable, Iterator
+
+from tfbus.frame import FrameInfo
+from tfbus.frames.facts import State, duration, facts, state
+from tfbus.frames.tree import FrameTree, counted, who
+
+Paint = Callable[[str, State], str]
+
+
+def plain(text: str, state: State) -> str:
+    """The text as it is, whatever it tells of."""
+    return text
+
+
+def tree_lines(tree: FrameTree, *, width: int = 80, paint: Paint = plain) -> list[str]:
+    """The trees, a frame a line with its facts behind it: as many as go into the width.
+
+    `paint(text, state)` may colour a line.
+    """
+    conflicts = conflicting(tree)
+    rows = list(_rows(tree))
+    column = min(max((len(lead) + len(frame.name) for lead, frame in rows), default=0), width // 2)
+    lines = []
+    for lead, frame in rows:
+        name = f"{lead}{frame.name}".ljust(column)
+        line = name
+        for fact in facts(tree, frame, conflicts):
+            joined = f"{line}{'  ' if line is name else ', '}{fact}"
+            if len(joined) > width:
+                break
+            line = joined
+        lines.append(paint(line.rstrip(), state(tree, frame, conflicts)))
+    return lines
+
+
+def publisher_lines(tree: FrameTree) -> list[str]:
+    """Who publishes, a stream a line: its node, host and pid, its frames, and how late it comes."""
+    lines = []
+    for stream in tree.streams.values():
+        parts = [f"{stream.name}: {who(stream)}", counted(len(stream.frames))]
+        if not stream.alive:
+            parts.append("GONE")
+        if stream.delay_s is not None:
+            parts.append(f"{duration(stream.delay_s)} late")
+        if stream.missed:
+            parts.append(f"{stream.missed} messages missed")
+        lines.append(", ".join(parts))
+    return lines
+
+
+def edge_lines(tree: FrameTree) -> list[str]:
+    """Each edge with all that is known of it, several lines an edge."""
+    lines = []
+    for name in sorted(tree.frames):
+        frame = tree.frames[name]
+        if frame.parent is not None:
+            lines += [
+                f"{frame.parent} -> {name}",
+                *(f"  {fact}" for fact in _all_facts(tree, frame)),
+            ]
+    return lines
+
+
+def conflicting(tree: FrameTree) -> set[str]:
+    """The frames that several publish at once."""
+    return {
+        frame
+        for problem in tree.problems()
+        if problem.kind == "conflict"
+        for frame in problem.frames
+    }
+
+
+def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
+    stream = tree.publisher(frame)
+    gone = ", gone" if frame.gone else ""
+    yield f"Publisher: {who(stream)}, stream {frame.authority!r}{gone}"
+    yield f"Kind: {'static' if frame.static else 'dynamic'}"
+    if not frame.static:
+        rate = "unknown" if frame.rate_hz is None else f"{frame.rate_hz:.3f} Hz"
+        yield f"Rate: {rate}, {frame.samples} samples over {duration(tree.kept_s(frame))}"
+        yield f"Newest: {_seconds(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
+        yield f"Oldest: {_seconds(frame.oldest_ns)}"
+        yield f"Delay: {duration(stream.delay_s)}"
+    if frame.conflicts:
+        yield f"Samples that replaced a different one of the same stamp: {frame.conflicts}"
+    if frame.refused:
+        yield f"Samples that came too old to be kept: {frame.refused}"
+
+
+def _rows(tree: FrameTree) -> Iterator[tuple[str, FrameInfo]]:
+    """Each frame, with the lines that lead to it."""
+    for root in tree.roots:
+        stack = [("", "", root.name)]
+        while stack:
+            lead, below, name = stack.pop()
+            yield lead, tree.frames[name]
+            children = tree.children(name)
+            for child in reversed(children):
+                last = child == children[-1]
+                branch, more = ("└─ ", "   ") if last else ("├─ ", "│  ")
+                stack.append((below + branch, below + more, child))
+
+
+def _seconds(stamp_ns: int | None) -> str:
+    return "none" if stamp_ns is None else f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"

@@ -1,10 +1,12 @@
 """The bus as a command sees it that looks, or asks, and goes: a session without a node."""
 
-import json
+from collections.abc import Callable
 
-import click
-
+from tfbus.cli.output import warn
+from tfbus.errors import DecodeError
+from tfbus.graph import Graph, graph_of
 from tfbus.log import open_log
+from tfbus.presence import describe_all, describe_streams
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
 
@@ -16,16 +18,10 @@ def open_bus(settings: NodeSettings) -> Session:
     return session
 
 
-def warn(what: object) -> None:
-    """Say on stderr what is wrong with others, and does not keep the command from its work."""
-    click.echo(f"Warning: {what}", err=True)
-
-
-def as_json(value: object) -> str:
-    """One line of JSON; bytes in hexadecimal digits."""
-    return json.dumps(value, default=lambda it: it.hex() if isinstance(it, bytes) else str(it))
-
-
-def as_text(value: object) -> str:
-    """A text as it is, all else as JSON."""
-    return value if isinstance(value, str) else as_json(value)
+def look(session: Session, on_unreadable: Callable[[DecodeError], object] = warn) -> Graph:
+    """The topics and services that there are; `on_unreadable(error)` is told of those who cannot
+    be read, and are passed over.
+    """
+    nodes = describe_all(session, on_unreadable)
+    streams = describe_streams(session, on_unreadable)
+    return graph_of(nodes, streams, session.settings.namespace)

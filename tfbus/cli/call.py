@@ -6,13 +6,15 @@ from typing import Any
 
 import click
 
-from tfbus.cli.bus import as_json, open_bus, warn
+from tfbus.cli.bus import look, open_bus
+from tfbus.cli.message import checked_map, encode_values
+from tfbus.cli.nearest import nearest
+from tfbus.cli.output import as_json
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.keys import check_topic
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.presence import describe_all
 from tfbus.session import Answer, Session
 from tfbus.settings import NodeSettings
 
@@ -42,7 +44,7 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     has one, a goal tells its feedback and then its result. Ctrl-C cancels a goal.
     """
     check_topic(service, kind="service")
-    payload = _read_request(request)
+    payload = encode_values(checked_map(request, "REQUEST"), "REQUEST")
     with open_bus(settings) as session:
         answered = False
         for answer in _following(session, service, payload, timeout_s):
@@ -89,31 +91,6 @@ def _silence(service: str, timeout_s: float) -> str:
     return f"{service!r} did not answer in {timeout_s:g} s"
 
 
-def _read_request(text: str) -> bytes:
-    try:
-        return encode_map(_as_map(text))
-    except (OverflowError, TypeError, ValueError) as error:
-        raise click.BadParameter(
-            f"{text!r} has a value that no field can have: use texts, booleans, numbers of at "
-            "most 64 bits, lists and maps",
-            param_hint="REQUEST",
-        ) from error
-
-
-def _as_map(text: str) -> dict[str, Any]:
-    from tfbus.values import read_value  # YAML, which `--help` does not need
-
-    value = read_value(text)
-    if not isinstance(value, dict):
-        raise click.BadParameter(
-            "a map of the request's fields in YAML is wanted, as in '{x: 2, y: 3}', "
-            f"not {text!r}",
-            param_hint="REQUEST",
-        )
-    return value
-
-
 def _nobody(session: Session, service: str) -> str:
-    served = sorted({name for node in describe_all(session, warn) for name in node.serves})
-    there = f"there are: {', '.join(served)}" if served else "no node serves anything"
-    return f"nobody serves {service!r}; {there}"
+    served = [name for name, info in look(session).services.items() if info.servers]
+    return f"nobody serves {service!r}{nearest(service, served, none=', nor anything else')}"

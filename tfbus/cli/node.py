@@ -5,8 +5,8 @@ from collections import Counter
 
 import click
 
-from tfbus.cli.bus import as_json as json_line
-from tfbus.cli.bus import as_text, open_bus, warn
+from tfbus.cli.bus import open_bus
+from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.codec import as_map
 from tfbus.description import NodeDescription
 from tfbus.options import bus_options
@@ -22,13 +22,14 @@ def command() -> None:
 
 
 @command.command("list", epilog="Example: tfbus node list")
-@click.option("--count", "only_count", is_flag=True, help="Print only how many there are.")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
+@click.option("-a", "--all", "everyone", is_flag=True, help="Also those whose names begin with _.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@json_option("Print a JSON list.")
 @bus_options("node")
-def list_command(settings: NodeSettings, only_count: bool, as_json: bool) -> None:
+def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_json: bool) -> None:
     """Print the full names of all nodes, one a line."""
     with open_bus(settings) as session:
-        names = list_nodes(session)
+        names = [name for name in list_nodes(session) if everyone or not _is_hidden(name)]
         told = {(node.session, node.name) for node in describe_all(session, warn)}
     for name, count in Counter(name for _, name in told).items():
         if count > 1:
@@ -36,15 +37,14 @@ def list_command(settings: NodeSettings, only_count: bool, as_json: bool) -> Non
     if only_count:
         click.echo(len(names))
     elif as_json:
-        click.echo(json_line(names))
+        print_json(names)
     else:
-        for name in names:
-            click.echo(name)
+        print_lines(names)
 
 
 @command.command("info", epilog="Example: tfbus node info /sim")
 @click.argument("name")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, one object a line.")
+@json_option("Print JSON, one object a line.")
 @bus_options("node")
 def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
     """Print what the node NAME publishes, subscribes, serves; its parameters, host and pid."""
@@ -53,13 +53,21 @@ def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
     if len(nodes) > 1:
         warn(f"{len(nodes)} nodes have the name {nodes[0].name}")
     for node in nodes:
-        click.echo(json_line(as_map(node)) if as_json else _as_text(node))
+        if as_json:
+            print_json(as_map(node))
+        else:
+            print_lines(_lines(node))
 
 
-def _as_text(node: NodeDescription) -> str:
+def _is_hidden(name: str) -> bool:
+    """Whether a node is a tool's own, as of `tfbus topic echo`, and not part of the robot."""
+    return name.rpartition("/")[2].startswith("_")
+
+
+def _lines(node: NodeDescription) -> list[str]:
     uptime_s = (time.time_ns() - node.started_ns) / 1e9
     lines = [
-        node.name,
+        paint(node.name, "name"),
         f"  Host: {node.host}",
         f"  Pid: {node.pid}",
         f"  Version: {node.version}",
@@ -68,7 +76,10 @@ def _as_text(node: NodeDescription) -> str:
     ]
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
-        lines += [f"    {name}: {type_}" for name, type_ in sorted(getattr(node, kind).items())]
+        lines += [
+            f"    {name}: {paint(type_ or 'not told', 'type')}"
+            for name, type_ in sorted(getattr(node, kind).items())
+        ]
     lines.append("  Parameters:")
     lines += [f"    {entry.name}: {as_text(entry.value)}" for entry in node.parameters]
-    return "\n".join(lines)
+    return lines

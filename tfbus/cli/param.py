@@ -2,7 +2,8 @@
 
 import click
 
-from tfbus.cli.bus import as_text, open_bus, warn
+from tfbus.cli.bus import open_bus
+from tfbus.cli.output import as_text, warn
 from tfbus.codec import decode_message, encode_map
 from tfbus.description import ParameterDescription
 from tfbus.errors import BusError, DecodeError, ParameterError, TfbusError

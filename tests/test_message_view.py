@@ -1,0 +1,177 @@
+"""Messages on the command line: their parts, what is cut of them, filters, and typing them in."""
+
+import re
+from typing import Any
+
+import click
+import numpy as np
+import pytest
+
+from tfbus.batch import TransformBatch
+from tfbus.cli.message import complete_values, find_type, reader_of, supplied_type
+from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.codec import encode_map
+from tfbus.errors import DecodeError
+from tfbus.messages import Color, Twist
+from tfbus.wire import TransformMessage, encode_transforms
+
+MESSAGE = {"x": 1.5, "cells": [3.5, {"name": "left"}], "linear": {"x": 2, "y": 0}}
+
+
+def usage_error(function: Any, *arguments: Any) -> str:
+    """The sentence of the usage error that the call raises."""
+    with pytest.raises(click.UsageError) as caught:
+        function(*arguments)
+    return caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("path", "part"),
+    [("x", 1.5), ("linear.x", 2), ("cells[1].name", "left"), ("cells.0", 3.5), ("", MESSAGE)],
+)
+def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
+    """A path goes through maps by name and through lists by index."""
+    assert part_of(MESSAGE, path) == part
+
+
+@pytest.mark.parametrize(
+    ("path", "sentence"),
+    [
+        ("z", "there is no field 'z': no 'z' there; there are: cells, linear, x"),
+        ("liner.x", "there is no field 'liner.x': no 'liner' there; did you mean 'linear'?"),
+        ("x.y", "there is no field 'x.y': 'y' is asked of a value that has no fields"),
+        ("cells[2]", "there is no field 'cells[2]': '2' is not an index of a list of 2"),
+    ],
+)
+def test_a_part_that_is_not_there_is_told_with_the_nearest(path: str, sentence: str) -> None:
+    """A path that leads nowhere is refused at the name that is wrong."""
+    assert usage_error(part_of, MESSAGE, path) == sentence
+
+
+def test_what_is_too_long_is_cut() -> None:
+    """Texts, bytes and lists are cut after so many, and marked; nothing is cut without a bound."""
+    message = {"a": "abcdef", "b": b"\x01\x02\x03", "c": [1, 2, 3], "d": {"e": "ab"}, "f": None}
+    assert Shortening(2).shorten(message) == {
+        "a": "ab...",
+        "b": "0102...",
+        "c": [1, 2, "..."],
+        "d": {"e": "ab"},
+        "f": None,
+    }
+    assert Shortening(None).shorten(message) == message | {"b": "010203"}
+
+
+def test_long_values_can_be_left_out() -> None:
+    """Of lists and texts only the length may be shown."""
+    message = {"a": "abcdef", "b": b"\x01", "c": [1, 2, 3]}
+    assert Shortening(2, lists=False, texts=False).shorten(message) == {
+        "a": "<text of 6>",
+        "b": "<1 bytes>",
+        "c": "<list of 3>",
+    }
+
+
+def test_a_row_of_csv_has_all_values() -> None:
+    """Maps and lists become one row, in order; a text with a comma is quoted."""
+    assert csv_row({"x": 1.5, "l": [2, {"n": "a,b"}], "e": []}) == '1.5,2,"a,b"'
+    assert csv_row(7) == "7"
+
+
+def test_a_filter_sees_fields_as_attributes() -> None:
+    """A filter is a Python expression of the message `m`."""
+    assert MessageFilter("m.x > 1 and m.cells[1].name == 'left'").takes(MESSAGE)
+    assert not MessageFilter("m.linear.x > 2").takes(MESSAGE)
+
+
+@pytest.mark.parametrize(
+    ("expression", "sentence"),
+    [
+        ("m.z > 1", "--filter 'm.z > 1' fails: AttributeError: no field 'z'; there are: cells, "),
+        ("m.x >", "--filter 'm.x >' is not a Python expression: invalid syntax"),
+        ("m.x.y", "--filter 'm.x.y' fails: AttributeError: 'float' object has no attribute 'y'"),
+    ],
+)
+def test_a_filter_that_cannot_be_is_told(expression: str, sentence: str) -> None:
+    """A filter that is no expression, or fails, is a usage error."""
+    told = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
+    assert told.startswith(sentence)
+
+
+def test_fields_that_are_not_given_take_their_defaults() -> None:
+    """A map becomes a whole message of its type, numbers as the type has them."""
+    assert complete_values({"linear": {"x": 2}}, Twist) == {
+        "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
+        "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "message_type", "sentence"),
+    [
+        ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),
+        ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; there are: x, y, z"),
+        ({"linear": 2}, Twist, "this is no Twist: field 'linear' is an integer, a map is wanted"),
+        ({"r": 1, "g": 2}, Color, "this is no Color: field 'b' is missing"),
+        (
+            {"r": 300, "g": 0, "b": 0},
+            Color,
+            "this is no Color: r is 300; a number from 0 to 255 is wanted",
+        ),
+    ],
+)
+def test_values_that_are_no_such_message_are_refused(
+    values: dict[str, Any], message_type: type, sentence: str
+) -> None:
+    """A field that the type does not have, or cannot have, is told, with the nearest name."""
+    assert usage_error(complete_values, values, message_type) == sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("Twits", "tfbus.messages has no message 'Twits'; did you mean 'Twist'? "),
+        ("nosuch.module:A", "'nosuch.module' cannot be imported: No module named 'nosuch'"),
+        ("json:Battery", "json has no dataclass 'Battery', which a message is"),
+    ],
+)
+def test_a_type_that_is_not_there_is_told(text: str, sentence: str) -> None:
+    """A type is one of tfbus.messages, or a dataclass by its module."""
+    assert usage_error(find_type, text).startswith(sentence)
+
+
+def test_types_are_found_by_name() -> None:
+    """`Twist` is tfbus's own; another is named by its module and a colon."""
+    assert find_type("Twist") is supplied_type("Twist") is Twist
+    assert find_type("tfbus.messages:Color") is Color
+    assert supplied_type("Spawn") is None  # a service
+
+
+def test_messages_are_read_by_the_name_of_their_type() -> None:
+    """A supplied type is checked; of any other, the map is what it is."""
+    payload = encode_map({"r": 1, "g": 2, "b": 3, "a": 4})
+    assert reader_of("Color")(payload) == {"r": 1, "g": 2, "b": 3}
+    assert reader_of("Colour")(payload) == {"r": 1, "g": 2, "b": 3, "a": 4}
+    with pytest.raises(DecodeError, match=re.escape("field 'x' is missing")):
+        reader_of("Pose")(encode_map({"stamp_ns": 1}))
+
+
+def test_transforms_are_shown_as_they_came() -> None:
+    """Of transforms each row is shown, also one that a buffer would refuse."""
+    edges = np.array([[0, 1]], dtype=np.uint32)
+    poses = np.array([[1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 9.0]])
+    batch = TransformBatch(("w", ""), edges, np.array([7]), poses)
+    read = reader_of("TransformMessage")(encode_transforms(TransformMessage(batch, 5)))
+    assert read == {
+        "epoch": 5,
+        "transforms": [
+            {
+                "stamp_ns": 7,
+                "frame_id": "w",
+                "child_frame_id": "",
+                "transform": {
+                    "translation": {"x": 1.0, "y": 2.0, "z": 3.0},
+                    "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 9.0},
+                },
+            }
+        ],
+    }

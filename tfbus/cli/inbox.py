@@ -1,0 +1,78 @@
+"""The messages of one topic as they come, for a tool that prints each."""
+
+import queue
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+from tfbus.cli.output import say, warn
+from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, why_silent
+from tfbus.errors import BusError
+from tfbus.node import Node
+
+# Of messages that come faster than they are printed so many wait; the oldest of more are left out.
+_PENDING = 1000
+# A signal that comes an instant before the wait begins is seen after this time.
+_LOOK_UP_S = 0.5
+
+
+class Inbox:
+    """Iterates over the bytes of each message of a topic, without end; closed by `with`.
+
+    Says what is waited for when nothing comes at first, and raises BusError where that lasts for
+    `timeout_s` (None: never).
+    """
+
+    def __init__(self, node: Node, topic: str, type_name: str, *, timeout_s: float | None = None):
+        self._node = node
+        self._topic = topic
+        self._timeout_s = timeout_s
+        self._pending: queue.Queue[bytes] = queue.Queue(_PENDING)
+        self._left_out = 0
+        self._subscription = subscribe(node, topic, type_name, self._take)
+
+    def __enter__(self) -> "Inbox":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._subscription.close()
+        if self._left_out:
+            warn(f"{self._left_out} messages came faster than they were printed; they are left out")
+
+    def __iter__(self) -> Iterator[bytes]:
+        if (first := self._first()) is not None:
+            yield first
+        while (payload := self._next()) is not None:
+            yield payload
+
+    def _first(self) -> bytes | None:
+        timeout_s = self._timeout_s
+        started_s = time.monotonic()
+        soon_s = TELL_AFTER_S if timeout_s is None else min(TELL_AFTER_S, timeout_s)
+        first = self._next(started_s + soon_s)
+        if first is None and self._node.ok:
+            say(why_silent(self._node, self._topic))
+            first = self._next(None if timeout_s is None else started_s + timeout_s)
+        if first is None and self._node.ok:
+            raise BusError(f"no message came on {self._topic!r} in {timeout_s:g} s")
+        return first
+
+    def _next(self, until_s: float | None = None) -> bytes | None:
+        """The next one; None where none comes until then, or the node is shut down."""
+        while self._node.ok:
+            left_s = _LOOK_UP_S if until_s is None else until_s - time.monotonic()
+            with suppress(queue.Empty):
+                return self._pending.get(timeout=min(max(left_s, 0.001), _LOOK_UP_S))
+            if left_s <= 0.0:
+                break
+        return None
+
+    def _take(self, payload: bytes) -> None:
+        while True:
+            try:
+                self._pending.put_nowait(payload)
+                break
+            except queue.Full:
+                self._left_out += 1
+                with suppress(queue.Empty):
+                    self._pending.get_nowait()

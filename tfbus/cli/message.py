@@ -1,0 +1,159 @@
+"""Messages whose type is not known here: their bytes as maps, and maps as messages of a type.
+
+Types have names on the bus, not definitions. Those of `tfbus.messages` are found by their name,
+others by where they are in Python: `my_robot.messages:Battery`.
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import click
+
+from tfbus.batch import TransformBatch
+from tfbus.cli.nearest import nearest
+from tfbus.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
+from tfbus.errors import DecodeError
+from tfbus.graph import TRANSFORMS_TYPE
+from tfbus.wire import decode_transforms
+
+# The bytes of one message as a map; raises DecodeError.
+Reader = Callable[[bytes], dict[str, Any]]
+
+
+def supplied_type(name: str) -> type | None:
+    """The message type of this name in `tfbus.messages`; None where there is none."""
+    return _supplied().get(name)
+
+
+def find_type(text: str) -> type:
+    """The type that `Pose`, or `my_robot.messages:Battery`, stands for. Raises click.UsageError."""
+    module, colon, name = text.partition(":")
+    if colon:
+        return _imported(module, name)
+    found = supplied_type(text)
+    if found is None:
+        hint = nearest(text, _supplied(), none="")
+        raise click.UsageError(
+            f"tfbus.messages has no message {text!r}{hint} A type of your own is given as "
+            "package.module:Name"
+        )
+    return found
+
+
+def reader_of(type_name: str) -> Reader:
+    """How to read messages of the type of this name: those of a supplied type are checked."""
+    if type_name == TRANSFORMS_TYPE:
+        return _read_transforms
+    message_type = supplied_type(type_name)
+    if message_type is None:
+        return decode_map
+    return lambda payload: as_map(decode_message(message_type, payload))
+
+
+def encode_values(values: Mapping[str, Any], what: str) -> bytes:
+    """The bytes of a map that was typed in for the argument `what`; a usage error where it has a
+    value that no field can have.
+    """
+    try:
+        return encode_map(values)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise click.BadParameter(
+            "there is a value that no field can have: use texts, booleans, numbers of at most 64 "
+            "bits, lists and maps",
+            param_hint=what,
+        ) from error
+
+
+def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
+    """The fields of a message of this type, with the defaults of those that are not given.
+
+    Raises click.UsageError, with the nearest names, where the values are no such message.
+    """
+    _check_names(message_type, values, "")
+    try:
+        return as_map(from_map(message_type, values))
+    except DecodeError as error:
+        raise click.UsageError(f"this is no {type_name(message_type)}: {error}") from error
+
+
+def read_map(text: str) -> dict[str, Any] | None:
+    """The YAML map that somebody typed in; None where it is something else."""
+    from tfbus.values import read_value  # YAML, which `--help` does not need
+
+    value = read_value(text)
+    return value if isinstance(value, dict) else None
+
+
+def checked_map(text: str, what: str) -> dict[str, Any]:
+    """The YAML map that somebody typed in for the argument `what`; a usage error otherwise."""
+    values = read_map(text)
+    if values is None:
+        raise click.BadParameter(
+            f"a map of fields in YAML is wanted, as in '{{x: 2, y: 3}}', not {text!r}",
+            param_hint=what,
+        )
+    return values
+
+
+@cache
+def _supplied() -> dict[str, type]:
+    import tfbus.messages
+
+    return {
+        name: value
+        for name, value in vars(tfbus.messages).items()
+        if isinstance(value, type) and is_dataclass(value)
+    }
+
+
+def _imported(module: str, name: str) -> type:
+    sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
+    try:
+        found = getattr(import_module(module), name, None)
+    except ImportError as error:
+        raise click.UsageError(f"{module!r} cannot be imported: {error}") from error
+    if not isinstance(found, type) or not is_dataclass(found):
+        raise click.UsageError(f"{module} has no dataclass {name!r}, which a message is")
+    return found
+
+
+def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> None:
+    """Raise click.UsageError for a field that the type, or one within it, does not have."""
+    hints = get_type_hints(message_type)
+    names = [entry.name for entry in fields(message_type)]
+    for name, value in values.items():
+        if name not in names:
+            hint = nearest(str(name), names, none="; it has none")
+            raise click.UsageError(
+                f"{type_name(message_type)} has no field {path + str(name)!r}{hint}"
+            )
+        if is_dataclass(hints[name]) and isinstance(value, Mapping):
+            _check_names(hints[name], value, f"{path}{name}.")
+
+
+def _read_transforms(payload: bytes) -> dict[str, Any]:
+    message = decode_transforms(payload)
+    counted = {} if message.seq is None else {"seq": message.seq}
+    return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.batch)}
+
+
+def _rows(batch: TransformBatch) -> list[dict[str, Any]]:
+    """The rows as they came: what the buffer would refuse is shown too."""
+    columns = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True)
+    return [
+        {
+            "stamp_ns": stamp_ns,
+            "frame_id": batch.frames[parent],
+            "child_frame_id": batch.frames[child],
+            "transform": {
+                "translation": dict(zip("xyz", pose[:3], strict=True)),
+                "rotation": dict(zip("xyzw", pose[3:], strict=True)),
+            },
+        }
+        for (parent, child), stamp_ns, pose in columns
+    ]

@@ -1,0 +1,131 @@
+"""Parts of a message as they are chosen and shortened for people."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from tfbus.cli.nearest import nearest
+
+_PART = re.compile(r"[^.\[\]]+")
+
+
+@dataclass(frozen=True)
+class Shortening:
+    """How much of a message is shown: texts, bytes and lists of at most `longest` (None: all).
+
+    Without `lists` or `texts` only how long they are is shown.
+    """
+
+    longest: int | None = 128
+    lists: bool = True
+    texts: bool = True
+
+    def shorten(self, value: Any) -> Any:
+        """The value with what is too long cut, all the way down; bytes as hexadecimal digits."""
+        if isinstance(value, dict):
+            return {key: self.shorten(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return self._list(value)
+        if isinstance(value, bytes):
+            shown = f"<{len(value)} bytes>" if not self.texts else value[: self.longest].hex()
+            return shown + self._mark(value)
+        if isinstance(value, str):
+            shown = f"<text of {len(value)}>" if not self.texts else value[: self.longest]
+            return shown + self._mark(value)
+        return value
+
+    def _list(self, items: list[Any]) -> Any:
+        if not self.lists:
+            return f"<list of {len(items)}>"
+        kept = [self.shorten(item) for item in items[: self.longest]]
+        return kept if len(kept) == len(items) else [*kept, "..."]
+
+    def _mark(self, value: str | bytes) -> str:
+        """What shows that a text or bytes are cut."""
+        return "..." if self.texts and self.longest and len(value) > self.longest else ""
+
+
+def part_of(message: Any, path: str) -> Any:
+    """The part of a message at `linear.x`, or `transforms[0].frame_id`.
+
+    Raises click.UsageError, with the nearest names, where there is none.
+    """
+    at = message
+    for name in _PART.findall(path):
+        if isinstance(at, list) and name.isdigit() and int(name) < len(at):
+            at = at[int(name)]
+        elif isinstance(at, dict) and name in at:
+            at = at[name]
+        else:
+            raise click.UsageError(f"there is no field {path!r}: {_missing(at, name)}")
+    return at
+
+
+def _missing(at: Any, name: str) -> str:
+    if isinstance(at, list):
+        return f"{name!r} is not an index of a list of {len(at)}"
+    if isinstance(at, dict):
+        return f"no {name!r} there{nearest(name, map(str, at), none=', nor any other')}"
+    return f"{name!r} is asked of a value that has no fields"
+
+
+def csv_row(value: Any) -> str:
+    """All values of a message in their order, separated by commas."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow(_leaves(value))
+    return text.getvalue()
+
+
+def _leaves(value: Any) -> Iterator[Any]:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            yield from _leaves(item)
+    else:
+        yield value
+
+
+class MessageFilter:
+    """A Python expression of `m`, the message, that is true of those to take: `m.x > 5`."""
+
+    def __init__(self, expression: str):
+        self._expression = expression
+        try:
+            self._code = compile(expression, "--filter", "eval")
+        except SyntaxError as error:
+            raise click.UsageError(
+                f"--filter {expression!r} is not a Python expression: {error.msg}"
+            ) from error
+
+    def takes(self, message: dict[str, Any]) -> bool:
+        """Whether the expression is true of the message. Raises click.UsageError where it fails."""
+        try:
+            return bool(eval(self._code, {"m": _Fields(message)}))
+        except Exception as error:
+            raise click.UsageError(
+                f"--filter {self._expression!r} fails: {type(error).__name__}: {error}"
+            ) from error
+
+
+class _Fields:
+    """A map whose values are attributes, all the way down."""
+
+    def __init__(self, values: dict[str, Any]):
+        self._values = values
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._values:
+            raise AttributeError(f"no field {name!r}{nearest(name, self._values, none='')}")
+        return _as_fields(self._values[name])
+
+
+def _as_fields(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_as_fields(item) for item in value]
+    return _Fields(value) if isinstance(value, dict) else value

@@ -1,0 +1,122 @@
+"""Measuring topics: a window of messages of each, and a report of it every second."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import click
+
+from tfbus.cli.bus import look
+from tfbus.cli.output import print_json, print_lines, say, table, warn
+from tfbus.cli.topic_reports import Report
+from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, type_of, why_silent
+from tfbus.cli.window import Reading, Window
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.errors import BusError, DecodeError
+from tfbus.node import Node
+
+# The number that counts of a message, from its bytes; None where the message does not count.
+Meter = Callable[[bytes], float | None]
+
+_PERIOD_S = 1.0
+
+
+class MeteredTopic:
+    """A topic that is listened to, and the window of its messages."""
+
+    def __init__(self, node: Node, topic: str, meter: Meter, window: int):
+        self.topic = topic
+        self.window = Window(window)
+        self.failure: Exception | None = None
+        self._node = node
+        self._meter = meter
+        self._told_of = 0
+        self._silent_since_s = time.monotonic()
+        self._rejected = 0
+        subscribe(node, topic, type_of(look(node.session), topic), self._take)
+
+    def _take(self, payload: bytes) -> None:
+        at_s = time.monotonic()
+        try:
+            number = self._meter(payload)
+        except DecodeError as error:
+            self._rejected += 1
+            if self._rejected == 1:
+                warn(f"left out a message of {self.topic!r}: {error}. More are left out silently")
+        except (BusError, click.UsageError) as error:
+            self.failure = error
+        else:
+            if number is not None:
+                self.window.add(at_s, number)
+
+    def read_new(self, now_s: float) -> Reading | None:
+        """The window, None where nothing has come since the last call; long silence is told once.
+
+        Raises what a message led to that cannot be measured.
+        """
+        if self.failure is not None:
+            raise self.failure
+        reading = self.window.read()
+        if reading.total != self._told_of:
+            self._told_of, self._silent_since_s = reading.total, now_s
+            return reading
+        if now_s - self._silent_since_s >= TELL_AFTER_S:
+            self._silent_since_s = math.inf
+            silent = f"No new messages on {self.topic!r}"
+            say(silent if reading.total else why_silent(self._node, self.topic))
+        return None
+
+
+def measure(
+    node: Node,
+    meters: Mapping[str, Meter],
+    report: Report,
+    *,
+    window: int,
+    once: bool,
+    timeout_s: float | None,
+    as_json: bool,
+) -> None:
+    """Print a report of each topic every second, until the node is shut down.
+
+    Raises BusError where there is nothing to report for the first `timeout_s` (None: never).
+    """
+    topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
+    give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
+    while node.wait(_period_s(give_up_s), clock=SYSTEM_CLOCK):
+        now_s = time.monotonic()
+        told = {}
+        for each in topics:
+            reading = each.read_new(now_s)
+            numbers = report.numbers(reading, now_s) if reading else None
+            if numbers is not None:
+                told[each.topic] = numbers
+        _print(told, report, as_table=len(topics) > 1, as_json=as_json)
+        if told:
+            give_up_s = None
+            if once:
+                break
+        elif give_up_s is not None and now_s >= give_up_s:
+            names = ", ".join(repr(each.topic) for each in topics)
+            raise BusError(f"too few messages came on {names} in {timeout_s:g} s")
+
+
+def _period_s(give_up_s: float | None) -> float:
+    if give_up_s is None:
+        return _PERIOD_S
+    return min(_PERIOD_S, max(give_up_s - time.monotonic(), 0.01))
+
+
+def _print(
+    told: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+) -> None:
+    if as_json:
+        for topic, numbers in told.items():
+            print_json({"topic": topic, **numbers})
+    elif as_table and told:
+        rows = [[topic, *report.row(numbers)] for topic, numbers in told.items()]
+        right = range(1, len(report.headings) + 1)
+        print_lines([*table(("topic", *report.headings), rows, right=right), ""])
+    else:
+        print_lines(line for numbers in told.values() for line in report.lines(numbers))

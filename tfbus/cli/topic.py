@@ -1,0 +1,99 @@
+"""`tfbus topic`: which topics there are, who is at their ends, and what goes over them."""
+
+from dataclasses import asdict
+
+import click
+
+from tfbus.cli.bus import look, open_bus
+from tfbus.cli.output import json_option, paint, print_json, print_lines
+from tfbus.cli.topic_echo import echo_command
+from tfbus.cli.topic_measure import bw_command, delay_command, hz_command
+from tfbus.cli.topic_pub import pub_command
+from tfbus.cli.topic_source import find_topic
+from tfbus.graph import Endpoint, TopicInfo
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+
+@click.group()
+def command() -> None:
+    """List, show, print, measure and publish topics."""
+
+
+for _each in (echo_command, hz_command, bw_command, delay_command, pub_command):
+    command.add_command(_each)
+
+
+@command.command("list", epilog="Example: tfbus topic list -t")
+@click.option("-t", "--show-types", is_flag=True, help="Print the type of each too.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@click.option("-v", "--verbose", is_flag=True, help="Print how many publish and subscribe each.")
+@json_option("Print a JSON list of objects, with all ends.")
+@bus_options("topic")
+def list_command(
+    settings: NodeSettings, show_types: bool, only_count: bool, verbose: bool, as_json: bool
+) -> None:
+    """Print the names of all topics, one a line.
+
+    `tf/NAME` and `tf_static/NAME` are the transforms that the stream NAME sends.
+    """
+    with open_bus(settings) as session:
+        topics = list(look(session).topics.values())
+    if only_count:
+        click.echo(len(topics))
+    elif as_json:
+        print_json([_as_map(topic) for topic in topics])
+    elif verbose:
+        published = [(topic, topic.publishers) for topic in topics if topic.publishers]
+        subscribed = [(topic, topic.subscribers) for topic in topics if topic.subscribers]
+        click.echo("Published topics:")
+        print_lines(_counted(topic, len(ends), "publisher") for topic, ends in published)
+        click.echo("\nSubscribed topics:")
+        print_lines(_counted(topic, len(ends), "subscriber") for topic, ends in subscribed)
+    else:
+        print_lines(_named(topic) if show_types else topic.name for topic in topics)
+
+
+@command.command("info", epilog="Example: tfbus topic info turtle1/pose -v")
+@click.argument("topic")
+@click.option("-v", "--verbose", is_flag=True, help="Print the nodes at both ends too.")
+@json_option("Print a JSON object.")
+@bus_options("topic")
+def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
+    """Print the type of TOPIC, and how many publish and subscribe it."""
+    with open_bus(settings) as session:
+        info = find_topic(look(session), topic)
+    if as_json:
+        print_json(_as_map(info))
+        return
+    click.echo(f"Type: {paint(_types(info), 'type')}")
+    for side, ends in (("Publisher", info.publishers), ("Subscription", info.subscribers)):
+        counted = "not known, listeners do not tell" if ends is None else len(ends)
+        click.echo(f"{side} count: {counted}")
+        if verbose:
+            print_lines(line for end in ends or () for line in _end_lines(end))
+
+
+def _as_map(topic: TopicInfo) -> dict[str, object]:
+    return {**asdict(topic), "types": list(topic.types)}
+
+
+def _types(topic: TopicInfo) -> str:
+    return ", ".join(topic.types) or "not told"
+
+
+def _named(topic: TopicInfo) -> str:
+    return f"{topic.name} {paint(f'[{_types(topic)}]', 'type')}"
+
+
+def _counted(topic: TopicInfo, count: int, side: str) -> str:
+    return f" * {_named(topic)} {count} {side}{'s' if count > 1 else ''}"
+
+
+def _end_lines(end: Endpoint) -> list[str]:
+    return [
+        f"  Node name: {paint(end.node, 'name')}",
+        f"    Type: {end.type or 'not told'}",
+        f"    Host: {end.host}",
+        f"    Pid: {end.pid}",
+    ]

@@ -1,0 +1,118 @@
+"""`tfbus topic echo`: print the messages of a topic as they come."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from tfbus.cli.bus import look
+from tfbus.cli.inbox import Inbox
+from tfbus.cli.message import Reader, reader_of
+from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.output import as_json as json_line
+from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
+from tfbus.cli.topic_source import type_of, visiting
+from tfbus.errors import DecodeError
+from tfbus.keys import check_topic
+from tfbus.node import Node
+from tfbus.numbers import POSITIVE
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a message is printed: as "yaml", "csv" or "json", all of it or one part."""
+
+    kind: str
+    part: str | None
+    shortening: Shortening
+
+    def text(self, message: dict[str, Any]) -> str:
+        shown = part_of(message, self.part) if self.part else message
+        if self.kind == "json":
+            return json_line(shown)
+        short = self.shortening.shorten(shown)
+        if self.kind == "csv":
+            return csv_row(short)
+        return f"{yaml_text(short)}\n{paint('---', 'faint')}"
+
+
+@click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
+@click.argument("topic")
+@click.option("--once", is_flag=True, help="Print one message and exit.")
+@click.option("--timeout", "timeout_s", type=POSITIVE, metavar="S", help="Fail if none comes.")
+@click.option("--field", metavar="PATH", help="Print only this: linear.x, or transforms[0].")
+@click.option("--filter", "expression", metavar="EXPR", help="Only where this is true: 'm.x > 5'.")
+@click.option("--csv", "as_csv", is_flag=True, help="Print the values of each as one line.")
+@json_option("Print each as one line of JSON, of full length.")
+@click.option("--raw", is_flag=True, help="Print the bytes of each in hexadecimal digits.")
+@click.option("--no-arr", is_flag=True, help="Print of lists only how long they are.")
+@click.option("--no-str", is_flag=True, help="Print of texts only how long they are.")
+@click.option(
+    "-l",
+    "--truncate-length",
+    type=click.IntRange(min=1),
+    default=128,
+    help="Cut texts and lists after so many; 128.",
+)
+@click.option("-f", "--full-length", is_flag=True, help="Cut nothing.")
+@click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each.")
+@bus_options("topic")
+def echo_command(
+    settings: NodeSettings,
+    topic: str,
+    once: bool,
+    timeout_s: float | None,
+    field: str | None,
+    expression: str | None,
+    as_csv: bool,
+    as_json: bool,
+    raw: bool,
+    no_arr: bool,
+    no_str: bool,
+    truncate_length: int,
+    full_length: bool,
+    clear: bool,
+) -> None:
+    """Print the messages of TOPIC as they come, in YAML.
+
+    Messages of the types in tfbus.messages are checked, and shown as a subscriber gets them.
+    Topics of transforms are tf/STREAM and tf_static/STREAM; tf and tf_static are all of them.
+    """
+    check_topic(topic)
+    if as_csv + as_json + raw > 1:
+        raise click.UsageError("--csv, --json and --raw are three forms: give one of them")
+    shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
+    form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening)
+    wanted = MessageFilter(expression) if expression else None
+    with visiting(settings, "echo") as node:
+        type_name = type_of(look(node.session), topic)
+        with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
+            if raw:
+                texts: Iterable[str] = (payload.hex() for payload in inbox)
+            else:
+                messages = _read(node, topic, inbox)
+                texts = (form.text(m) for m in messages if wanted is None or wanted.takes(m))
+            for text in texts:
+                if clear and is_terminal():
+                    click.clear()
+                click.echo(text)
+                if once:
+                    break
+
+
+def _read(node: Node, topic: str, payloads: Iterable[bytes]) -> Iterator[dict[str, Any]]:
+    """The messages as maps; what is no message is counted, told once, and left out."""
+    read: Reader | None = None
+    rejected = 0
+    for payload in payloads:
+        if read is None:  # who has sent it is there by now, and tells its type
+            read = reader_of(type_of(look(node.session), topic))
+        try:
+            yield read(payload)
+        except DecodeError as error:
+            rejected += 1
+            if rejected == 1:
+                warn(f"left out a message of {topic!r}: {error}. More are left out silently")

@@ -1,0 +1,128 @@
+"""`tfbus topic hz|bw|delay`: how often messages come, how large they are, and how late."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from tfbus.cli import topic_reports as reports
+from tfbus.cli.bus import look
+from tfbus.cli.message import reader_of
+from tfbus.cli.message_view import MessageFilter
+from tfbus.cli.meter import Meter, measure
+from tfbus.cli.output import json_option
+from tfbus.cli.topic_source import type_of, visiting
+from tfbus.codec import decode_map
+from tfbus.errors import BusError
+from tfbus.graph import TRANSFORMS_TYPE
+from tfbus.keys import check_topic
+from tfbus.node import Node
+from tfbus.numbers import POSITIVE
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+from tfbus.wire import decode_transforms
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _measuring(window: int) -> Callable[[F], F]:
+    """The arguments and options that all of them have."""
+    options = (
+        click.argument("topics", nargs=-1, required=True, metavar="TOPIC..."),
+        click.option(
+            "-w",
+            "--window",
+            type=click.IntRange(min=2),
+            default=window,
+            metavar="N",
+            help=f"Measure the last N messages; {window}.",
+        ),
+        click.option("--once", is_flag=True, help="Print one report and exit."),
+        click.option("--timeout", "timeout_s", type=POSITIVE, metavar="S", help="Fail after S s."),
+        json_option("Print each report as one line of JSON."),
+        bus_options("topic"),
+    )
+    return lambda function: functools.reduce(lambda f, option: option(f), options[::-1], function)
+
+
+@click.command("hz", epilog="Example: tfbus topic hz turtle1/pose tf/broadcaster1")
+@click.option("--filter", "expression", metavar="EXPR", help="Only where this is true: 'm.x > 5'.")
+@_measuring(10_000)
+def hz_command(
+    settings: NodeSettings, topics: tuple[str, ...], expression: str | None, **how: Any
+) -> None:
+    """Print every second how often messages of TOPIC come.
+
+    That is the mean of one over the times between them, and how these are spread.
+    """
+    wanted = MessageFilter(expression) if expression else None
+
+    def number_of(node: Node, topic: str) -> Meter:
+        if wanted is None:
+            return lambda payload: 0.0
+        takes = wanted.takes
+        read = _late_reader(node, topic)
+        return lambda payload: 0.0 if takes(read(payload)) else None
+
+    _run(settings, topics, reports.RATE, number_of, **how)
+
+
+@click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")
+@_measuring(100)
+def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
+    """Print every second how many bytes of TOPIC come in a second, and how large messages are.
+
+    What counts is the messages themselves, without what the network adds.
+    """
+    _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
+
+
+@click.command("delay", epilog="Example: tfbus topic delay turtle1/pose")
+@_measuring(10_000)
+def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
+    """Print every second how old messages of TOPIC are when they come, by their stamps.
+
+    The stamp is the field stamp_ns, of the message or of its header; of transforms, the newest.
+    Where the clocks of two machines differ, so does this.
+    """
+
+    def number_of(node: Node, topic: str) -> Meter:
+        is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
+        stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
+        return lambda payload: (node.now_ns() - stamp_of(payload)) / 1e9
+
+    _run(settings, topics, reports.DELAY, number_of, **how)
+
+
+def _run(
+    settings: NodeSettings,
+    topics: tuple[str, ...],
+    report: reports.Report,
+    number_of: Callable[[Node, str], Meter],
+    **how: Any,
+) -> None:
+    for topic in topics:
+        check_topic(topic)
+    with visiting(settings, report.name) as node:
+        measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
+
+
+def _late_reader(node: Node, topic: str) -> Callable[[bytes], dict[str, Any]]:
+    """Reads messages as their type says; it is asked for before, not on Zenoh's thread."""
+    return reader_of(type_of(look(node.session), topic))
+
+
+def _newest_stamp(payload: bytes) -> int:
+    stamps = decode_transforms(payload).batch.stamps_ns
+    return int(stamps.max()) if len(stamps) else 0
+
+
+def _stamp(topic: str, payload: bytes) -> int:
+    message = decode_map(payload)
+    header = message.get("header")
+    for fields in (message, header if isinstance(header, dict) else {}):
+        stamp_ns = fields.get("stamp_ns")
+        if type(stamp_ns) is int:
+            return stamp_ns
+    raise BusError(f"messages on {topic!r} have no field stamp_ns, so how old they are is unknown")

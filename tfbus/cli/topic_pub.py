@@ -1,0 +1,172 @@
+"""`tfbus topic pub`: publish messages from the command line."""
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from tfbus.cli.bus import look
+from tfbus.cli.message import (
+    checked_map,
+    complete_values,
+    encode_values,
+    find_type,
+    read_map,
+    supplied_type,
+)
+from tfbus.cli.output import as_json, say, warn
+from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.codec import type_name
+from tfbus.errors import BusError
+from tfbus.graph import TRANSFORMS_TYPE
+from tfbus.keys import check_topic
+from tfbus.node import Node
+from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
+from tfbus.options import bus_options
+from tfbus.session import HeardWatch
+from tfbus.settings import NodeSettings
+from tfbus.topic import RawPublisher
+
+# How soon nodes are asked again who subscribes, where several are waited for.
+_ASK_AGAIN_S = 0.2
+
+
+@click.command(
+    "pub",
+    epilog="Example: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'",
+)
+@click.argument("topic")
+@click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]")
+@click.option("-r", "--rate", type=Number(least=1e-6, most=1e6), default=1.0, help="Per second; 1.")
+@click.option("-1", "--once", is_flag=True, help="Publish one message and exit.")
+@click.option("-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N and exit.")
+@click.option(
+    "-w",
+    "--wait-matching",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Wait for N subscribers first; 1 with --once and --times, else 0.",
+)
+@click.option(
+    "--max-wait-time", "wait_s", type=POSITIVE, metavar="S", help="Fail if they do not come."
+)
+@click.option(
+    "--keep-alive",
+    "keep_alive_s",
+    type=NOT_NEGATIVE,
+    default=0.1,
+    metavar="S",
+    help="Stay so long after the last message; 0.1.",
+)
+@click.option("-p", "--print", "every", type=click.IntRange(min=1), default=1, help="Say each Nth.")
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing of what is published.")
+@bus_options("topic")
+def pub_command(
+    settings: NodeSettings,
+    topic: str,
+    message: tuple[str, ...],
+    rate: float,
+    once: bool,
+    times: int | None,
+    wait_matching: int | None,
+    wait_s: float | None,
+    keep_alive_s: float,
+    every: int,
+    quiet: bool,
+) -> None:
+    """Publish the message VALUES, a YAML map of fields, on TOPIC.
+
+    TYPE is a message of tfbus.messages or package.module:Name; where it is left out, it is what
+    the topic's other nodes tell. Fields are checked against it, and those left out take their
+    defaults.
+    """
+    check_topic(topic)
+    if once and times is not None:
+        raise click.UsageError("--once and --times say the same thing: give one of them")
+    times = 1 if once else times
+    given_type, values = _split(message)
+    subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
+    with visiting(settings, "pub") as node:
+        told = type_of(look(node.session), topic)
+        if told == TRANSFORMS_TYPE:
+            raise click.UsageError(f"{topic!r} is of transforms: publish one with `tfbus static`")
+        message_type = given_type or supplied_type(told)
+        if message_type:
+            values = complete_values(values, message_type)
+        payload = encode_values(values, "VALUES")
+        name = type_name(message_type) if message_type else told
+        if given_type and told and told != name:
+            warn(f"others know {topic!r} as {told}, and this is {name}")
+        publisher = node.create_raw_publisher(topic, type_name=name)
+        _wait_for_subscribers(node, topic, subscribers, wait_s)
+        shown = f"{name or 'message'} {as_json(values)}"
+        _publish(node, publisher, payload, rate, times, shown, 0 if quiet else every)
+        node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
+
+
+def _publish(
+    node: Node,
+    publisher: RawPublisher,
+    payload: bytes,
+    rate: float,
+    times: int | None,
+    shown: str,
+    every: int,
+) -> None:
+    """Publish at the rate, without drift, so many times (None: until the node is shut down)."""
+    started_s = time.monotonic()
+    sent = 0
+    while node.ok:
+        publisher.publish(payload)
+        sent += 1
+        if every and (sent - 1) % every == 0:
+            click.echo(f"publishing #{sent}: {shown}")
+        if sent == times:
+            break
+        node.wait(max(started_s + sent / rate - time.monotonic(), 0.0), clock=SYSTEM_CLOCK)
+
+
+def _wait_for_subscribers(node: Node, topic: str, wanted: int, wait_s: float | None) -> None:
+    """Wait until so many subscribe; BusError where they do not come in time."""
+    if not wanted:
+        return
+    watch = node.session.watch_heard(topic)
+    started_s = time.monotonic()
+    told = False
+    while node.ok and _heard(node, topic, wanted, watch) < wanted:
+        waited_s = time.monotonic() - started_s
+        if wait_s is not None and waited_s >= wait_s:
+            raise BusError(f"{topic!r} has fewer than {wanted} subscribers (waited {wait_s:g} s)")
+        if not told and waited_s >= TELL_AFTER_S:
+            told = True
+            say(f"Waiting for {_subscribers(wanted)} of {topic!r}")
+    watch.close()
+
+
+def _heard(node: Node, topic: str, wanted: int, watch: HeardWatch) -> int:
+    """How many subscribe, told after a moment: of one Zenoh knows, several are asked for."""
+    if not watch.wait(_ASK_AGAIN_S):
+        return 0
+    if wanted == 1:
+        return 1
+    node.wait(_ASK_AGAIN_S, clock=SYSTEM_CLOCK)
+    info = look(node.session, lambda error: None).topics.get(topic)
+    return len(info.subscribers or ()) if info else 0
+
+
+def _subscribers(count: int) -> str:
+    return "a subscriber" if count == 1 else f"{count} subscribers"
+
+
+def _split(words: Sequence[str]) -> tuple[type | None, dict[str, Any]]:
+    """The type, None where it is left out, and the fields."""
+    if len(words) > 2:
+        raise click.UsageError(
+            f"{len(words)} words are more than a type and a map of fields: put the map in quotes"
+        )
+    if len(words) == 2:
+        return find_type(words[0]), checked_map(words[1], "VALUES")
+    values = read_map(words[0]) if words else {}
+    return (find_type(words[0]), {}) if values is None else (None, values)

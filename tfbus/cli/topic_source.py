@@ -1,0 +1,98 @@
+"""Where the topic tools listen: a node that is not listed, at one topic, whatever it carries.
+
+A topic may be one of transforms: `tf/sim` and `tf_static/sim` are what the stream `sim` sends,
+`tf` and `tf_static` what all streams do.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from tfbus.cli.bus import look
+from tfbus.cli.nearest import nearest
+from tfbus.errors import BusError
+from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
+from tfbus.keys import STATIC_TRANSFORMS, TRANSFORMS, check_topic
+from tfbus.node import Node
+from tfbus.retained import declare_retained_subscriber
+from tfbus.settings import NodeSettings
+
+# When nothing has come for so long, the user is told what is waited for.
+TELL_AFTER_S = 2.0
+
+
+@contextmanager
+def visiting(settings: NodeSettings, purpose: str) -> Iterator[Node]:
+    """A node for as long as a tool listens or publishes; Ctrl-C and SIGTERM are its usual end.
+
+    Its name begins with `_`, so that lists of nodes leave it out.
+    """
+    try:
+        with Node.from_settings(settings.renamed(f"_{purpose}_{os.urandom(4).hex()}")) as node:
+            node.session.settle()
+            yield node
+    except KeyboardInterrupt:
+        raise SystemExit(0) from None
+
+
+def subscribe(node: Node, topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
+    """Call `callback(payload)` for each message, on a thread of Zenoh's.
+
+    Static transforms come at once, as a listener gets them.
+    """
+    kind, stream = _transforms(topic)
+    if kind == STATIC_TRANSFORMS:
+        key = topic if stream else f"{topic}/**"
+        return declare_retained_subscriber(node.session, key, lambda _, payload: callback(payload))
+    if kind == TRANSFORMS:  # of a stream that is split, each frame has a key of its own
+        return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
+    return node.create_raw_subscription(topic, callback, type_name=type_name)
+
+
+def find_topic(graph: Graph, name: str) -> TopicInfo:
+    """The topic of this name. Raises BusError, with the nearest, where there is none."""
+    check_topic(name)
+    kind, stream = _transforms(name)
+    if kind and not stream:
+        ends = [t for key, t in graph.topics.items() if key.startswith(f"{name}/")]
+        publishers = {end for topic in ends for end in topic.publishers}
+        return TopicInfo(name, tuple(sorted(publishers)), None)
+    if name not in graph.topics:
+        hint = nearest(name, graph.topics, none=", nor any other: is a node running?")
+        raise BusError(f"there is no topic {name!r}{hint}")
+    return graph.topics[name]
+
+
+def type_of(graph: Graph, topic: str) -> str:
+    """The name of the topic's type; "" where nobody, or not everybody, tells the same."""
+    if _transforms(topic)[0]:
+        return TRANSFORMS_TYPE
+    info = graph.topics.get(topic)
+    return info.types[0] if info and len(info.types) == 1 else ""
+
+
+def why_silent(node: Node, topic: str) -> str:
+    """What is waited for, where no message comes."""
+    graph = look(node.session)
+    published = {name: each for name, each in graph.topics.items() if each.publishers}
+    try:
+        senders = [end.node for end in find_topic(graph, topic).publishers]
+    except BusError:
+        senders = []
+    if senders:
+        return f"Waiting for a message on {topic!r}: {', '.join(senders)} sends none"
+    hint = nearest(topic, published, none=", nor any other topic")
+    return f"Waiting for a message on {topic!r}: nobody publishes it{hint}"
+
+
+def _transforms(topic: str) -> tuple[str, str]:
+    """Which kind of transforms the topic is of, `tf` or `tf_static`, and of which stream.
+
+    Empty where it is of other messages, or of all streams.
+    """
+    chunks = topic.split("/")
+    for kind in (TRANSFORMS, STATIC_TRANSFORMS):
+        if kind in chunks:
+            return kind, "/".join(chunks[chunks.index(kind) + 1 :])
+    return "", ""

@@ -1,0 +1,76 @@
+"""The last numbers of something that is measured, and how they are spread."""
+
+import math
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How `count` numbers are spread; `std_dev` is that of the numbers themselves (not n - 1).
+
+    `p50`, `p95` and `p99` are percentiles, each one of the numbers.
+    """
+
+    count: int
+    mean: float
+    min: float
+    max: float
+    std_dev: float
+    p50: float
+    p95: float
+    p99: float
+
+
+def spread_of(numbers: Sequence[float]) -> Spread | None:
+    """How the numbers are spread; None where there are none."""
+    if not numbers:
+        return None
+    ordered = sorted(numbers)
+    count = len(ordered)
+    mean = math.fsum(ordered) / count
+    std_dev = math.sqrt(math.fsum((number - mean) ** 2 for number in ordered) / count)
+    middle, most, nearly_all = (ordered[math.ceil(count * part) - 1] for part in (0.5, 0.95, 0.99))
+    return Spread(count, mean, ordered[0], ordered[-1], std_dev, middle, most, nearly_all)
+
+
+class Window:
+    """The last `size` messages of a topic: when each came (monotonic s), and a number of each."""
+
+    def __init__(self, size: int):
+        self._lock = threading.Lock()
+        self._messages: deque[tuple[float, float]] = deque(maxlen=size)
+        self._total = 0
+
+    def add(self, at_s: float, number: float) -> None:
+        """Add a message; from any thread."""
+        with self._lock:
+            self._messages.append((at_s, number))
+            self._total += 1
+
+    def read(self) -> "Reading":
+        """What is in the window now."""
+        with self._lock:
+            messages, total = list(self._messages), self._total
+        return Reading(
+            tuple(at_s for at_s, _ in messages), tuple(number for _, number in messages), total
+        )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A window as it was at one time: arrivals, numbers, and how many messages came in all."""
+
+    arrivals_s: tuple[float, ...]
+    numbers: tuple[float, ...]
+    total: int
+
+    @property
+    def intervals_s(self) -> list[float]:
+        """The times between arrivals, in seconds: one less than there are messages."""
+        return [
+            later - earlier
+            for earlier, later in zip(self.arrivals_s, self.arrivals_s[1:], strict=False)
+        ]

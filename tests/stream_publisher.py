@@ -1,11 +1,16 @@
 """A publisher for tests between processes: frames at a rate, some static, until a signal.
 
 python stream_publisher.py NAME [--moving CHILD]... [--static CHILD]... [--x X] [--from STAMP_S]
+    [--priority N] [--remove CHILD]... [--correct CHILD]
 
-Each frame hangs below `world`, X metres ahead. Stamps are the time, or begin at STAMP_S.
+Each frame hangs below `world`, X metres ahead. Stamps are the time, or begin at STAMP_S. At
+SIGUSR1 it removes the frames to be removed, and sends the static frame to be corrected a metre
+further ahead.
 """
 
 import argparse
+import signal
+import threading
 import time
 
 from tfbus import (
@@ -27,21 +32,41 @@ def main() -> None:
     parser.add_argument("--static", action="append", default=[])
     parser.add_argument("--x", type=float, default=0.0)
     parser.add_argument("--from", dest="first_s", type=float)
+    parser.add_argument("--priority", type=int, default=0)
+    parser.add_argument("--remove", action="append", default=[])
+    parser.add_argument("--correct", action="append", default=[])
     asked = parser.parse_args()
     start_ns = time.time_ns()
     shift_ns = 0 if asked.first_s is None else round(asked.first_s * 1e9) - start_ns
-    pose = Transform((asked.x, 0.0, 0.0))
 
-    def frames(children: list[str]) -> list[TransformStamped]:
+    def frames(children: list[str], x: float) -> list[TransformStamped]:
+        pose = Transform((x, 0.0, 0.0))
         stamp_ns = time.time_ns() + shift_ns
         return [TransformStamped(stamp_ns, "world", child, pose) for child in children]
 
     with Node(asked.name) as node:
+        static = StaticTransformBroadcaster(node)
         if asked.static:
-            StaticTransformBroadcaster(node).send_transform(frames(asked.static))
-        if asked.moving:
-            broadcaster = TransformBroadcaster(node)
-            node.create_timer(PERIOD_S, lambda: broadcaster.send_transform(frames(asked.moving)))
+            static.send_transform(frames(asked.static, asked.x))
+        broadcaster = TransformBroadcaster(node, priority=asked.priority)
+        moving = list(asked.moving)
+        told = threading.Event()
+        signal.signal(signal.SIGUSR1, lambda number, frame: told.set())
+
+        def change() -> None:
+            moving[:] = [child for child in moving if child not in asked.remove]
+            for child in asked.remove:
+                (static if child in asked.static else broadcaster).remove(child)
+            if asked.correct:
+                static.send_transform(frames(asked.correct, asked.x + 1.0))
+
+        def step() -> None:
+            if told.is_set():
+                told.clear()
+                change()
+            broadcaster.send_transform(frames(moving, asked.x))
+
+        node.create_timer(PERIOD_S, step)
         node.spin()
 
 

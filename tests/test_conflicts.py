@@ -118,3 +118,20 @@ def test_when_the_winner_is_killed_the_next_takes_over(bus: Bus, kind: str) -> N
     start(bus, "one", kind, "robot", "--x", "3", "--static", "again")
     eventually(lambda: listening.x_of("again") == 3)
     eventually(lambda: listening.x_of("robot") == 2)
+
+
+def test_the_higher_priority_wins_in_every_listener(bus: Bus) -> None:
+    """With "priority" all listeners take the stream of the higher one, whoever came first."""
+    early = Listening(bus, "early", "priority")
+    start(bus, "one", "--moving", "robot", "--x", "1")
+    two = start(bus, "two", "--moving", "robot", "--x", "2", "--priority", "5")
+    late = Listening(bus, "late", "priority")
+    for listening in (early, late):
+        eventually(lambda listening=listening: listening.x_of("robot") == 2)
+    eventually(lambda: late.excluded().get("one", 0) > 10)
+    assert [listening.x_of("robot") for listening in (early, late)] == [2, 2]
+    priorities = {info.name: info.priority for info in late.listener.streams()}
+    assert priorities == {"one": 0, "two": 5}
+    two.stop(signal.SIGKILL)
+    for listening in (early, late):
+        eventually(lambda listening=listening: listening.x_of("robot") == 1)

@@ -8,6 +8,7 @@ import pytest
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.claims import Ruling
 from tfbus.reception import DynamicReception, StreamReception
+from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, encode_transforms
 
 S = 10**9
@@ -29,7 +30,9 @@ class Received:
 
     def __init__(self) -> None:
         self.buffer = Buffer()
-        self.stream = StreamReception("sim", self.buffer, logging.getLogger("test"), lambda: 9 * S)
+        self.stream = StreamReception(
+            "sim", self.buffer, logging.getLogger("test"), lambda: 9 * S, TransformReader()
+        )
         self.key = DynamicReception(self.stream)
 
     def send(

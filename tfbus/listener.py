@@ -24,6 +24,7 @@ from tfbus.retained import declare_retained_subscriber
 from tfbus.session import Answer
 from tfbus.stream_info import StreamInfo
 from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.transform_reader import TransformReader
 
 # Names of streams come from the bus: of more keys than these nothing is taken.
 MOST_KEYS = 200_000
@@ -63,6 +64,7 @@ class TransformListener:
         self._log = node.log
         self._history_s = history_s
         self._claims = Claims(conflicts)
+        self._reader = TransformReader()
         self._streams: dict[str, StreamReception] = {}
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
         self._seen: dict[str, StreamState] = {}
@@ -133,7 +135,7 @@ class TransformListener:
     def _stream(self, name: str) -> StreamReception:
         known = self._streams.get(name)
         return known or self._streams.setdefault(
-            name, StreamReception(name, self.buffer, self._log, self._node.now_ns)
+            name, StreamReception(name, self.buffer, self._log, self._node.now_ns, self._reader)
         )
 
     def _on_jump_back(self, now_ns: int) -> None:

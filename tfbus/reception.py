@@ -1,6 +1,6 @@
 """Receiving one stream: its payloads into the buffer, with its epochs, and counts of what came.
 
-A message takes the short way through `DynamicReception.receive`: decoded, one look at the epoch,
+A message takes the short way through `DynamicReception.receive`: read, one look at the epoch,
 inserted. Whatever is rare has methods of its own.
 
 The lock of a stream is held for its own state only, never while the buffer is filled: who
@@ -18,7 +18,10 @@ import numpy as np
 from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.claims import Ruling
+from tfbus.columns import Columns
 from tfbus.errors import DecodeError
+from tfbus.fleet import FrameNames
+from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, decode_transforms
 
 # Of the delay of each message so much goes into the mean.
@@ -28,17 +31,23 @@ _SMOOTHING = 0.1
 class StreamReception:
     """One stream as a listener receives it.
 
-    `excluded` are the frames of which another publisher has the right of way. `gone` is whether
-    the publisher was there and is no more, by its token.
+    `names` is how its frames are called here. `excluded` are the frames of which another publisher has the right of way. `gone` is whether
+    the publisher was there and is no more, by its token. `reader` is one for all streams.
     """
 
     def __init__(
-        self, name: str, buffer: Buffer, log: logging.Logger, now_ns: Callable[[], int]
+        self,
+        name: str,
+        buffer: Buffer,
+        log: logging.Logger,
+        now_ns: Callable[[], int],
+        reader: TransformReader,
     ) -> None:
         self.name = name
         self.buffer = buffer
         self.log = log
         self.now_ns = now_ns
+        self.reader = reader
         self.lock = threading.Lock()
         self.epoch_ns: int | None = None
         self.gone = False
@@ -82,28 +91,28 @@ class StreamReception:
             self._begin_anew()
         return True
 
-    def insert(self, batch: TransformBatch, epoch_ns: int, *, static: bool = False) -> None:
+    def insert(
+        self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
+    ) -> None:
         """Put the transforms into the buffer, but for those that another has the right of."""
         if self.excluded:
-            kept = _without(batch, self.excluded)
-            with self.lock:
-                self.excluded_rows += len(batch) - len(kept)
-            batch = kept
-        refused = self.buffer.rejected.total()
-        taken = self.buffer.set_transforms(batch, static=static, authority=self.name)
+            batch = self._without_excluded(batch)
+        buffer = self.buffer
+        refused = buffer.rejected.rows
+        taken = buffer.set_transforms(batch, static=static, authority=self.name)
         # Rows that are only too old are not taken either, but not refused.
-        if taken < len(batch) and self.buffer.rejected.total() > refused:
+        if taken < len(batch) and buffer.rejected.rows > refused:
             self._tell_refused()
         if self.gone:
             self.mark()
         if epoch_ns != self.epoch_ns and not static:
             # The epoch ended in between: none of it may stay.
-            self.buffer.forget(self.name)
+            buffer.forget(self.name)
 
-    def count(self, message: TransformMessage, size: int) -> None:
-        """Count one message; with the lock held."""
+    def count(self, transforms: int, size: int) -> None:
+        """Count one message of so many transforms and bytes; with the lock held."""
         self.messages += 1
-        self.transforms += len(message.batch)
+        self.transforms += transforms
         self.bytes += size
         self.last_heard_ns = time.time_ns()
 
@@ -118,6 +127,13 @@ class StreamReception:
                 self.name,
                 error,
             )
+
+    def _without_excluded(self, batch: TransformBatch | Columns) -> TransformBatch:
+        whole = batch.as_batch() if isinstance(batch, Columns) else batch
+        kept = _without(whole, self.excluded)
+        with self.lock:
+            self.excluded_rows += len(whole) - len(kept)
+        return kept
 
     def _begin_anew(self) -> None:
         self.buffer.forget(self.name)
@@ -169,7 +185,7 @@ class StreamReception:
             if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
                 self.outdated += 1
                 return
-            self.count(message, len(payload))
+            self.count(len(message.batch), len(payload))
             self.statics, self._static_epoch_ns = message.batch, epoch_ns
             is_newer = self.epoch_ns is None or epoch_ns > self.epoch_ns
         if is_newer:
@@ -178,6 +194,11 @@ class StreamReception:
         if former is not None and former_ns == epoch_ns:
             children = {child for _, child in _edges(message.batch)}
             self._remove_static({child for _, child in _edges(former)} - children)
+
+    def forget_statics(self) -> None:
+        """The static transforms are not heard of any more."""
+        with self.lock:
+            self.statics = self._static_epoch_ns = None
 
     def apply_statics(self) -> None:
         """Put the static transforms into the buffer, those that were last received."""
@@ -254,12 +275,18 @@ class StreamReception:
         return self.excluded != former
 
     def decode(self, payload: bytes) -> TransformMessage | None:
-        """The message in a payload; None, and counted, where there is none."""
+        """The message in a payload, its frames as they are called here; None, and counted, where
+        there is none.
+        """
         try:
-            return decode_transforms(payload)
+            message = decode_transforms(payload)
         except DecodeError as error:
             self.reject(error)
             return None
+        if self.names.namespace:
+            batch = message.batch.with_frames(self.names.all_outside(message.batch.frames))
+            message = TransformMessage(batch, message.epoch_ns, message.seq)
+        return message
 
 
 class DynamicReception:
@@ -273,30 +300,33 @@ class DynamicReception:
     def receive(self, payload: bytes) -> None:
         """Take one message as it comes."""
         stream = self.stream
-        message = stream.decode(payload)
-        if message is None or not stream.admit(message.epoch_ns):
+        try:
+            columns = stream.reader.read(payload)
+        except DecodeError as error:
+            stream.reject(error)
             return
+        epoch_ns = columns.epoch_ns
+        if not stream.admit(epoch_ns):
+            return
+        stamp_ns = columns.last_stamp_ns()
+        delay_s = None if stamp_ns is None else (stream.now_ns() - stamp_ns) / 1e9
         with stream.lock:
-            stream.count(message, len(payload))
-            if message.seq is not None:
-                self._count_missed(message.epoch_ns, message.seq)
-            self._smooth_delay(message.batch)
-        stream.insert(message.batch, message.epoch_ns)
+            stream.count(len(columns), len(payload))
+            if columns.seq is not None:
+                self._count_missed(epoch_ns, columns.seq)
+            if delay_s is not None:
+                former_s = delay_s if stream.delay_s is None else stream.delay_s
+                stream.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+        stream.insert(columns, epoch_ns)
 
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
-        if epoch_ns == self._epoch_ns:
-            self.stream.missed += max(0, seq - self._next_seq)
-            self._next_seq = max(self._next_seq, seq + 1)
-        else:
+        next_seq = self._next_seq
+        if epoch_ns != self._epoch_ns:
             # What was sent before we could hear it was not missed.
             self._epoch_ns, self._next_seq = epoch_ns, seq + 1
-
-    def _smooth_delay(self, batch: TransformBatch) -> None:
-        if len(batch):
-            stream = self.stream
-            delay_s = (stream.now_ns() - int(batch.stamps_ns[-1])) / 1e9
-            former_s = delay_s if stream.delay_s is None else stream.delay_s
-            stream.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+        elif seq >= next_seq:
+            self.stream.missed += seq - next_seq
+            self._next_seq = seq + 1
 
 
 class StaticReception:

@@ -14,6 +14,8 @@ cdef class Columns:
     cdef readonly Py_ssize_t edges_at, stamps_at, poses_at
     cdef readonly object epoch_ns, seq
 
+    @cython.locals(columns=Columns)
+    cpdef Columns with_frames(self, tuple frames)
     cpdef last_stamp_ns(self)
 
 @cython.final

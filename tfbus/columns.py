@@ -9,6 +9,7 @@ import numpy as np
 
 from tfbus import octets
 from tfbus.batch import TransformBatch
+from tfbus.errors import InvalidArgumentException
 from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 
 try:
@@ -71,6 +72,22 @@ class Columns:
             np.frombuffer(self.stamps, np.int64, self.count, self.stamps_at),
             np.frombuffer(self.poses, np.float64, 7 * self.count, self.poses_at).reshape(-1, 7),
         )
+
+    def with_frames(self, frames: tuple[str, ...]) -> "Columns":
+        """The same rows, between frames of other names: as many, in the same order.
+
+        Raises InvalidArgumentException where they are not as many.
+        """
+        if len(frames) != len(self.frames):
+            raise InvalidArgumentException(
+                f"{len(frames)} names cannot stand for those of {len(self.frames)} frames"
+            )
+        columns = Columns(frames, self.count)
+        columns.edges, columns.edges_at = self.edges, self.edges_at
+        columns.stamps, columns.stamps_at = self.stamps, self.stamps_at
+        columns.poses, columns.poses_at = self.poses, self.poses_at
+        columns.epoch_ns, columns.seq = self.epoch_ns, self.seq
+        return columns
 
     def last_stamp_ns(self) -> int | None:
         """The stamp of the last row; None where there is none."""

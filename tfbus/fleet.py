@@ -7,7 +7,6 @@ they are `robot7/base_link`, but for those that the robots share, such as `map`.
 from collections.abc import Iterable
 from dataclasses import replace
 
-from tfbus.batch import TransformBatch
 from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
 from tfbus.transform import check_frame_id
@@ -33,17 +32,16 @@ class FrameNames:
             return frame
         return f"{self.namespace}/{frame}"
 
-    def batch_outside(self, batch: TransformBatch) -> TransformBatch:
-        """The same transforms, between frames as they are called from outside."""
+    def all_outside(self, frames: tuple[str, ...]) -> tuple[str, ...]:
+        """What the frames of a message are called from outside."""
         if not self.namespace:
-            return batch
-        frames = self._tables.get(batch.frames)
-        if frames is None:
+            return frames
+        outside = self._tables.get(frames)
+        if outside is None:
             if len(self._tables) >= _MOST_TABLES:
                 self._tables.clear()
-            frames = tuple(map(self.outside, batch.frames))
-            self._tables[batch.frames] = frames
-        return batch.with_frames(frames)
+            outside = self._tables[frames] = tuple(map(self.outside, frames))
+        return outside
 
     def description_outside(self, description: StreamDescription) -> StreamDescription:
         """The description of a stream, its frames as they are called from outside."""

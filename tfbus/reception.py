@@ -20,9 +20,8 @@ from tfbus.buffer import Buffer
 from tfbus.claims import Ruling
 from tfbus.columns import Columns
 from tfbus.errors import DecodeError
-from tfbus.fleet import FrameNames
 from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, decode_transforms
+from tfbus.wire import TransformMessage
 
 # Of the delay of each message so much goes into the mean.
 _SMOOTHING = 0.1
@@ -31,8 +30,9 @@ _SMOOTHING = 0.1
 class StreamReception:
     """One stream as a listener receives it.
 
-    `names` is how its frames are called here. `excluded` are the frames of which another publisher has the right of way. `gone` is whether
-    the publisher was there and is no more, by its token. `reader` is one for all streams.
+    `excluded` are the frames of which another publisher has the right of way. `gone` is whether
+    the publisher was there and is no more, by its token. `reader` is one for all streams of a
+    namespace.
     """
 
     def __init__(
@@ -275,18 +275,12 @@ class StreamReception:
         return self.excluded != former
 
     def decode(self, payload: bytes) -> TransformMessage | None:
-        """The message in a payload, its frames as they are called here; None, and counted, where
-        there is none.
-        """
+        """The message in a payload; None, and counted, where there is none."""
         try:
-            message = decode_transforms(payload)
+            return self.reader.decode(payload)
         except DecodeError as error:
             self.reject(error)
             return None
-        if self.names.namespace:
-            batch = message.batch.with_frames(self.names.all_outside(message.batch.frames))
-            message = TransformMessage(batch, message.epoch_ns, message.seq)
-        return message
 
 
 class DynamicReception:

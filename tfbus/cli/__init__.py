@@ -21,8 +21,9 @@ TOOLS = {
     "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
     "node": "List nodes, or show what one of them does.",
-    "param": "List, read and set the parameters of nodes.",
+    "param": "List, read, set, save and load the parameters of nodes.",
     "router": "Run a Zenoh router, where nodes of several networks meet.",
+    "service": "List, show and call services.",
     "topic": "List, show, print, measure and publish topics.",
 }
 NODES = {

@@ -9,7 +9,7 @@ import click
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.message import checked_map, encode_values
 from tfbus.cli.nearest import nearest
-from tfbus.cli.output import as_json
+from tfbus.cli.output import print_json
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.keys import check_topic
@@ -22,13 +22,7 @@ from tfbus.settings import NodeSettings
 _LONGEST_GOAL_S = 1e6
 _CANCEL_TIMEOUT_S = 2.0
 
-
-@click.command(
-    epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
-)
-@click.argument("service")
-@click.argument("request", default="{}")
-@click.option(
+TIMEOUT = click.option(
     "--timeout",
     "timeout_s",
     type=POSITIVE,
@@ -36,6 +30,14 @@ _CANCEL_TIMEOUT_S = 2.0
     metavar="S",
     help="Give up when no answer, or feedback, comes for so long; 5 s.",
 )
+
+
+@click.command(
+    epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
+)
+@click.argument("service")
+@click.argument("request", default="{}")
+@TIMEOUT
 @bus_options("call")
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
     """Call a service, or send a goal and follow it.
@@ -46,24 +48,26 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     check_topic(service, kind="service")
     payload = encode_values(checked_map(request, "REQUEST"), "REQUEST")
     with open_bus(settings) as session:
-        answered = False
-        for answer in _following(session, service, payload, timeout_s):
-            click.echo(as_json(answer))
-            answered = True
-        if not answered:
-            raise ServiceError(_nobody(session, service))
+        for answer in follow(session, service, payload, timeout_s):
+            print_json(answer)
 
 
-def _following(
+def follow(
     session: Session, service: str, payload: bytes, timeout_s: float
 ) -> Iterator[dict[str, Any]]:
-    """The answers as they come; goals that were accepted are cancelled where it ends early."""
+    """The answers as they come; goals that were accepted are cancelled where it ends early.
+
+    Raises ServiceError with the reason where the service refuses, where nobody serves it, or
+    where nothing comes for `timeout_s`.
+    """
     accepted = []
+    answered = False
     try:
         for answer in _answers(session, service, payload, timeout_s):
             if answer.refusal is not None:
                 raise ServiceError(answer.refusal or _silence(service, timeout_s))
             values = decode_map(answer.payload)
+            answered = True
             if isinstance(values.get("accepted"), str):
                 accepted.append(values["accepted"])
             yield values
@@ -72,6 +76,8 @@ def _following(
             cancel = encode_map({"id": goal})
             list(session.ask(f"{service}/cancel", cancel, timeout_s=_CANCEL_TIMEOUT_S))
         raise
+    if not answered:
+        raise ServiceError(_nobody(session, service))
 
 
 def _answers(session: Session, service: str, payload: bytes, timeout_s: float) -> Iterator[Answer]:

@@ -1,95 +1,179 @@
 """`tfbus param`: the parameters of nodes, read and set while they run."""
 
+import re
+from typing import IO
+
 import click
 
 from tfbus.cli.bus import open_bus
-from tfbus.cli.output import as_text, warn
-from tfbus.codec import decode_message, encode_map
+from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
+from tfbus.cli.param_file import read_parameter_file
+from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set_parameter
+from tfbus.codec import as_map
 from tfbus.description import ParameterDescription
-from tfbus.errors import BusError, DecodeError, ParameterError, TfbusError
-from tfbus.keys import node_parameters_key, parameter_key
+from tfbus.errors import ParameterError, TfbusError
 from tfbus.options import bus_options
-from tfbus.presence import describe_nodes, list_nodes, relative_name
-from tfbus.session import Answer, Session
+from tfbus.presence import list_nodes
+from tfbus.session import Session
 from tfbus.settings import NodeSettings
 
 
 @click.group()
 def command() -> None:
-    """List, read and set the parameters of nodes."""
+    """List, read, set, save and load the parameters of nodes."""
 
 
 @command.command("list", epilog="Example: tfbus param list sim")
 @click.argument("node", required=False)
+@click.option("--filter", "pattern", metavar="REGEX", help="Only names that have this in them.")
+@click.option("-t", "--param-type", "with_type", is_flag=True, help="Print the type of each too.")
+@json_option("Print a JSON object of nodes with their lists.")
 @bus_options("param")
-def list_command(settings: NodeSettings, node: str | None) -> None:
+def list_command(
+    settings: NodeSettings, node: str | None, pattern: str | None, with_type: bool, as_json: bool
+) -> None:
     """Print the names of the parameters of NODE, or of every node."""
+    wanted = _compiled(pattern or "")
     with open_bus(settings) as session:
-        for name in [node] if node else list_nodes(session):
-            try:
-                _print_names(session, name)
-            except TfbusError as error:
-                if node:
-                    raise
-                warn(error)
-
-
-def _print_names(session: Session, node: str) -> None:
-    namespace = session.settings.namespace
-    described = _ask(session, node, None)
-    click.echo("/" + "/".join(filter(None, (namespace, relative_name(node, namespace)))) + ":")
-    for name in sorted(parameter.name for parameter in described):
-        click.echo(f"  {name}")
+        described = _of_one(session, node) if node else _of_all(session)
+    found = {
+        name: [each for each in parameters if wanted.search(each.name)]
+        for name, parameters in described.items()
+    }
+    if as_json:
+        print_json({name: [each.name for each in parameters] for name, parameters in found.items()})
+        return
+    for name, parameters in found.items():
+        click.echo(f"{paint(name, 'name')}:")
+        print_lines(
+            f"  {each.name}" + (f" {paint(f'[{each.type}]', 'type')}" if with_type else "")
+            for each in parameters
+        )
 
 
 @command.command("get", epilog="Example: tfbus param get sim background_r")
 @click.argument("node")
-@click.argument("parameter")
+@click.argument("parameters", nargs=-1, required=True, metavar="PARAMETER...")
+@click.option("--hide-type", is_flag=True, help="Print only the value.")
+@json_option("Print a JSON object of the values.")
 @bus_options("param")
-def get_command(settings: NodeSettings, node: str, parameter: str) -> None:
-    """Print the type and the value of a parameter."""
+def get_command(
+    settings: NodeSettings, node: str, parameters: tuple[str, ...], hide_type: bool, as_json: bool
+) -> None:
+    """Print the type and the value of a parameter, or of several."""
     with open_bus(settings) as session:
-        answers = _ask(session, node, parameter)
-    if len(answers) > 1:
-        warn(f"{len(answers)} nodes have the name {node}")
-    for described in answers:
-        click.echo(f"{described.type.capitalize()} value is: {as_text(described.value)}")
+        described = [parameter_of(session, node, name) for name in parameters]
+    if as_json:
+        print_json({each.name: each.value for each in described})
+        return
+    for each in described:
+        value = as_text(each.value)
+        typed = value if hide_type else f"{each.type.capitalize()} value is: {value}"
+        click.echo(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
 
 
 @command.command("set", epilog="Example: tfbus param set sim background_r 100")
 @click.argument("node")
-@click.argument("parameter")
-@click.argument("value")
+@click.argument("pairs", nargs=-1, required=True, metavar="PARAMETER VALUE...")
 @bus_options("param")
-def set_command(settings: NodeSettings, node: str, parameter: str, value: str) -> None:
-    """Set a parameter; VALUE is read as the parameter's type."""
+def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> None:
+    """Set a parameter, or several; VALUE is read as the parameter's type."""
+    if len(pairs) % 2:
+        raise click.UsageError(f"parameters and values come in pairs: what is {pairs[-1]!r} to be?")
     with open_bus(settings) as session:
-        _ask(session, node, parameter, encode_map({"value": value}))
-    click.echo("Set parameter successful")
+        for name, value in zip(pairs[::2], pairs[1::2], strict=True):
+            set_parameter(session, node, name, value)
+            many = f": {name}" if len(pairs) > 2 else ""
+            click.echo(f"Set parameter successful{many}")
 
 
-def _ask(
-    session: Session, node: str, parameter: str | None, payload: bytes | None = None
-) -> list[ParameterDescription]:
-    """What the node answers of its parameter, or of all of them where that is None."""
-    path, _, name = relative_name(node, session.settings.namespace).rpartition("/")
-    key = parameter_key(name, parameter) if parameter else node_parameters_key(name)
-    described = []
-    for answer in session.ask("/".join(filter(None, (path, key))), payload, timeout_s=2.0):
-        if answer.refusal is not None:
-            raise ParameterError(answer.refusal or f"node {node!r} did not answer in time")
-        described.append(_read(node, answer))
-    if not described:
-        describe_nodes(session, node)  # says so where there is no such node
-        if parameter is not None:
-            raise BusError(f"node {node!r} did not answer")
+@command.command("dump", epilog="Example: tfbus param dump sim > sim.yaml")
+@click.argument("node")
+@json_option("Print JSON instead of YAML.")
+@bus_options("param")
+def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
+    """Print all parameters of NODE as YAML, which `tfbus param load` reads."""
+    with open_bus(settings) as session:
+        name = full_name_of(session, node)
+        values = {name: {each.name: each.value for each in parameters_of(session, node)}}
+    if as_json:
+        print_json(values)
+    else:
+        click.echo(yaml_text(values))
+
+
+@command.command("load", epilog="Example: tfbus param load sim sim.yaml")
+@click.argument("node")
+@click.argument("file", type=click.File())
+@bus_options("param")
+def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
+    """Set the parameters of NODE to those of a YAML file, `-` for what is piped in.
+
+    It is a map of parameters, or, as `tfbus param dump` prints it, of nodes with theirs; a node
+    `/**` stands for every node. Those that the node refuses are told, and the others are set.
+    """
+    with open_bus(settings) as session:
+        values = read_parameter_file(file, full_name_of(session, node))
+        refused = 0
+        for name, value in values.items():
+            try:
+                set_parameter(session, node, name, value)
+            except ParameterError as error:
+                refused += 1
+                warn(error)
+            else:
+                click.echo(f"Set parameter {name} successful")
+    if refused:
+        raise ParameterError(f"{refused} of {len(values)} parameters were not set")
+
+
+@command.command("describe", epilog="Example: tfbus param describe sim background_r")
+@click.argument("node")
+@click.argument("parameters", nargs=-1, metavar="[PARAMETER]...")
+@json_option("Print a JSON list of objects.")
+@bus_options("param")
+def describe_command(
+    settings: NodeSettings, node: str, parameters: tuple[str, ...], as_json: bool
+) -> None:
+    """Print the type, the meaning and the bounds of parameters, or of all of NODE's."""
+    with open_bus(settings) as session:
+        if parameters:
+            described = [parameter_of(session, node, name) for name in parameters]
+        else:
+            described = parameters_of(session, node)
+    if as_json:
+        print_json([as_map(each) for each in described])
+        return
+    for each in described:
+        print_lines(_description(each))
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    try:
+        return re.compile(pattern)
+    except re.error as error:
+        raise click.UsageError(f"--filter {pattern!r} is no regular expression: {error}") from error
+
+
+def _of_one(session: Session, node: str) -> dict[str, list[ParameterDescription]]:
+    return {full_name_of(session, node): parameters_of(session, node)}
+
+
+def _of_all(session: Session) -> dict[str, list[ParameterDescription]]:
+    """The parameters of every node; those that do not answer are told, and passed over."""
+    described: dict[str, list[ParameterDescription]] = {}
+    for name in list_nodes(session):
+        try:
+            described |= _of_one(session, name)
+        except TfbusError as error:
+            warn(error)
     return described
 
 
-def _read(node: str, answer: Answer) -> ParameterDescription:
-    try:
-        return decode_message(ParameterDescription, answer.payload)
-    except DecodeError as error:
-        raise DecodeError(
-            f"what node {node!r} tells about its parameters cannot be read: {error}"
-        ) from error
+def _description(parameter: ParameterDescription) -> list[str]:
+    lines = [f"Parameter name: {paint(parameter.name, 'name')}", f"  Type: {parameter.type}"]
+    if parameter.description:
+        lines.append(f"  Description: {parameter.description}")
+    bounds = {"Min": parameter.minimum, "Max": parameter.maximum}
+    limits = [f"    {end} value: {value}" for end, value in bounds.items() if value is not None]
+    return [*lines, *(["  Constraints:"] if limits else []), *limits]

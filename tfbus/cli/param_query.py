@@ -1,0 +1,70 @@
+"""Parameters of nodes, asked for over the bus."""
+
+from tfbus.cli.output import warn
+from tfbus.codec import decode_message, encode_map
+from tfbus.description import ParameterDescription
+from tfbus.errors import BusError, DecodeError, ParameterError
+from tfbus.keys import node_parameters_key, parameter_key
+from tfbus.presence import describe_nodes, relative_name
+from tfbus.session import Answer, Session
+
+# A node that is in the middle of something answers later than that.
+_PATIENCE_S = 2.0
+
+
+def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
+    """All parameters of the node, sorted by name; an error where it is not there."""
+    described = _ask(session, node, None)
+    if not described:
+        describe_nodes(session, node)  # says so where there is no such node
+    return sorted(described, key=lambda parameter: parameter.name)
+
+
+def parameter_of(session: Session, node: str, name: str) -> ParameterDescription:
+    """One parameter of the node; an error where it has none of that name, or is not there."""
+    return _one(session, node, _ask(session, node, name))
+
+
+def set_parameter(session: Session, node: str, name: str, value: object) -> ParameterDescription:
+    """Set a parameter; what it is after that. ParameterError where the node refuses it."""
+    return _one(session, node, _ask(session, node, name, encode_map({"value": value})))
+
+
+def full_name_of(session: Session, node: str) -> str:
+    """The full name of a node, however it is written within the session's namespace."""
+    namespace = session.settings.namespace
+    return "/" + "/".join(filter(None, (namespace, relative_name(node, namespace))))
+
+
+def _one(
+    session: Session, node: str, described: list[ParameterDescription]
+) -> ParameterDescription:
+    if not described:
+        describe_nodes(session, node)
+        raise BusError(f"node {node!r} did not answer")
+    if len(described) > 1:
+        warn(f"{len(described)} nodes have the name {node}")
+    return described[0]
+
+
+def _ask(
+    session: Session, node: str, parameter: str | None, payload: bytes | None = None
+) -> list[ParameterDescription]:
+    """What the node answers of its parameter, or of all of them where that is None."""
+    path, _, name = relative_name(node, session.settings.namespace).rpartition("/")
+    key = parameter_key(name, parameter) if parameter else node_parameters_key(name)
+    described = []
+    for answer in session.ask("/".join(filter(None, (path, key))), payload, timeout_s=_PATIENCE_S):
+        if answer.refusal is not None:
+            raise ParameterError(answer.refusal or f"node {node!r} did not answer in time")
+        described.append(_read(node, answer))
+    return described
+
+
+def _read(node: str, answer: Answer) -> ParameterDescription:
+    try:
+        return decode_message(ParameterDescription, answer.payload)
+    except DecodeError as error:
+        raise DecodeError(
+            f"what node {node!r} tells about its parameters cannot be read: {error}"
+        ) from error

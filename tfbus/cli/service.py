@@ -1,0 +1,124 @@
+"""`tfbus service`: which services there are, and calling one."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import click
+
+from tfbus.cli.bus import look, open_bus
+from tfbus.cli.call import TIMEOUT, follow
+from tfbus.cli.message import checked_map, encode_values, read_map
+from tfbus.cli.nearest import nearest
+from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
+from tfbus.errors import ServiceError
+from tfbus.graph import ServiceInfo
+from tfbus.keys import check_topic
+from tfbus.options import bus_options
+from tfbus.session import Session
+from tfbus.settings import NodeSettings
+
+
+@click.group()
+def command() -> None:
+    """List, show and call services."""
+
+
+@command.command("list", epilog="Example: tfbus service list -t")
+@click.option("-t", "--show-types", is_flag=True, help="Print the type of each too.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@json_option("Print a JSON list of objects, with all ends.")
+@bus_options("service")
+def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_json: bool) -> None:
+    """Print the names of all services and goals, one a line."""
+    with open_bus(settings) as session:
+        services = _served(session)
+    if only_count:
+        click.echo(len(services))
+    elif as_json:
+        print_json([_as_map(service) for service in services])
+    else:
+        print_lines(
+            f"{service.name} {paint(f'[{_types(service)}]', 'type')}"
+            if show_types
+            else service.name
+            for service in services
+        )
+
+
+@command.command("info", epilog="Example: tfbus service info spawn")
+@click.argument("service")
+@json_option("Print a JSON object.")
+@bus_options("service")
+def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
+    """Print the type of SERVICE, and how many call and serve it."""
+    check_topic(service, kind="service")
+    with open_bus(settings) as session:
+        services = look(session).services
+    if service not in services:
+        hint = nearest(service, services, none=", nor any other: is a node running?")
+        raise ServiceError(f"there is no service {service!r}{hint}")
+    info = services[service]
+    if as_json:
+        print_json(_as_map(info))
+        return
+    click.echo(f"Type: {paint(_types(info), 'type')}")
+    click.echo(f"Clients count: {len(info.clients)}")
+    click.echo(f"Services count: {len(info.servers)}")
+
+
+@command.command("call", epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'")
+@click.argument("service")
+@click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]")
+@TIMEOUT
+@json_option("Print each answer as one line of JSON.")
+@bus_options("service")
+def call_command(
+    settings: NodeSettings, service: str, request: tuple[str, ...], timeout_s: float, as_json: bool
+) -> None:
+    """Call SERVICE and print its response as YAML.
+
+    REQUEST is a YAML map of fields. TYPE may be left out; where it is given, the service has to
+    be of it. A goal answers several times, as in `tfbus call`.
+    """
+    check_topic(service, kind="service")
+    type_name, text = _split(request)
+    payload = encode_values(checked_map(text, "REQUEST"), "REQUEST")
+    with open_bus(settings) as session:
+        if type_name:
+            _check_type(session, service, type_name)
+        for at, answer in enumerate(follow(session, service, payload, timeout_s)):
+            if as_json:
+                print_json(answer)
+            else:
+                click.echo(("---\n" if at else "") + yaml_text(answer))
+
+
+def _served(session: Session) -> list[ServiceInfo]:
+    return [service for service in look(session).services.values() if service.servers]
+
+
+def _split(words: Sequence[str]) -> tuple[str, str]:
+    """The name of a type, "" where it is left out, and the request."""
+    if len(words) > 2:
+        raise click.UsageError(
+            f"{len(words)} words are more than a type and a map of fields: put the map in quotes"
+        )
+    if len(words) == 2:
+        return words[0], words[1]
+    if words and words[0].isidentifier() and read_map(words[0]) is None:
+        return words[0], "{}"
+    return "", words[0] if words else "{}"
+
+
+def _check_type(session: Session, service: str, type_name: str) -> None:
+    info = look(session).services.get(service)
+    if info and info.servers and type_name not in info.types:
+        raise click.UsageError(f"{service!r} is of type {_types(info)}, not {type_name}")
+
+
+def _as_map(service: ServiceInfo) -> dict[str, object]:
+    return {**asdict(service), "types": list(service.types)}
+
+
+def _types(service: ServiceInfo) -> str:
+    return ", ".join(service.types) or "not told"

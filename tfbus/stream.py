@@ -75,8 +75,8 @@ class Stream:
                 self._frames.describe_soon()
             elif self._sender.options != options:
                 raise InvalidArgumentException(
-                    f"stream {self.name!r} has a broadcaster with {self._sender.options} already, "
-                    f"{options} is asked for: let them agree, or name another stream (stream=...)"
+                    f"stream {self.name!r} is sent with {self._sender.options}, not with "
+                    f"{options}: ask for the same, or name another stream (stream=...)"
                 )
             return self._sender
 

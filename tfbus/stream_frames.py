@@ -42,6 +42,8 @@ class StreamFrames:
         self._publisher = publisher
         self._describe = describe
         self._executor = executor
+        # Held while one is sent, so that descriptions leave in their order.
+        self._telling = threading.Lock()
         self._lock = threading.Lock()
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
@@ -74,7 +76,10 @@ class StreamFrames:
                 raise InvalidArgumentException(
                     f"frame {child!r} of stream {self._stream!r} {_KINDS[not static]}"
                 )
-            del self._edges[child]
+        # Others know that it was removed by its being in one description, and not in the next.
+        self._describe_now()
+        with self._lock:
+            self._edges.pop(child, None)
         self.describe_soon()
 
     def describe_soon(self) -> None:
@@ -84,15 +89,18 @@ class StreamFrames:
                 return
             self._is_due = True
             spared_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _DESCRIBE_WITHIN_S)
-        self._executor.after(max(_DESCRIBE_AFTER_S, spared_s), self._tell)
+        self._executor.after(max(_DESCRIBE_AFTER_S, spared_s), self._describe_now)
 
-    def _tell(self) -> None:
-        with self._lock:
-            self._is_due = False
-            rows = tuple((parent, child, static) for child, (parent, static) in self._edges.items())
-        payload = self._describe(rows)
-        self._described_bytes = len(payload)
-        self._publisher.put(payload)
+    def _describe_now(self) -> None:
+        with self._telling:
+            with self._lock:
+                if not self._is_due:
+                    return
+                self._is_due = False
+                rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())
+            payload = self._describe(rows)
+            self._described_bytes = len(payload)
+            self._publisher.put(payload)
 
     def _unknown(self, child: str, static: bool) -> LookupException:
         sent = [other for other, (_, other_static) in self._edges.items() if other_static is static]

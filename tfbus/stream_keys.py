@@ -12,6 +12,9 @@ from tfbus.keys import escape, transforms_key
 from tfbus.session import BytesPublisher, Session
 from tfbus.wire import TransformEncoder
 
+# Nearly always a frame has one row in a send: the first name is its parent, the second itself.
+_ONE_EDGE = np.array([[0, 1]], dtype=np.uint32)
+
 
 class StreamKey:
     """One key; its messages are numbered from 0 in each epoch."""
@@ -91,12 +94,12 @@ class KeyPerFrame:
         if child not in self._keys:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
+        if len(rows) == 1:
+            row = rows[0]
+            names = [batch.frames[batch.edges[row, 0]], child]
+            encoder = TransformEncoder(epoch_ns, names, _ONE_EDGE)
+            return RowsOfKey(self._keys[child], slice(row, row + 1), encoder)
         used, edges = np.unique(batch.edges[rows], return_inverse=True)
-        encoder = TransformEncoder(
-            epoch_ns,
-            [batch.frames[frame] for frame in used.tolist()],
-            edges.reshape(-1, 2).astype(np.uint32),
-        )
-        # Nearly always there is one row a frame, and a slice is taken without a copy.
-        taken = slice(rows[0], rows[0] + 1) if len(rows) == 1 else np.array(rows, dtype=np.intp)
-        return RowsOfKey(self._keys[child], taken, encoder)
+        names = [batch.frames[frame] for frame in used.tolist()]
+        encoder = TransformEncoder(epoch_ns, names, edges.reshape(-1, 2).astype(np.uint32))
+        return RowsOfKey(self._keys[child], np.array(rows, dtype=np.intp), encoder)

@@ -28,3 +28,6 @@ class StreamOptions:
             raise InvalidArgumentException(
                 f"priority is {self.priority!r}; it is an integer of 32 bits"
             )
+
+    def __str__(self) -> str:
+        return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}"

@@ -1,0 +1,561 @@
+"""Streams: how they number and divide what they send, when they begin anew, what they keep."""
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Bus, eventually
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    LookupException,
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBatch,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.codec import decode_message
+from tfbus.description import StreamDescription
+from tfbus.kept_messages import KeptMessages
+from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
+from tfbus.retained import declare_retained_subscriber
+from tfbus.stream_frames import StreamFrames
+from tfbus.stream_options import StreamOptions
+from tfbus.transform_sender import TransformSender
+from tfbus.wire import TransformMessage, decode_transforms
+
+S = 1_000_000_000
+
+
+def at(
+    x: float = 0.0, child: str = "turtle1", *, parent: str = "world", stamp_ns: int = 100 * S
+) -> TransformStamped:
+    """`child` at (x, 0, 0) in `parent`."""
+    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
+
+
+# What a stream does, without a bus
+
+
+class Sent:
+    """Stands in for a session and an executor; remembers what is sent where."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[str, TransformMessage]] = []
+        self.epoch_ns = 0
+        self.back_ns: list[tuple[str, int]] = []
+
+    def publisher(self, key: str, *, urgent: bool = False) -> Any:
+        """A publisher of the key."""
+        return _Publisher(lambda payload: self.messages.append((key, decode_transforms(payload))))
+
+    def publishers_within(self, expression: str, *, urgent: bool) -> "Sent":
+        """Publishers of keys within."""
+        return self
+
+    def queryable(self, key: str, callback: object) -> None:
+        """Nobody asks."""
+
+    def after(self, delay_s: float, callback: Callable[[], None]) -> None:
+        """Nothing happens later."""
+
+    def begin_epoch(self, child: str, back_ns: int) -> int:
+        """Epochs are 0, 1, 2 ..."""
+        self.back_ns.append((child, back_ns))
+        self.epoch_ns += 1
+        return self.epoch_ns
+
+    def sender(self, **options: Any) -> TransformSender:
+        """A sender of stream `sim`."""
+        here: Any = self
+        frames = StreamFrames("sim", _Publisher(lambda payload: None), lambda rows: b"", here)
+        return TransformSender("sim", StreamOptions(**options), 0, here, frames, self.begin_epoch)
+
+
+class _Publisher:
+    def __init__(self, put: Callable[[bytes], None]) -> None:
+        self.put = put
+
+
+def numbers_of(sent: Sent) -> list[tuple[str, int, int | None]]:
+    """Key, epoch and number of each message."""
+    return [(key, message.epoch_ns, message.seq) for key, message in sent.messages]
+
+
+def test_the_messages_of_a_stream_are_numbered() -> None:
+    """The messages of a key are numbered from 0, so that a listener knows which it missed."""
+    sent = Sent()
+    sender = sent.sender()
+    for frames in (["a"], ["a"], ["a", "b"], []):
+        sender.send(TransformBatch.from_transforms(at(child=child) for child in frames))
+    assert numbers_of(sent) == [
+        ("tf/sim", 0, 0),
+        ("tf/sim", 0, 1),
+        ("tf/sim", 0, 2),
+        ("tf/sim", 0, 3),
+    ]
+
+
+def test_a_split_stream_has_a_key_a_frame() -> None:
+    """In a split stream each frame has its own key, and one message a send with its rows."""
+    sent = Sent()
+    sender = sent.sender(split=True)
+    sender.send(TransformBatch.from_transforms([at(1, "a"), at(2, "b/c"), at(3, "a")]))
+    sender.send(TransformBatch.from_transforms([at(4, "a", parent="map")]))
+    assert numbers_of(sent) == [("tf/sim/a", 0, 0), ("tf/sim/b%2Fc", 0, 0), ("tf/sim/a", 0, 1)]
+    rows = [
+        [(ts.frame_id, ts.child_frame_id, ts.transform.x) for ts in message.batch]
+        for _, message in sent.messages
+    ]
+    assert rows == [
+        [("world", "a", 1), ("world", "a", 3)],
+        [("world", "b/c", 2)],
+        [("map", "a", 4)],
+    ]
+
+
+sends = st.lists(
+    st.dictionaries(
+        st.sampled_from("abc"), st.integers(-3, 6).map(lambda s: s * S // 2), max_size=3
+    ),
+    max_size=12,
+)
+
+
+@given(sends, st.booleans())
+def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
+    sends: list[dict[str, int]], split: bool
+) -> None:
+    """Whatever is sent: a frame whose stamp is more than a second before its newest begins a new
+    epoch with that send, in which nothing is known of any frame and numbers begin at 0.
+    """
+    sent = Sent()
+    sender = sent.sender(split=split)
+    expected: list[tuple[str, int, int | None]] = []
+    newest: dict[str, int] = {}
+    numbers: dict[str, int] = {}
+    epoch = 0
+    for stamps in sends:
+        sender.send(
+            TransformBatch.from_transforms(at(child=f, stamp_ns=t) for f, t in stamps.items())
+        )
+        if any(t < newest.get(f, t) - S for f, t in stamps.items()):
+            epoch, newest, numbers = epoch + 1, {}, {}
+        newest |= {f: max(t, newest.get(f, t)) for f, t in stamps.items()}
+        for key in [f"tf/sim/{f}" for f in stamps] if split else ["tf/sim"]:
+            expected.append((key, epoch, numbers.get(key, 0)))
+            numbers[key] = numbers.get(key, 0) + 1
+    assert numbers_of(sent) == expected
+
+
+@given(st.lists(st.tuples(st.lists(st.sampled_from("abcd"), max_size=4), st.integers(0, 5))))
+def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
+    """Of each frame the newest stamp is known, also where a send has a frame twice."""
+    newest = NewestStamps()
+    known: dict[str, int] = {}
+    for number, (children, seconds) in enumerate(sends):
+        if number % 5 == 4:
+            newest.forget("a")
+            known.pop("a", None)
+        stamps = [seconds * S + i for i in range(len(children))]
+        late = [i for i, f in enumerate(children) if stamps[i] < known.get(f, 0) - MOST_BACK_NS]
+        rows = newest.rows(children)
+        assert newest.note(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
+        if not late:
+            for child, stamp in zip(children, stamps, strict=True):
+                known[child] = max(stamp, known.get(child, 0))
+            assert [newest.newest_ns(row) for row in rows] == [known[f] for f in children]
+
+
+def rows_of(count: int, stamp_ns: int) -> TransformBatch:
+    """So many frames of the world, all at its origin."""
+    edges = np.zeros((count, 2), dtype=np.uint32)
+    edges[:, 1] = np.arange(count) + 1
+    poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (count, 1))
+    names = ("world", *map(str, range(count)))
+    return TransformBatch(names, edges, np.full(count, stamp_ns), poses)
+
+
+@pytest.mark.parametrize("stamp_ns", [-(2**63), 2**63 - 1])
+def test_stamps_at_the_end_of_time_begin_no_epoch(stamp_ns: int) -> None:
+    """A batch may have any stamp that 64 bits hold; buffers judge whether it makes sense."""
+    sent = Sent()
+    sender = sent.sender()
+    for count in (1, 2, 1):
+        sender.send(rows_of(count, stamp_ns))
+    assert [message.epoch_ns for _, message in sent.messages] == [0, 0, 0]
+
+
+def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
+    """What sends have in common is remembered within bounds, and forgotten without harm."""
+    sent = Sent()
+    sender = sent.sender()
+    for count in (30_000, 29_999, 30_000):
+        sender.send(rows_of(count, 100 * S))
+    assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
+    assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)
+
+
+# What is kept
+
+
+class Clock:
+    """A clock that is set by the test."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+@given(
+    st.lists(st.integers(0, 3 * S), max_size=20),
+    st.integers(0, 8).map(float),
+    st.integers(0, 12).map(float) | st.just(float("inf")),
+)
+def test_what_was_sent_in_the_last_seconds_is_kept(
+    pauses_ns: list[int], history_s: float, last_s: float
+) -> None:
+    """Asked for the last seconds, exactly those messages come that were sent in them, oldest
+    first, as far back as the history goes.
+    """
+    clock = Clock()
+    kept = KeptMessages(history_s, clock_ns=clock)
+    sent: list[tuple[int, bytes]] = []
+    for number, pause_ns in enumerate(pauses_ns):
+        clock.now_ns += pause_ns
+        sent.append((clock.now_ns, b"%d" % number))
+        kept.append("tf/sim", sent[-1][1])
+    clock.now_ns += S // 2
+    window_ns = min(last_s, history_s) * S
+    assert kept.last(last_s) == [
+        ("tf/sim", payload) for sent_ns, payload in sent if sent_ns >= clock.now_ns - window_ns
+    ]
+
+
+def test_what_is_kept_is_bounded() -> None:
+    """However much is sent, what is kept stays within its bytes: the oldest goes first."""
+    kept = KeptMessages(10.0, most_bytes=3000, clock_ns=Clock())
+    for number in range(100):
+        kept.append("tf/sim", b"%2d" % number * 250)
+    assert [payload[:2] for _, payload in kept.last(10.0)] == [b"96", b"97", b"98", b"99"]
+    kept.append("tf/sim", bytes(4000))
+    assert kept.last(10.0) == []
+
+
+# On a bus
+
+
+@pytest.fixture
+def sender(bus: Bus) -> Node:
+    return bus.node("sender")
+
+
+@pytest.fixture
+def receiver(bus: Bus) -> Node:
+    return bus.node("receiver")
+
+
+@pytest.fixture
+def buffer(receiver: Node) -> Iterator[Buffer]:
+    """The buffer of the receiver's listener."""
+    buffer = Buffer()
+    with TransformListener(buffer, receiver):
+        yield buffer
+
+
+def answers(node: Node, selector: str) -> list[tuple[str, str, float]]:
+    """What the streams have kept: key, child and x of each first transform."""
+    found = []
+    for answer in node.session.ask(selector):
+        assert answer.refusal is None, answer.refusal
+        first = next(iter(decode_transforms(answer.payload).batch))
+        found.append((answer.key, first.child_frame_id, first.transform.x))
+    return found
+
+
+def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
+    """Send again and again until the condition holds, as a broadcaster does."""
+
+    def sent() -> bool:
+        broadcast()
+        return condition()
+
+    eventually(sent)
+
+
+def test_a_stream_answers_what_it_sent_last(sender: Node, receiver: Node) -> None:
+    """Who joins can ask a stream for what it sent in the last seconds, oldest first."""
+    broadcaster = TransformBroadcaster(sender)
+    for x in range(300):
+        broadcaster.send_transform(at(x))
+    wanted = [("tf/sender", "turtle1", x) for x in range(300)]
+    eventually(lambda: answers(receiver, "tf/**?last_s=60") == wanted)
+    assert answers(receiver, "tf/sender") == wanted
+    assert answers(receiver, "tf/sender?last_s=0") == []
+
+
+def test_a_split_stream_answers_for_one_frame(sender: Node, receiver: Node) -> None:
+    """Of a split stream the history of one frame can be asked for, or of all."""
+    broadcaster = TransformBroadcaster(sender, split=True)
+    for x in (1, 2):
+        broadcaster.send_transform([at(x, "a"), at(x, "b")])
+    wanted = [("tf/sender/b", "b", 1), ("tf/sender/b", "b", 2)]
+    eventually(lambda: answers(receiver, "tf/sender/b?last_s=60") == wanted)
+    assert len(answers(receiver, "tf/sender/**?last_s=60")) == 4
+
+
+@pytest.mark.parametrize("last_s", ["x", "-1", "nan", ""])
+def test_a_history_of_no_number_of_seconds_is_refused(
+    last_s: str, sender: Node, receiver: Node
+) -> None:
+    """A question for the history that makes no sense is refused with what is allowed."""
+    TransformBroadcaster(sender).send_transform(at())
+    refused = eventually(lambda: list(receiver.session.ask(f"tf/sender?last_s={last_s}")))
+    assert [answer.refusal for answer in refused] == [
+        f"last_s is {last_s!r}; it is a number of seconds, 0 or more"
+    ]
+
+
+def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) -> None:
+    """With `history_s=0` a stream keeps nothing, and there is nobody to ask."""
+    TransformBroadcaster(sender, history_s=0).send_transform(at(1))
+    TransformBroadcaster(sender, stream="other").send_transform(at(2))
+    eventually(lambda: answers(receiver, "tf/**?last_s=60") == [("tf/other", "turtle1", 2)])
+
+
+def test_one_frame_of_a_split_stream_can_be_heard_alone(sender: Node, receiver: Node) -> None:
+    """Who subscribes to the key of one frame hears no other frame."""
+    heard: list[str] = []
+    receiver.session.subscriber("tf/sender/b", lambda key, payload: heard.append(key))
+    broadcaster = TransformBroadcaster(sender, split=True)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "a"), at(2, "b")]), lambda: len(heard) >= 3
+    )
+    assert set(heard) == {"tf/sender/b"}
+
+
+def test_a_split_stream_fills_a_buffer(sender: Node, buffer: Buffer) -> None:
+    """A listener hears all frames of a split stream, of one authority."""
+    broadcaster = TransformBroadcaster(sender, split=True)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "arm"), at(2, "hand/left", parent="arm")]),
+        lambda: buffer.can_transform("world", "hand/left"),
+    )
+    assert buffer.lookup_transform("world", "hand/left").transform.x == 3
+    assert buffer.frame("hand/left").authority == "sender"
+
+
+def test_a_clock_that_goes_back_begins_a_new_epoch(sender: Node, buffer: Buffer) -> None:
+    """Where stamps go back by more than a second listeners forget what was; statics stay."""
+    StaticTransformBroadcaster(sender).send_transform(at(5, "camera"))
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform(at(1, stamp_ns=100 * S)),
+        lambda: buffer.can_transform("camera", "turtle1", 100 * S),
+    )
+    send_until(
+        lambda: broadcaster.send_transform(at(2, stamp_ns=98 * S)),
+        lambda: buffer.can_transform("camera", "turtle1", 98 * S),
+    )
+    assert not buffer.can_transform("camera", "turtle1", 100 * S)
+
+
+def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
+    sender: Node, receiver: Node
+) -> None:
+    """Description and static transforms have the epoch of what moves; the history begins anew."""
+    descriptions = describe_to(receiver)
+    statics: list[TransformMessage] = []
+    declare_retained_subscriber(
+        receiver.session, "tf_static/*", lambda key, data: statics.append(decode_transforms(data))
+    )
+    StaticTransformBroadcaster(sender).send_transform(at(5, "camera"))
+    broadcaster = TransformBroadcaster(sender)
+    for x, seconds in enumerate((100, 101, 98)):
+        broadcaster.send_transform(at(x, stamp_ns=seconds * S))
+    eventually(lambda: statics and statics[-1].epoch_ns > sender.started_ns)
+    epoch_ns = statics[-1].epoch_ns
+    eventually(lambda: descriptions and descriptions[-1].epoch == epoch_ns)
+    assert statics[-1].seq == 0
+    assert answers(receiver, "tf/**?last_s=60") == [("tf/sender", "turtle1", 2)]
+
+
+def describe_to(node: Node) -> list[StreamDescription]:
+    """The descriptions that the node hears from now on."""
+    heard: list[StreamDescription] = []
+    declare_retained_subscriber(
+        node.session,
+        "@tfbus/stream/*",
+        lambda key, payload: heard.append(decode_message(StreamDescription, payload)),
+    )
+    return heard
+
+
+def test_a_description_tells_how_a_stream_sends(sender: Node, receiver: Node) -> None:
+    """Priority, split and the seconds kept are in the description, also before anything is sent."""
+    descriptions = describe_to(receiver)
+    TransformBroadcaster(sender, stream="arm", split=True, priority=-3, history_s=2.5)
+    eventually(lambda: bool(descriptions))
+    told = descriptions[-1]
+    assert (told.frames, told.split, told.priority, told.history_s) == ((), True, -3, 2.5)
+
+
+def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node) -> None:
+    """A stream in which nothing moves has no history to ask for."""
+    descriptions = describe_to(receiver)
+    StaticTransformBroadcaster(sender).send_transform(at(1, "camera"))
+    eventually(lambda: descriptions and descriptions[-1].frames)
+    assert descriptions[-1].history_s == 0.0
+
+
+def test_frames_that_come_one_by_one_are_described_together(sender: Node, receiver: Node) -> None:
+    """A thousand new frames, sent one after the other, are told in a few descriptions."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+    broadcaster.send_transform(at(child="first"))
+    eventually(lambda: bool(descriptions))
+    for number in range(1000):
+        broadcaster.send_transform(at(child=str(number)))
+    eventually(lambda: len(descriptions[-1].frames) == 1001)
+    assert len(descriptions) < 100
+
+
+def test_a_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
+    """A frame that is removed goes from every listener's buffer; the others stay."""
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "arm"), at(2, "leg")]),
+        lambda: buffer.can_transform("arm", "leg"),
+    )
+    broadcaster.remove("arm")
+    eventually(lambda: "arm" not in buffer.frames())
+    assert buffer.can_transform("world", "leg")
+    send_until(
+        lambda: broadcaster.send_transform(at(3, "arm")), lambda: buffer.can_transform("arm", "leg")
+    )
+
+
+def test_a_static_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
+    """A static frame that is removed goes from every listener's buffer, and late ones too."""
+    broadcaster = StaticTransformBroadcaster(sender)
+    broadcaster.send_transform([at(1, "camera"), at(2, "lidar")])
+    eventually(lambda: buffer.can_transform("camera", "lidar"))
+    broadcaster.remove("camera")
+    eventually(lambda: "camera" not in buffer.frames())
+    assert buffer.can_transform("world", "lidar")
+
+
+def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Node) -> None:
+    """However short a frame was there, others are told that it was, and then that it is not."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+    eventually(lambda: bool(descriptions))
+    broadcaster.send_transform([at(1, "arm"), at(2, "leg")])
+    broadcaster.remove("arm")
+    eventually(lambda: descriptions[-1].frames == (("world", "leg", False),))
+    assert descriptions[-2].frames == (("world", "arm", False), ("world", "leg", False))
+
+
+def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
+    """Removing what the stream does not send is an error that says what it sends."""
+    broadcaster, static = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
+    with pytest.raises(LookupException, match="sends no frame 'leg'; it sends none"):
+        broadcaster.remove("leg")
+    broadcaster.send_transform([at(child=f"leg{number}") for number in range(7)])
+    static.send_transform(at(child="camera"))
+    with pytest.raises(LookupException) as caught:
+        broadcaster.remove("leg")
+    assert str(caught.value) == (
+        "stream 'sender' sends no frame 'leg'; "
+        "it sends 'leg0', 'leg1', 'leg2', 'leg3', 'leg4' and 2 more"
+    )
+    assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
+    with pytest.raises(LookupException, match="sends no static frame 'leg'; it sends 'camera'"):
+        static.remove("leg")
+    with pytest.raises(InvalidArgumentException, match="remove it by a StaticTransformBroadcaster"):
+        broadcaster.remove("camera")
+    with pytest.raises(InvalidArgumentException, match="remove it by a TransformBroadcaster"):
+        static.remove("leg1")
+
+
+def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
+    """Two broadcasters of one stream ask for the same, and the second is told where not."""
+    TransformBroadcaster(sender, split=True, priority=1)
+    TransformBroadcaster(sender, split=True, priority=1)
+    TransformBroadcaster(sender, stream="other")
+    with pytest.raises(InvalidArgumentException) as caught:
+        TransformBroadcaster(sender)
+    assert str(caught.value) == (
+        "stream 'sender' is sent with split=True, priority=1, history_s=10, not with split=False, "
+        "priority=0, history_s=10: ask for the same, or name another stream (stream=...)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"history_s": -1}, "history_s is -1; it is a number of seconds, 0 or more"),
+        ({"history_s": float("inf")}, "history_s is inf; it is a number of seconds, 0 or more"),
+        ({"history_s": float("nan")}, "history_s is nan; it is a number of seconds, 0 or more"),
+        ({"priority": 2**31}, "priority is 2147483648; it is an integer of 32 bits"),
+    ],
+)
+def test_impossible_options_are_refused(options: dict[str, Any], reason: str, sender: Node) -> None:
+    """What a stream cannot be is refused where its broadcaster is made."""
+    with pytest.raises(InvalidArgumentException) as caught:
+        TransformBroadcaster(sender, **options)
+    assert str(caught.value) == reason
+
+
+@pytest.mark.parametrize("name", ["", "/leg"])
+def test_a_batch_with_a_name_of_no_frame_is_refused(name: str, sender: Node) -> None:
+    """What no buffer would take is refused where it is sent."""
+    poses = np.array([[0, 0, 0, 0, 0, 0, 1.0]])
+    batch = TransformBatch(("world", name), np.uint32([[0, 1]]), np.array([100 * S]), poses)
+    with pytest.raises(InvalidArgumentException):
+        TransformBroadcaster(sender).send_transform(batch)
+
+
+def test_two_streams_of_a_node_may_send_one_frame(sender: Node, receiver: Node) -> None:
+    """Which of two streams counts for a frame is judged by those who listen."""
+    heard: set[str] = set()
+    receiver.session.subscriber("tf/*", lambda key, payload: heard.add(key))
+    broadcasters = [TransformBroadcaster(sender, stream=stream) for stream in ("left", "right")]
+
+    def send_both() -> None:
+        for broadcaster in broadcasters:
+            broadcaster.send_transform(at())
+
+    send_until(send_both, lambda: heard == {"tf/left", "tf/right"})
+
+
+PUBLISHER = """
+import time
+from tfbus import *
+with Node("robot") as node:
+    broadcaster = TransformBroadcaster(node, split=True)
+    for number in range(3):
+        pose = Transform((number, 0, 0))
+        broadcaster.send_transform(TransformStamped(number * 10**9, "world", "base", pose))
+    node.spin()
+"""
+
+
+def test_a_listener_of_another_process_has_what_was_sent_before_it(bus: Bus) -> None:
+    """A listener that asks for history knows what another process sent before it was there."""
+    bus.start_command([sys.executable, "-c", PUBLISHER]).wait_for_line("ready")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("late"), history_s=60.0):
+        eventually(lambda: buffer.can_transform("world", "base", 500_000_000))
+    assert buffer.lookup_transform("world", "base", 500_000_000).transform.x == 0.5
+    assert buffer.lookup_transform("world", "base").transform.x == 2

@@ -20,6 +20,7 @@ TOOLS = {
     "create": "Write a small package with a node of your own.",
     "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
+    "monitor": "Measure how transforms come: all, or those between two frames.",
     "node": "List nodes, or show what one of them does.",
     "param": "List, read, set, save and load the parameters of nodes.",
     "router": "Run a Zenoh router, where nodes of several networks meet.",

@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 
 from tfbus.cli.listening import Listening, listening
-from tfbus.cli.output import is_terminal, json_option, paint, print_lines, width
+from tfbus.cli.output import in_place, json_option, paint, print_lines, width
+from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
 from tfbus.frames import document
 from tfbus.frames.facts import State
@@ -35,9 +36,6 @@ _ROLES: dict[State, str] = {
     "gone": "bad",
     "conflict": "bad",
 }
-
-# In place: to the top left, and what was there before is cleared.
-_HOME = "\x1b[H\x1b[J"
 
 
 def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path, ...]) -> object:
@@ -121,12 +119,10 @@ def _paint(line: str, state: State) -> str:
 
 
 def _watch(heard: Listening, long: bool) -> None:
-    in_place = is_terminal()
     while True:
         tree = heard.tree()
-        lines = _lines(tree, long) if tree.frames else ["No frame is known yet."]
-        click.echo((_HOME if in_place else "") + "\n".join(lines) + ("" if in_place else "\n"))
-        if not heard.node.wait(0.5):
+        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame is known yet."]))
+        if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
             return
 
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from tfbus.buffer import Buffer
+from tfbus.clock import SYSTEM_CLOCK
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
@@ -52,7 +53,7 @@ def listening(
 def _meet_everybody(heard: Listening, within_s: float) -> None:
     deadline = time.monotonic() + within_s
     known, since = _known(heard), time.monotonic()
-    while time.monotonic() < deadline and heard.node.wait(0.02):
+    while time.monotonic() < deadline and heard.node.wait(0.02, clock=SYSTEM_CLOCK):
         now = _known(heard)
         if now != known:
             known, since = now, time.monotonic()

@@ -32,6 +32,9 @@ _ROLES: dict[str, dict[str, Any]] = {
 _GAP = "  "
 _CUT = "…"
 
+# The cursor to the top left, and all below it cleared.
+_TO_THE_TOP = "\x1b[H\x1b[J"
+
 # A text of YAML stays on its line, however long it is.
 _NEVER_FOLDED = 2**31 - 1
 
@@ -63,6 +66,16 @@ def print_lines(lines: Iterable[str]) -> None:
     text = "\n".join(lines)
     if text:
         click.echo(text)
+
+
+def in_place(lines: Iterable[str]) -> list[str]:
+    """The lines as a page that takes the place of the one before, in a terminal; below it, with a
+    line between, elsewhere.
+    """
+    page = list(lines)
+    if not is_terminal():
+        return [*page, ""]
+    return [_TO_THE_TOP + "".join(page[:1]), *page[1:]]
 
 
 def warn(what: object) -> None:

@@ -1,0 +1,72 @@
+"""`tfbus monitor`: how transforms come, live: rates, jitter, delays, misses, clocks."""
+
+import time
+
+import click
+
+from tfbus.cli.listening import Listening, listening
+from tfbus.cli.monitor_report import PairWatch, as_lines, as_map, make_report
+from tfbus.cli.output import in_place, json_option, print_json, print_lines
+from tfbus.cli.transform_meter import TransformMeter
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.nodes.names import own_name
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+# A pair is looked up so often, to see how old its answer gets between two samples.
+_LOOK_EVERY_S = 0.05
+
+
+@click.command(
+    epilog="Examples: tfbus monitor; tfbus monitor world drone; tfbus monitor --once --json"
+)
+@click.argument("target", required=False)
+@click.argument("source", required=False)
+@click.option(
+    "-p",
+    "--period",
+    "period_s",
+    type=click.FloatRange(0.1, 3600.0),
+    default=1.0,
+    help="Seconds from one report to the next; 1.",
+)
+@click.option("--once", is_flag=True, help="Print one report and exit.")
+@json_option("Print each report as one line of JSON.")
+@bus_options(own_name("monitor"))
+def command(
+    settings: NodeSettings,
+    target: str | None,
+    source: str | None,
+    period_s: float,
+    once: bool,
+    as_json: bool,
+) -> None:
+    """Measure how transforms come: all, or those between two frames."""
+    if target is not None and source is None:
+        raise click.UsageError(f"a pair is two frames: tfbus monitor {target} FRAME, or none")
+    pair = PairWatch(target, source) if target is not None and source is not None else None
+    with listening(settings) as heard:
+        meter = TransformMeter(heard.node)
+        while _measure(heard, pair, period_s):
+            report = make_report(heard, meter, pair)
+            if as_json:
+                print_json(as_map(report))
+            else:
+                print_lines(in_place(as_lines(report)))
+            if once:
+                if not report.edges():
+                    raise click.ClickException("no transform has come: is a broadcaster running?")
+                if report.pair and report.pair.failure:
+                    raise SystemExit(1)
+                return
+
+
+def _measure(heard: Listening, pair: PairWatch | None, period_s: float) -> bool:
+    """Whether the node goes on after one period."""
+    end_s = time.monotonic() + period_s
+    while (left_s := end_s - time.monotonic()) > 0:
+        if not heard.node.wait(min(left_s, _LOOK_EVERY_S), clock=SYSTEM_CLOCK):
+            return False
+        if pair is not None:
+            pair.look(heard, time.monotonic())
+    return True

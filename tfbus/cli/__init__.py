@@ -5,6 +5,7 @@ and those of other packages.
 """
 
 import difflib
+import os
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -13,16 +14,21 @@ import click
 
 NODE_GROUP = "tfbus.nodes"
 
+# Makes `tfbus` answer the script of a shell instead of doing anything else.
+_COMPLETE_VARIABLE = "_TFBUS_COMPLETE"
+
 # One line each, said here too because importing the subcommands for `--help` would take long;
 # a test compares them.
 TOOLS = {
     "call": "Call a service, or send a goal and follow it.",
+    "completion": "Print the script that makes your shell complete tfbus.",
     "create": "Write a small package with a node of your own.",
     "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
     "monitor": "Measure how transforms come: all, or those between two frames.",
     "node": "List nodes, or show what one of them does.",
     "param": "List, read, set, save and load the parameters of nodes.",
+    "plot": "Plot position, orientation and speed of SOURCE seen from TARGET.",
     "router": "Run a Zenoh router, where nodes of several networks meet.",
     "service": "List, show and call services.",
     "topic": "List, show, print, measure and publish topics.",
@@ -44,6 +50,26 @@ NODES = {
 
 class Commands(click.Group):
     """Subcommands by name, imported when one is called."""
+
+    def main(self, *args: Any, **given: Any) -> Any:
+        """As click's own; a shell that completes is answered as `tfbus.cli.shells` says."""
+        if _COMPLETE_VARIABLE in os.environ:
+            import_module("tfbus.cli.shells")
+        return super().main(*args, complete_var=_COMPLETE_VARIABLE, **given)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """The names of subcommands that begin so, none of which is imported for it."""
+        from click.shell_completion import CompletionItem  # only while completing
+
+        helps = {**dict.fromkeys(self.list_commands(ctx)), **TOOLS, **NODES}
+        return [
+            *(
+                CompletionItem(name, help=text)
+                for name, text in sorted(helps.items())
+                if name.startswith(incomplete)
+            ),
+            *click.Command.shell_complete(self, ctx, incomplete),
+        ]
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted({*TOOLS, *NODES, *entry_points()})

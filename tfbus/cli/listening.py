@@ -12,7 +12,7 @@ from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.settings import NodeSettings
 
-# Publishers are asked for so much of what they sent before, to tell rates at once.
+# So much of what publishers sent before tells their rates at once.
 _HISTORY_S = 3.0
 
 # Links open one after the other, and what streams tell follows.
@@ -34,16 +34,20 @@ class Listening:
 
 @contextmanager
 def listening(
-    settings: NodeSettings, *, within_s: float = 2.0, cache_time_s: float = 10.0
+    settings: NodeSettings,
+    *,
+    within_s: float = 2.0,
+    history_s: float = _HISTORY_S,
+    cache_time_s: float = 10.0,
 ) -> Iterator[Listening]:
     """Listen to all transforms; handed out as soon as nothing new comes, at most `within_s` later.
 
-    The kept history of each publisher is asked for, so that rates are known from the start.
+    Each publisher is asked for the last `history_s` seconds that it has kept.
     """
     buffer = Buffer(cache_time_s)
     with (
         Node(settings=replace(settings, log_level="error")) as node,
-        TransformListener(buffer, node, history_s=_HISTORY_S) as listener,
+        TransformListener(buffer, node, history_s=history_s) as listener,
     ):
         heard = Listening(node, buffer, listener)
         _meet_everybody(heard, within_s)

@@ -1,0 +1,91 @@
+"""Where a frame was over a time: speeds and angles of known motions, and what echo has written."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import Buffer, DecodeError, Transform, TransformStamped
+from tfbus.frames.track import Track, track_from_buffer, track_from_file
+from tfbus.nodes.echo_format import CSV_HEADER, Numbers, csv_line, json_line
+
+NS = 1_000_000_000
+START_NS = 1_670_400_300 * NS
+
+
+def circling(radius_m: float, rad_per_s: float, seconds: float) -> Buffer:
+    """world -> turtle on a circle, looking ahead, 100 times a second."""
+    buffer = Buffer(cache_time_s=1_000.0)
+    for step in range(round(seconds * 100) + 1):
+        angle = rad_per_s * step / 100
+        xyz = [radius_m * math.cos(angle), radius_m * math.sin(angle), 0.0]
+        pose = Transform.from_rpy(0.0, 0.0, angle + math.pi / 2, xyz)
+        buffer.set_transform(TransformStamped(START_NS + step * NS // 100, "world", "turtle", pose))
+    return buffer
+
+
+def track_of(buffer: Buffer, seconds: float, rate_hz: float = 100.0) -> Track:
+    until_ns = START_NS + round(seconds * NS)
+    return track_from_buffer(buffer, "world", "turtle", START_NS, until_ns, rate_hz)
+
+
+@given(
+    radius_m=st.floats(min_value=0.1, max_value=10.0),
+    rad_per_s=st.floats(min_value=0.1, max_value=6.0),
+)
+def test_a_circle_has_its_speeds(radius_m: float, rad_per_s: float) -> None:
+    """On a circle the linear speed is radius times angular speed, and yaw never jumps."""
+    track = track_of(circling(radius_m, rad_per_s, 3.0), 3.0)
+    chord = 2 * math.sin(rad_per_s / 200) * radius_m * 100  # the straight way from pose to pose
+    assert track.linear_speed() == pytest.approx(chord, rel=1e-6)
+    assert track.angular_speed() == pytest.approx(rad_per_s, rel=1e-6)
+    roll, pitch, yaw = track.rpy_rad().T
+    assert np.abs(roll).max() < 1e-9
+    assert np.abs(pitch).max() < 1e-9
+    assert yaw == pytest.approx(math.pi / 2 + rad_per_s * track.seconds, abs=1e-6)
+
+
+def test_only_known_times_are_in_it() -> None:
+    """Times before the first and after the last sample are left out, and none is guessed."""
+    buffer = circling(1.0, 1.0, 1.0)
+    track = track_from_buffer(buffer, "world", "turtle", START_NS - 5 * NS, START_NS + 5 * NS, 10.0)
+    assert len(track) == 11
+    assert (track.stamps_ns[0], track.stamps_ns[-1]) == (START_NS, START_NS + NS)
+
+
+@pytest.mark.parametrize("form", ["csv", "json"])
+def test_what_echo_wrote_is_read(form: str, tmp_path: Path) -> None:
+    """The rows of `tfbus echo --format csv` or json are the track, in the order of their stamps."""
+    buffer = circling(2.0, 0.5, 1.0)
+    numbers = Numbers(3, raw_zeros=False)
+    write = {"csv": csv_line, "json": json_line}[form]
+    stamps = [START_NS + tenth * NS // 10 for tenth in (1, 0, 2)]
+    lines = [write(buffer.lookup_transform("world", "turtle", at), numbers) for at in stamps]
+    file = tmp_path / "turtle"
+    file.write_text("\n".join(([CSV_HEADER] if form == "csv" else []) + lines) + "\n")
+    track = track_from_file(file)
+    assert (track.target, track.source) == ("world", "turtle")
+    assert track.stamps_ns.tolist() == sorted(stamps)
+    expected = track_of(buffer, 0.2, rate_hz=10.0)
+    assert track.poses.xyz == pytest.approx(expected.poses.xyz)
+    assert track.poses.quat_xyzw == pytest.approx(expected.poses.quat_xyzw)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "has no pose in it"),
+        ("x,y\n1,2\n", "line 2 is no pose as `tfbus echo --format csv` or json writes it"),
+        ('{"stamp_ns": 1}\n', "line 1 is no pose"),
+        ("{\n", "line 1 is no pose"),
+    ],
+)
+def test_a_file_of_something_else_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+    """A file that is no such recording is refused with its first wrong line."""
+    file = tmp_path / "file"
+    file.write_text(text)
+    with pytest.raises(DecodeError, match=reason):
+        track_from_file(file)

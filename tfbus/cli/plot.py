@@ -1,0 +1,152 @@
+"""`tfbus plot`: where a frame was over a time, as a picture or in a window."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from tfbus.cli.listening import Listening, listening
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.errors import TfbusError
+from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
+from tfbus.frames.track import Track, track_from_buffer, track_from_file
+from tfbus.nodes.names import own_name
+from tfbus.numbers import POSITIVE
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+_ENDINGS = (".png", ".svg", ".pdf")
+
+# Publishers keep so much of what they sent, unless they are told otherwise.
+_KEPT_S = 10.0
+_MOST_S = 86_400.0
+
+
+def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None and path.suffix not in _ENDINGS:
+        raise click.BadParameter(f"{path} is to end with one of {', '.join(_ENDINGS)}")
+    if path is not None and not path.parent.is_dir():
+        raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
+    return path
+
+
+@click.command(
+    epilog="Examples: tfbus plot world turtle1 -o turtle1.png; "
+    "tfbus plot world turtle1 --for 30 --show path -o path.svg"
+)
+@click.argument("target", required=False)
+@click.argument("source", required=False)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    callback=_check_output,
+    help=f"Write a picture, by its ending: {' '.join(_ENDINGS)}; else a window opens.",
+)
+@click.option(
+    "--for",
+    "for_s",
+    type=click.FloatRange(0.0, _MOST_S, min_open=True),
+    metavar="SECONDS",
+    help="Listen for so long first; else the last 10 s are shown, which publishers have kept.",
+)
+@click.option(
+    "--from",
+    "recording",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Show what tfbus echo --format csv (or json) has written.",
+)
+@click.option(
+    "--show",
+    "panels",
+    type=click.Choice(PANELS),
+    multiple=True,
+    default=PANELS,
+    help="What to show; repeatable. All of them unless given.",
+)
+@click.option("--rate", "rate_hz", type=POSITIVE, default=50.0, help="Poses per second; 50.")
+@bus_options(own_name("plot"))
+def command(
+    settings: NodeSettings,
+    target: str | None,
+    source: str | None,
+    output: Path | None,
+    for_s: float | None,
+    recording: Path | None,
+    panels: tuple[Panel, ...],
+    rate_hz: float,
+) -> None:
+    """Plot position, orientation and speed of SOURCE seen from TARGET."""
+    if output is None and not _has_display():
+        raise click.UsageError("there is no display to open a window on: write a file with -o")
+    if recording is not None:
+        if target is not None or for_s is not None:
+            raise click.UsageError("--from shows what is in its file: leave frames and --for away")
+        track = track_from_file(recording)
+    elif target is None or source is None:
+        raise click.UsageError("name two frames: tfbus plot world turtle1")
+    else:
+        track = _listen(settings, target, source, for_s, rate_hz)
+    if len(track) < 2:
+        raise click.ClickException(
+            f"only {len(track)} poses of {track.source!r} seen from {track.target!r} are known in "
+            "that time, two at least are needed: is it static, or has its publisher stopped?"
+        )
+    _show(track, output, tuple(dict.fromkeys(panels)))
+
+
+def _listen(
+    settings: NodeSettings, target: str, source: str, for_s: float | None, rate_hz: float
+) -> Track:
+    with listening(
+        settings, history_s=_KEPT_S, cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0
+    ) as heard:
+        from_ns = heard.node.now_ns()
+        if for_s is None:
+            from_ns -= int(_KEPT_S * 1e9)
+        else:
+            _wait(heard, for_s)
+        # The newest pose that is known ends it, not now: what is later cannot be looked up.
+        newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
+        return track_from_buffer(heard.buffer, target, source, from_ns, newest_ns, rate_hz)
+
+
+def _wait(heard: Listening, for_s: float) -> None:
+    """Listen for so many seconds, and show how far it is; Ctrl-C ends it early."""
+    start_s = time.monotonic()
+    with click.progressbar(
+        length=round(for_s * 10), label="Listening", file=sys.stderr, width=40
+    ) as bar:
+        done = 0
+        while (left_s := start_s + for_s - time.monotonic()) > 0:
+            if not heard.node.wait(min(left_s, 0.1), clock=SYSTEM_CLOCK):
+                return
+            now = round((time.monotonic() - start_s) * 10)
+            bar.update(now - done)
+            done = now
+
+
+def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
+    try:
+        if output is None:
+            show_plot(track, panels)
+        else:
+            write_plot(track, output, panels)
+            span_s = track.seconds[-1]
+            click.echo(f"Wrote {output}: {len(track)} poses over {span_s:.1f} s")
+    except ImportError as error:
+        raise TfbusError(
+            "plots are drawn by matplotlib, which is not installed: pip install 'tfbus[plot]'"
+        ) from error
+    except OSError as error:
+        raise TfbusError(f"{output} cannot be written: {error.strerror}") from error
+
+
+def _has_display() -> bool:
+    return sys.platform == "darwin" or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )

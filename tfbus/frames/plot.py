@@ -1,0 +1,115 @@
+"""Where a frame was over a time, as a drawing by matplotlib."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from tfbus.frames.track import Track
+
+Panel = Literal["position", "orientation", "speed", "path"]
+PANELS: tuple[Panel, ...] = get_args(Panel)
+
+_COLOURS = ("#dc2626", "#16a34a", "#2563eb")  # x, y and z, as RViz has them
+_GREY = "#6b7280"
+_SIZE = (5.2, 3.4)
+
+
+def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
+    """A matplotlib Figure with the panels: one alone, or two in a row."""
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    _draw_into(figure, track, panels)
+    return figure
+
+
+def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
+    """Draw the panels into a file of one of matplotlib's kinds, by its ending."""
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        draw(track, panels).savefig(path, dpi=150)
+
+
+def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
+    """Draw the panels into a window, until it is closed."""
+    from matplotlib import pyplot
+
+    _draw_into(pyplot.figure(), track, panels)
+    pyplot.show()
+
+
+def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    figure.set_size_inches(_SIZE[0] * columns, _SIZE[1] * rows + 0.5)
+    figure.set_layout_engine("constrained")
+    first = datetime.fromtimestamp(int(track.stamps_ns[0]) / 1e9, tz=UTC)
+    name = f"{track.source} seen from {track.target}".replace("$", r"\$")
+    figure.suptitle(f"{name}, from {first:%Y-%m-%d %H:%M:%S} UTC", fontsize=11)
+    for number, panel in enumerate(panels, start=1):
+        axes = figure.add_subplot(rows, columns, number)
+        axes.grid(visible=True, color="#e5e7eb", linewidth=0.6)
+        axes.set_axisbelow(True)
+        _DRAW[panel](axes, track)
+
+
+def _draw_position(axes: Any, track: Track) -> None:
+    for values, name, colour in zip(track.poses.xyz.T, "xyz", _COLOURS, strict=True):
+        axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+    _label(axes, "position (m)")
+
+
+def _draw_orientation(axes: Any, track: Track) -> None:
+    degrees = np.degrees(track.rpy_rad())
+    names = ("roll", "pitch", "yaw")
+    for values, name, colour in zip(degrees.T, names, _COLOURS, strict=True):
+        axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+    _label(axes, "orientation (degrees)")
+
+
+def _draw_speed(axes: Any, track: Track) -> None:
+    between = (track.seconds[1:] + track.seconds[:-1]) / 2
+    axes.plot(between, track.linear_speed(), color="#111827", label="linear", linewidth=1.3)
+    angular = axes.twinx()
+    angular.plot(
+        between, track.angular_speed(), color="#d97706", label="angular", linewidth=1.0, alpha=0.9
+    )
+    angular.set_ylabel("angular speed (rad/s)", color="#d97706", fontsize=9)
+    angular.tick_params(labelsize=8)
+    for each in (axes, angular):
+        each.set_ylim(bottom=0.0)
+    axes.set_ylabel("linear speed (m/s)", fontsize=9)
+    axes.set_xlabel("seconds", fontsize=9)
+    axes.tick_params(labelsize=8)
+
+
+def _draw_path(axes: Any, track: Track) -> None:
+    x, y = track.poses.xyz[:, 0], track.poses.xyz[:, 1]
+    axes.plot(x, y, color="#2563eb", linewidth=1.4)
+    axes.plot(x[0], y[0], "o", color="#16a34a", markersize=6, label="first")
+    axes.plot(x[-1], y[-1], "s", color="#dc2626", markersize=6, label="last")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.1)
+    axes.set_xlabel("x (m)", fontsize=9)
+    axes.set_ylabel("y (m)", fontsize=9)
+    axes.set_title("path from above", fontsize=9, color=_GREY)
+    axes.tick_params(labelsize=8)
+    axes.legend(fontsize=8, loc="best")
+
+
+def _label(axes: Any, text: str) -> None:
+    axes.set_ylabel(text, fontsize=9)
+    axes.set_xlabel("seconds", fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.legend(fontsize=8, loc="best")
+
+
+_DRAW = {
+    "position": _draw_position,
+    "orientation": _draw_orientation,
+    "speed": _draw_speed,
+    "path": _draw_path,
+}

@@ -1,0 +1,134 @@
+"""Where one frame was, seen from another, over a time."""
+
+import csv
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus.buffer import Buffer
+from tfbus.errors import DecodeError
+from tfbus.transform_array import TransformArray
+
+Floats = NDArray[np.float64]
+
+# What `tfbus echo --format csv` and `--format json` write.
+_POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+@dataclass(frozen=True)
+class Track:
+    """N poses of `source` seen from `target`, and their `stamps_ns` (N,), which rise."""
+
+    target: str
+    source: str
+    stamps_ns: NDArray[np.int64]
+    poses: TransformArray
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def seconds(self) -> Floats:
+        """(N,) seconds since the first pose."""
+        if not len(self):
+            return np.zeros(0)
+        since: Floats = (self.stamps_ns - self.stamps_ns[0]) / 1e9
+        return since
+
+    def rpy_rad(self) -> Floats:
+        """(N, 3) roll, pitch and yaw in radians, without jumps by whole turns."""
+        x, y, z, w = np.moveaxis(self.poses.quat_xyzw, -1, 0)
+        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        angles: Floats = np.unwrap(np.stack([roll, pitch, yaw], axis=1), axis=0)
+        return angles
+
+    def linear_speed(self) -> Floats:
+        """(N - 1,) metres per second from one pose to the next."""
+        moved = np.linalg.norm(np.diff(self.poses.xyz, axis=0), axis=1)
+        speed: Floats = moved / np.diff(self.seconds)
+        return speed
+
+    def angular_speed(self) -> Floats:
+        """(N - 1,) radians per second from one pose to the next, the short way round."""
+        before, after = self.poses.quat_xyzw[:-1], self.poses.quat_xyzw[1:]
+        # The norms of difference and sum are 2 sin and 2 cos of a quarter of the angle: exact
+        # also where the angle is small, and its cosine would be 1.
+        apart, along = (np.linalg.norm(after + sign * before, axis=1) for sign in (-1.0, 1.0))
+        angle = 4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along))
+        speed: Floats = angle / np.diff(self.seconds)
+        return speed
+
+
+def track_from_buffer(
+    buffer: Buffer, target: str, source: str, from_ns: int, to_ns: int, rate_hz: float
+) -> Track:
+    """The poses between two times, so many a second, where they are known.
+
+    Raises LookupException or ConnectivityException where nothing joins the frames.
+    """
+    stamps_ns = np.arange(from_ns, to_ns + 1, round(1e9 / rate_hz), dtype=np.int64)
+    poses, known = buffer.lookup_known_transforms(target, source, stamps_ns)
+    return Track(
+        target,
+        source,
+        stamps_ns[known],
+        TransformArray(poses.xyz[known], poses.quat_xyzw[known]),
+    )
+
+
+def track_from_file(path: Path) -> Track:
+    """The poses that `tfbus echo --format csv`, or json, has written.
+
+    Raises DecodeError where the file is neither, with the line.
+    """
+    with path.open(newline="") as lines:
+        is_json = lines.read(1) == "{"
+        lines.seek(0)
+        rows = list(_json_rows(lines) if is_json else _csv_rows(lines))
+    if not rows:
+        raise DecodeError(f"{path} has no pose in it")
+    rows.sort(key=lambda row: row[0])
+    # The last pose of a stamp counts, as in a buffer.
+    latest = {row[0]: row for row in rows}
+    numbers = np.array([row[3] for row in latest.values()])
+    return Track(
+        rows[0][1],
+        rows[0][2],
+        np.array(list(latest), dtype=np.int64),
+        TransformArray(numbers[:, :3], numbers[:, 3:]),
+    )
+
+
+_Row = tuple[int, str, str, list[float]]
+
+
+def _json_rows(lines: Iterable[str]) -> Iterable[_Row]:
+    for number, line in enumerate(lines, start=1):
+        try:
+            told = json.loads(line)
+            pose = [float(value) for value in (*told["xyz"], *told["quat_xyzw"])]
+            yield int(told["stamp_ns"]), told["frame_id"], told["child_frame_id"], pose
+        except (ValueError, KeyError, TypeError) as error:
+            raise _not_a_pose(number, error) from error
+
+
+def _csv_rows(lines: Iterable[str]) -> Iterable[_Row]:
+    for number, row in enumerate(csv.DictReader(lines), start=2):
+        try:
+            pose = [float(row[column]) for column in _POSE_COLUMNS]
+            yield int(row["stamp_ns"]), row["frame_id"], row["child_frame_id"], pose
+        except (ValueError, KeyError, TypeError) as error:
+            raise _not_a_pose(number, error) from error
+
+
+def _not_a_pose(number: int, error: Exception) -> DecodeError:
+    return DecodeError(
+        f"line {number} is no pose as `tfbus echo --format csv` or json writes it "
+        f"({type(error).__name__}: {error})"
+    )

@@ -51,14 +51,15 @@ class TransformBatch:
             child = index_of.setdefault(ts.child_frame_id, len(index_of))
             edges.append((parent, child))
             stamps.append(ts.stamp_ns)
-            t = ts.transform
-            poses.append((t.x, t.y, t.z, t.qx, t.qy, t.qz, t.qw))
-        return TransformBatch(
-            tuple(index_of),
+            poses.append(ts.transform.as_pose())
+        columns = (
             np.array(edges, dtype=np.uint32).reshape(-1, 2),
             np.array(stamps, dtype=np.int64),
             np.array(poses, dtype=np.float64).reshape(-1, 7),
         )
+        for column in columns:
+            column.flags.writeable = False
+        return _of_checked(tuple(index_of), *columns)
 
     def with_frames(self, frames: tuple[str, ...]) -> "TransformBatch":
         """The same rows, between frames of other names: as many, in the same order.
@@ -69,11 +70,7 @@ class TransformBatch:
             raise InvalidArgumentException(
                 f"{len(frames)} names cannot stand for those of {len(self.frames)} frames"
             )
-        # The columns have been checked, which takes longer than all the rest.
-        batch = object.__new__(TransformBatch)
-        for name, value in (*vars(self).items(), ("frames", frames)):
-            object.__setattr__(batch, name, value)
-        return batch
+        return _of_checked(frames, self.edges, self.stamps_ns, self.poses)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -102,3 +99,15 @@ class TransformBatch:
         column = np.ascontiguousarray(given, dtype=dtype).view()
         column.flags.writeable = False
         object.__setattr__(self, name, column)
+
+
+def _of_checked(
+    frames: tuple[str, ...],
+    edges: NDArray[np.uint32],
+    stamps_ns: NDArray[np.int64],
+    poses: NDArray[np.float64],
+) -> TransformBatch:
+    """The batch of columns that are known to be right: to check them takes longer than all else."""
+    batch = object.__new__(TransformBatch)
+    vars(batch).update(frames=frames, edges=edges, stamps_ns=stamps_ns, poses=poses)
+    return batch

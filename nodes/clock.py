@@ -26,18 +26,18 @@ SLOWEST, FASTEST = 1e-3, 1e4
 
 
 class SimulatedTime:
-    """A time that goes on in whole steps, on a node's thread, and is told at each.
+    """A time that goes on in whole steps, on a node's thread, and is told at each; paused at first.
 
     What the machine is too slow for is made up for by longer steps, so that the rate holds.
     """
 
-    def __init__(self, node: Node, *, start_ns: int, step_ns: int, rate: float, paused: bool):
+    def __init__(self, node: Node, *, start_ns: int, step_ns: int, rate: float):
         self._node = node
         self._now_ns = start_ns
         self._step_ns = step_ns
-        self._paused = True
+        self.paused = True
         self._publisher = node.create_clock_publisher()
-        self._rate = node.declare_parameter(
+        self.rate = node.declare_parameter(
             "rate",
             rate,
             description="Simulated seconds in a real one.",
@@ -49,29 +49,28 @@ class SimulatedTime:
         node.create_service(Empty, "clock/pause", self._pause)
         node.create_service(Empty, "clock/resume", self._resume)
         node.create_service(SetClock, "clock/set", self._set)
-        if not paused:
-            self._go()
 
-    def __str__(self) -> str:
-        seconds, nanoseconds = divmod(self._now_ns, 1_000_000_000)
-        going = "paused" if self._paused else f"at {self._rate:g} times the real speed"
-        return f"{seconds}.{nanoseconds:09} s, {going}, in steps of {self._step_ns / 1e9:g} s"
+    def resume(self) -> None:
+        """Go on, if it is paused."""
+        if self.paused:
+            self._go()
+            self._tell()
 
     def _go(self) -> None:
-        self._paused = False
+        self.paused = False
         self._owed_ns = 0.0
         self._real_ns = time.monotonic_ns()
-        tick_s = max(SHORTEST_TICK_S, self._step_ns / 1e9 / self._rate)
+        tick_s = max(SHORTEST_TICK_S, self._step_ns / 1e9 / self.rate)
         self._timer = self._node.create_timer(tick_s, self._tick)
 
     def _stop(self) -> None:
-        if not self._paused:
-            self._paused = True
+        if not self.paused:
+            self.paused = True
             self._timer.cancel()
 
     def _tick(self) -> None:
         real_ns = time.monotonic_ns()
-        self._owed_ns += (real_ns - self._real_ns) * self._rate
+        self._owed_ns += (real_ns - self._real_ns) * self.rate
         self._real_ns = real_ns
         steps = int(self._owed_ns // self._step_ns)
         if steps:
@@ -80,12 +79,12 @@ class SimulatedTime:
             self._tell()
 
     def _tell(self) -> None:
-        self._publisher.publish(Clock(self._now_ns, self._rate, self._paused))
+        self._publisher.publish(Clock(self._now_ns, self.rate, self.paused))
 
     def _change_rate(self, rate: float) -> None:
-        was_paused = self._paused
+        was_paused = self.paused
         self._stop()
-        self._rate = rate
+        self.rate = rate
         if not was_paused:
             self._go()
 
@@ -95,9 +94,7 @@ class SimulatedTime:
         return Empty.Response()
 
     def _resume(self, request: Empty.Request) -> Empty.Response:
-        if self._paused:
-            self._go()
-            self._tell()
+        self.resume()
         return Empty.Response()
 
     def _set(self, request: SetClock.Request) -> SetClock.Response:
@@ -143,10 +140,13 @@ def main(settings: NodeSettings, rate: float, start: Moment, step_s: float, paus
     if not 0 <= start_ns < LATEST_NS:
         raise click.UsageError("--start is before 1970 or after 2116; choose a time between them")
     with Node.from_settings(replace(settings, sim_time=False)) as node:
-        simulated = SimulatedTime(
-            node, start_ns=start_ns, step_ns=round(step_s * 1e9), rate=rate, paused=paused
-        )
-        node.ready(f"It is {simulated}")
+        step_ns = round(step_s * 1e9)
+        simulated = SimulatedTime(node, start_ns=start_ns, step_ns=step_ns, rate=rate)
+        seconds, nanoseconds = divmod(start_ns, 1_000_000_000)
+        speed = "paused" if paused else f"at {simulated.rate:g} times the real speed"
+        node.ready(f"It is {seconds}.{nanoseconds:09} s, {speed}, in steps of {step_s:g} s")
+        if not paused:
+            simulated.resume()
         node.spin()
 
 

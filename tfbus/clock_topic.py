@@ -7,6 +7,7 @@ from tfbus.codec import decode_message, encode_message
 from tfbus.errors import DecodeError
 from tfbus.executor import Executor
 from tfbus.interface import Interface
+from tfbus.keys import ALL_NODES_EVERYWHERE
 from tfbus.messages import Clock
 from tfbus.session import Session
 
@@ -15,12 +16,16 @@ TOPIC = "clock"
 # A message that was told already is told again so often: to who came late, or lost it.
 _REPEAT_S = 0.2
 
+# Namespaces come from the bus: no more than so many are told the time.
+_MOST_NAMESPACES = 1000
+
 # So many jumps back are more than somebody sets a clock by hand.
 _MANY_JUMPS = 10
 
 
 class ClockPublisher(Interface):
-    """Tells the simulated time to all nodes of its namespace and of those within it.
+    """Tells the simulated time to all nodes of its namespace, and of each within it where it sees
+    a node.
 
     What was told last is told again five times a second of real time, so that nodes that start
     late know the time, too, while it stands still. So nothing has to be retained, and no
@@ -29,17 +34,22 @@ class ClockPublisher(Interface):
 
     def __init__(self, session: Session, executor: Executor, topic: str):
         super().__init__(topic, Clock)
-        self._publisher = session.publisher(f"**/{topic}")
+        self._session = session
+        self._executor = executor
+        self._publishers = {"": session.publisher(topic)}
         self._last: bytes | None = None
         self._told = False
         self._timer = executor.every(_REPEAT_S, self._repeat)
-        self._parts = [self._publisher]
+        self._parts = [
+            self._publishers[""],
+            session.watch_living(ALL_NODES_EVERYWHERE, self._on_node),
+        ]
 
     def publish(self, message: Clock) -> None:
         """Tell the time."""
         self._last = encode_message(message)
         self._told = True
-        self._publisher.put(self._last)
+        self._put(self._last)
 
     def close(self) -> None:
         """Tell it no more. Twice is fine."""
@@ -48,8 +58,24 @@ class ClockPublisher(Interface):
 
     def _repeat(self) -> None:
         if self._last is not None and not self._told:
-            self._publisher.put(self._last)
+            self._put(self._last)
         self._told = False
+
+    def _put(self, payload: bytes) -> None:
+        for publisher in [*self._publishers.values()]:
+            publisher.put(payload)
+
+    def _on_node(self, key: str, alive: bool) -> None:
+        # One publication for all namespaces, on `**/clock`, would also be one on `tf/**`.
+        namespace = key.partition("@tfbus/")[0]
+        if alive and namespace not in self._publishers:
+            self._executor.submit("the clock's namespaces", lambda: self._add(namespace))
+
+    def _add(self, namespace: str) -> None:
+        if namespace not in self._publishers and len(self._publishers) < _MOST_NAMESPACES:
+            publisher = self._session.publisher(f"{namespace}{self.name}")
+            self._publishers[namespace] = publisher
+            self._parts.append(publisher)
 
 
 class ClockSubscription(Interface):

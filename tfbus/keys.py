@@ -20,6 +20,7 @@ ALL_STREAMS_EVERYWHERE = f"**/{ALL_STREAMS}"
 ALL_TRANSFORMS_EVERYWHERE = f"**/{ALL_TRANSFORMS}"
 ALL_STATIC_TRANSFORMS_EVERYWHERE = f"**/{ALL_STATIC_TRANSFORMS}"
 ALL_NODES = "@tfbus/node/*"
+ALL_NODES_EVERYWHERE = f"**/{ALL_NODES}"
 
 # Of how many chunks what a key is for consists, by the first of them.
 _CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}

@@ -45,6 +45,8 @@ LAYERS = [
     {"stream_frames", "stream_keys"},
     {"transform_sender"},
     {"claims", "stream_info", "stream_watch", "reception"},
+    {"reading"},
+    {"interest"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
     {"clock_offset"},

@@ -3,7 +3,7 @@
 It knows which stream sends which edge, and on which key, without a transform.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from tfbus.description import StreamDescription
@@ -19,7 +19,10 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class DescribedEdge:
-    """An edge from parent to child that a stream says it sends, and the key that carries it."""
+    """An edge from parent to child that a stream says it sends, and the key that carries it.
+
+    An edge that is in the buffer anyway has no stream, and no key.
+    """
 
     parent: str
     child: str
@@ -46,9 +49,14 @@ def described_edges(
 
 
 class DescribedTree:
-    """What all streams describe, put together; safe in one thread at a time."""
+    """What all streams describe, put together; safe in one thread at a time.
 
-    def __init__(self) -> None:
+    `parent_elsewhere(frame)` is asked for the parent of a frame that no stream describes as a
+    child: somebody may have put such an edge into the buffer himself.
+    """
+
+    def __init__(self, parent_elsewhere: Callable[[str], str | None] = lambda frame: None) -> None:
+        self._parent_elsewhere = parent_elsewhere
         self._streams: dict[str, list[DescribedEdge]] = {}
         self._gone: dict[str, None] = {}
         self._above: dict[str, dict[str, DescribedEdge]] = {}
@@ -104,7 +112,7 @@ class DescribedTree:
         if target != source and all(map(_agree, ways.values())):
             for frame in from_target.keys() & from_source.keys():
                 del ways[frame]
-        return [edge for edges in ways.values() for edge in edges]
+        return [edge for edges in ways.values() for edge in edges if edge.stream]
 
     def _ways_up(self, frame: str) -> dict[str, list[DescribedEdge]]:
         """The frame and all above it, each with the edges that lead further up."""
@@ -120,6 +128,9 @@ class DescribedTree:
     def _edges_above(self, frame: str) -> list[DescribedEdge]:
         """The edges above a frame; streams that are gone only where no other has it."""
         edges = list(self._above.get(frame, {}).values())
+        if not edges:
+            parent = self._parent_elsewhere(frame)
+            return [] if parent is None else [DescribedEdge(parent, frame, True, "", "")]
         return [edge for edge in edges if edge.stream not in self._gone] or edges
 
 

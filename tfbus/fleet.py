@@ -55,9 +55,9 @@ class FrameNames:
 
 
 class Fleet:
-    """All robots below a node's own namespace, and the frames that they share."""
+    """All robots in the namespaces below a node's own, and the frames that they share."""
 
-    def __init__(self, shared_frames: Iterable[str]) -> None:
+    def __init__(self, shared_frames: Iterable[str] = ()) -> None:
         if isinstance(shared_frames, str):
             raise InvalidArgumentException(
                 f"shared_frames is the text {shared_frames!r}; write ({shared_frames!r},)"

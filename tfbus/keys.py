@@ -70,9 +70,11 @@ def static_transforms_key_beside(stream_key: str) -> str:
     return f"{prefix}{STATIC_TRANSFORMS}/{stream}"
 
 
-def kept_transforms_key(stream_key: str, last_s: float) -> str:
-    """The selector that asks the stream of a token for its transforms of the last seconds."""
-    return f"{transforms_key_beside(stream_key)}/**?last_s={last_s:g}"
+def kept_transforms_selector(key: str, last_s: float) -> str:
+    """The selector that asks for the dynamic transforms of the last seconds at a key, which may
+    be a key expression.
+    """
+    return f"{key}?last_s={last_s:g}"
 
 
 def node_key(node: str) -> str:

@@ -1,8 +1,9 @@
-"""The listener: every transform on the bus goes into a buffer."""
+"""The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal, get_args
 
 from tfbus.buffer import Buffer
 from tfbus.change import Change
@@ -11,19 +12,17 @@ from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
-from tfbus.keys import (
-    ALL_STATIC_TRANSFORMS,
-    ALL_TRANSFORMS,
-    STATIC_TRANSFORMS,
-    kept_transforms_key,
-    stream_of,
-)
+from tfbus.fleet import Fleet, FrameNames
+from tfbus.interest import Interest
+from tfbus.keys import STATIC_TRANSFORMS, kept_transforms_selector, namespace_of, stream_of
 from tfbus.node import Node
+from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
-from tfbus.session import Answer
+from tfbus.session import Answer, Declaration
 from tfbus.stream_info import StreamInfo
 from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.transform import check_frame_id
 from tfbus.transform_reader import TransformReader
 
 # Names of streams come from the bus: of more keys than these nothing is taken.
@@ -31,6 +30,10 @@ MOST_KEYS = 200_000
 
 _KEPT_WITHIN_S = 5.0
 _FRAMES_NAMED = 5
+
+
+# What a listener reads.
+Reads = Literal["everything", "needed"]
 
 
 class TransformListener:
@@ -45,6 +48,13 @@ class TransformListener:
     asked for what it sent in so many seconds before it was met. `conflicts` is what wins where
     two living publishers send one frame: "latest", whoever sent last, as in tf2; "first", who
     was started first; or "priority", whose stream has the higher priority, or else was first.
+
+    With `reads="needed"` only those streams are read that lookups in the buffer need, by what the
+    streams say of their frames. The first lookup of two frames has to wait for them, so give it a
+    `timeout_s`; or say with `need` what will be looked up.
+
+    With a `fleet` the robots in the namespaces below the node's are read too, and their frames
+    have the namespace in front: `robot7/base_link`.
     """
 
     def __init__(
@@ -54,17 +64,25 @@ class TransformListener:
         *,
         history_s: float = 0.0,
         conflicts: Rule = "latest",
+        reads: Reads = "everything",
+        fleet: Fleet | None = None,
     ) -> None:
         if not 0.0 <= history_s < float("inf"):
             raise InvalidArgumentException(
                 f"history_s is {history_s!r}; it is a number of seconds, 0 or more"
+            )
+        if reads not in get_args(Reads):
+            raise InvalidArgumentException(
+                f"reads={reads!r} is not known; choose one of {', '.join(get_args(Reads))}"
             )
         self.buffer = buffer
         self._node = node
         self._log = node.log
         self._history_s = history_s
         self._claims = Claims(conflicts)
-        self._reader = TransformReader()
+        self._fleet = fleet
+        self._names: dict[str, FrameNames] = {}
+        self._readers: dict[str, TransformReader] = {}
         self._streams: dict[str, StreamReception] = {}
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
         self._seen: dict[str, StreamState] = {}
@@ -76,10 +94,14 @@ class TransformListener:
         # Under simulated time no stamp is made by a system's clock.
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
-        self._watch = StreamWatch(node.session, self._on_stream, log=node.log)
-        self._dynamic = node.session.subscriber(ALL_TRANSFORMS, self._on_message)
-        self._static = declare_retained_subscriber(
-            node.session, ALL_STATIC_TRANSFORMS, self._on_message
+        everywhere = fleet is not None
+        self._reading: Reading = (
+            Interest(buffer, self._subscribe, self._forget)
+            if reads == "needed"
+            else Everything(self._subscribe, everywhere=everywhere)
+        )
+        self._watch = StreamWatch(
+            node.session, self._on_stream, everywhere=everywhere, log=node.log
         )
 
     def __enter__(self) -> "TransformListener":
@@ -92,11 +114,17 @@ class TransformListener:
         """Listen no more; the buffer keeps what it has. Twice is fine."""
         if not self._closed:
             self._closed = True
-            self._dynamic.close()
-            self._static.close()
             self._watch.close()
+            self._reading.close()
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
+
+    def need(self, target_frame: str, source_frame: str) -> None:
+        """Read what a lookup of these frames needs, from now until the listener is closed.
+
+        So the first lookup has it already, and nothing of it is left where there is none for long.
+        """
+        self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
 
     @property
     def rejected(self) -> Counter[str]:
@@ -106,7 +134,7 @@ class TransformListener:
 
     def streams(self) -> list[StreamInfo]:
         """What is known of each stream, sorted by name."""
-        states = self._watch.streams()
+        states = {name: self._as_called(state) for name, state in self._watch.streams().items()}
         receptions = dict(self._streams)
         infos = [
             _info(name, states.get(name), receptions.get(name))
@@ -126,16 +154,18 @@ class TransformListener:
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
         if len(self._receptions) >= MOST_KEYS:
             return None
-        stream = self._stream(stream_of(key))
+        stream = self._stream(key)
         is_static = STATIC_TRANSFORMS in key.split("/")
         made = (StaticReception if is_static else DynamicReception)(stream)
         # Two threads may come here at once: one of theirs is kept.
         return self._receptions.setdefault(key, made)
 
-    def _stream(self, name: str) -> StreamReception:
+    def _stream(self, key: str) -> StreamReception:
+        name = stream_of(key)
         known = self._streams.get(name)
         return known or self._streams.setdefault(
-            name, StreamReception(name, self.buffer, self._log, self._node.now_ns, self._reader)
+            name,
+            StreamReception(name, self.buffer, self._log, self._node.now_ns, self._reader(key)),
         )
 
     def _on_jump_back(self, now_ns: int) -> None:
@@ -146,12 +176,13 @@ class TransformListener:
 
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
+        described, state = state, self._as_called(state)
         former = self._seen.get(state.name, StreamState(state.name))
         self._seen[state.name] = state
-        stream = self._stream(state.name)
+        stream = self._stream(state.key)
         description = state.description
         if former.alive and not state.alive:
-            self._asked.discard(state.name)
+            self._asked.difference_update(self._reading.keys_of(state.key))
             if description is not None:
                 self._offsets.forget(state.name, description)
             self._lost.add(state.name)
@@ -162,17 +193,14 @@ class TransformListener:
             if state.name in self._lost:
                 self._lost.discard(state.name)
                 self._log.info("Stream %s is back", _who(state))
-        if description is not None and description is not former.description:
+        if description is not None and description != former.description:
             stream.describe(
                 description.epoch, frozenset(child for _, child, _ in description.frames)
             )
-        if state.alive and description is not None:
-            self._offsets.watch(state.name, description)
         self._judge(state.name, description if state.alive else None)
-        keeps = state.alive and description is not None and description.history_s > 0.0
-        if self._history_s and keeps and state.name not in self._asked:
-            self._asked.add(state.name)
-            self._ask_for_history(state, stream)
+        for key in self._reading.keys_of(state.key):
+            self._get_to_know(state, key)
+        self._reading.update(described, self._names_at(state.key))
 
     def _tell_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
@@ -183,18 +211,71 @@ class TransformListener:
                 _named(frames),
             )
 
-    def _ask_for_history(self, state: StreamState, stream: StreamReception) -> None:
+    def _get_to_know(self, state: StreamState, key: str) -> None:
+        """Learn of a living stream, one of whose keys is read, what its messages do not say."""
+        description = state.description
+        if not state.alive or description is None:
+            return
+        self._offsets.watch(state.name, description)
+        if self._history_s and description.history_s > 0.0 and key not in self._asked:
+            self._asked.add(key)
+            self._ask_for_history(key, self._streams[state.name])
+
+    def _ask_for_history(self, key: str, stream: StreamReception) -> None:
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
                 stream.receive_kept(answer.payload)
 
         self._node.session.ask_later(
-            kept_transforms_key(state.key, self._history_s),
+            kept_transforms_selector(key, self._history_s),
             None,
             on_answer,
             lambda: None,
             timeout_s=_KEPT_WITHIN_S,
         )
+
+    # What is read
+
+    def _subscribe(self, stream: str, key: str, static: bool) -> Declaration:
+        session = self._node.session
+        if static:
+            return declare_retained_subscriber(session, key, self._on_message)
+        declaration = session.subscriber(key, self._on_message)
+        state = self._seen.get(stream)
+        if state is not None:
+            self._get_to_know(state, key)
+        return declaration
+
+    def _forget(self, stream: str, key: str, frames: set[str]) -> None:
+        """A key is read no more: what it brought would only grow old."""
+        self.buffer.remove_sent(frames, stream)
+        forgotten = self._receptions.pop(key, None)
+        self._asked.discard(key)
+        if isinstance(forgotten, StaticReception):
+            forgotten.stream.forget_statics()
+
+    def _as_called(self, state: StreamState) -> StreamState:
+        """The state of a stream, its frames as they are called here."""
+        names, description = self._names_at(state.key), state.description
+        if names is None or description is None:
+            return state
+        return replace(state, description=names.description_outside(description))
+
+    def _names_at(self, key: str) -> FrameNames | None:
+        """What the frames of a stream are called here; None: as it calls them."""
+        namespace = namespace_of(key) if self._fleet is not None else ""
+        if self._fleet is None or not namespace:
+            return None
+        if namespace not in self._names:
+            self._names[namespace] = self._fleet.names(namespace)
+        return self._names[namespace]
+
+    def _reader(self, key: str) -> TransformReader:
+        names = self._names_at(key)
+        namespace = "" if names is None else names.namespace
+        if namespace not in self._readers:
+            self._readers[namespace] = TransformReader(names)
+        return self._readers[namespace]
 
     # Who has the right of way
 
@@ -205,12 +286,12 @@ class TransformListener:
             for conflict in self._claims.news(contested):
                 self._tell_conflict(conflict)
             rulings = self._claims.rulings(name, contested)
-            changed = [self._stream(each).exclude(ruling) for each, ruling in rulings.items()]
+            changed = [self._streams[each].exclude(ruling) for each, ruling in rulings.items()]
             if any(changed):
                 # A static transform that comes into its right is not sent again.
                 for each, ruling in rulings.items():
                     if ruling.won:
-                        self._stream(each).apply_statics()
+                        self._streams[each].apply_statics()
 
     def _tell_conflict(self, conflict: Conflict) -> None:
         first, other = conflict.first, conflict.other

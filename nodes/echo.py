@@ -18,6 +18,7 @@ import click
 from tfbus import (
     Buffer,
     ExtrapolationException,
+    FrameName,
     InvalidArgumentException,
     LookupException,
     Node,
@@ -39,7 +40,7 @@ from tfbus.nodes.echo_format import (
     tf2_block,
 )
 from tfbus.nodes.moment import Moment, parse_moment
-from tfbus.nodes.names import frame_mistake, own_name
+from tfbus.nodes.names import own_name
 
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0
@@ -229,12 +230,6 @@ def _explained(reason: TransformException, buffer: Buffer) -> str:
     return f"{reason}{near or end} Frames known: {listed}{more}"
 
 
-def _frame(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
-    if name is not None and (mistake := frame_mistake(name)):
-        raise click.BadParameter(mistake)
-    return name
-
-
 def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
     try:
         return None if text is None else parse_moment(text)
@@ -246,8 +241,8 @@ _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
 
 
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
-@click.argument("source", callback=_frame)
-@click.argument("target", callback=_frame)
+@click.argument("source", type=FrameName())
+@click.argument("target", type=FrameName())
 @click.option("-r", "--rate", type=Number(least=1e-6), default=1.0, help="Blocks per second; 1.")
 @click.option(
     "-p",
@@ -283,7 +278,7 @@ _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
 @click.option(
     "--fixed-frame",
     metavar="FRAME",
-    callback=_frame,
+    type=FrameName(),
     help="Where TARGET was at --at, seen from SOURCE now; FRAME has not moved in between.",
 )
 @click.option(

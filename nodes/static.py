@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from tfbus import (
+    FrameName,
     Node,
     NodeSettings,
     Number,
@@ -22,8 +23,8 @@ from tfbus.nodes.static_edge import EdgeMistake, make_edge
 @click.command(
     epilog="Examples: tfbus static world camera --x 1 --yaw 0.5; tfbus static --file edges.yaml"
 )
-@click.argument("frame_id", required=False)
-@click.argument("child_frame_id", required=False)
+@click.argument("frame_id", required=False, shell_complete=FrameName().shell_complete)
+@click.argument("child_frame_id", required=False, shell_complete=FrameName().shell_complete)
 @click.option("--frame-id", "frame_option", metavar="FRAME", help="The parent, by a flag.")
 @click.option("--child-frame-id", "child_option", metavar="FRAME", help="The child, by a flag.")
 @click.option("--x", type=Number(), help="Metres; 0.")

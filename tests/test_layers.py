@@ -50,7 +50,7 @@ LAYERS = [
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
     {"clock_offset"},
-    {"broadcaster", "listener", "presence", "graph"},
+    {"broadcaster", "listener", "presence", "graph", "live_names", "name_types"},
     {"frames"},
     {"launch"},
     {"nodes", "cli", "__main__"},

@@ -38,6 +38,10 @@ if TYPE_CHECKING:
     from tfbus.goal import GoalHandle as GoalHandle
     from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
+    from tfbus.name_types import FrameName as FrameName
+    from tfbus.name_types import NodeName as NodeName
+    from tfbus.name_types import ServiceName as ServiceName
+    from tfbus.name_types import TopicName as TopicName
     from tfbus.node import Node as Node
     from tfbus.numbers import Number as Number
     from tfbus.options import node_options as node_options
@@ -57,6 +61,7 @@ _MODULE_OF = {
     "DecodeError": "errors",
     "ExtrapolationException": "errors",
     "FrameInfo": "frame",
+    "FrameName": "name_types",
     "FutureExtrapolationException": "errors",
     "GoalHandle": "goal",
     "GoalResult": "goal",
@@ -66,6 +71,7 @@ _MODULE_OF = {
     "LoopException": "errors",
     "NoDataException": "errors",
     "Node": "node",
+    "NodeName": "name_types",
     "NodeSettings": "settings",
     "Number": "numbers",
     "Parameter": "parameters",
@@ -73,6 +79,7 @@ _MODULE_OF = {
     "PastExtrapolationException": "errors",
     "Sampling": "sampling",
     "ServiceError": "errors",
+    "ServiceName": "name_types",
     "SettingsError": "errors",
     "SimulatedClock": "clock",
     "SingleSampleException": "errors",
@@ -81,6 +88,7 @@ _MODULE_OF = {
     "SystemClock": "clock",
     "TfbusError": "errors",
     "TimeoutException": "errors",
+    "TopicName": "name_types",
     "Transform": "transform",
     "TransformArray": "transform_array",
     "TransformBatch": "batch",

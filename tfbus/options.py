@@ -132,7 +132,9 @@ _BUS_OPTIONS = {
     "listen": click.option(
         "--listen", multiple=True, metavar="ENDPOINT", help="Listen on tcp/[::]:7447; repeatable."
     ),
-    "config": click.option("--config", metavar="FILE", help="Zenoh's configuration, JSON5."),
+    "config": click.option(
+        "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, JSON5."
+    ),
     "log_level": click.option(
         "--log-level", type=click.Choice(LOG_LEVELS), help="info by default."
     ),

@@ -36,11 +36,14 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
 
 
 def describe_all(
-    session: Session, on_unreadable: Callable[[DecodeError], object]
+    session: Session,
+    on_unreadable: Callable[[DecodeError], object],
+    *,
+    timeout_s: float = 1.0,
 ) -> list[NodeDescription]:
     """What all nodes tell about themselves; `on_unreadable(error)` is called for the others."""
     described = []
-    for answer in session.ask(_ALL_NODES, timeout_s=1.0):
+    for answer in session.ask(_ALL_NODES, timeout_s=timeout_s):
         if answer.refusal is None:
             try:
                 described.append(_read(session, answer))
@@ -50,14 +53,17 @@ def describe_all(
 
 
 def describe_streams(
-    session: Session, on_unreadable: Callable[[DecodeError], object]
+    session: Session,
+    on_unreadable: Callable[[DecodeError], object],
+    *,
+    timeout_s: float = 1.0,
 ) -> dict[str, StreamDescription]:
     """What all streams tell about themselves, by the keys where they do.
 
     `on_unreadable(error)` is called for those that cannot be read.
     """
     described = {}
-    for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE):
+    for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
         if answer.refusal is None:
             try:
                 described[answer.key] = decode_message(StreamDescription, answer.payload)

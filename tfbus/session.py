@@ -152,6 +152,12 @@ class BytesPublisher(Declaration):
         super().__init__(publisher)
         self._key = key
 
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to its key now."""
+        status: Any = self._declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
+        return bool(status.matching)
+
     def put(self, payload: bytes) -> None:
         """Send one payload. Raises BusError where the session is closed."""
         try:
@@ -171,6 +177,11 @@ class PublishersWithin:
         self._session = session
         self._heard = heard
         self._priority = priority
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to any of the keys now."""
+        return self._heard.heard
 
     def publisher(self, key: str) -> BytesPublisher:
         """A publisher of one key."""
@@ -204,10 +215,18 @@ class _OneOfMany:
 class Session:
     """One process's place on the bus; it closes by `with` or `close()`, twice is fine."""
 
-    def __init__(self, settings: NodeSettings, log: logging.Logger, *, patience_s: float = 0.0):
+    def __init__(
+        self,
+        settings: NodeSettings,
+        log: logging.Logger,
+        *,
+        patience_s: float = 0.0,
+        scouting_s: float | None = None,
+    ):
         """Open the session.
 
-        A client's router may come later: it is waited for, at most `patience_s` seconds. Raises
+        A client's router may come later: it is waited for, at most `patience_s` seconds. Where
+        nobody is found, it opens after `scouting_s` (None: what the configuration says). Raises
         BusError where the bus cannot be joined, and says why.
         """
         zenoh.try_init_log_from_env()
@@ -215,7 +234,7 @@ class Session:
         self._log = log
         self._closed = False
         with bus_errors(f"join the bus{_towards(settings)}"):
-            self.zenoh = self._open(zenoh_config(settings), patience_s)
+            self.zenoh = self._open(zenoh_config(settings, scouting_s), patience_s)
         self.id = str(self.zenoh.zid())
 
     def __enter__(self) -> "Session":
@@ -430,9 +449,10 @@ class Session:
         return guarded
 
 
-def zenoh_config(settings: NodeSettings) -> zenoh.Config:
+def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file's, with what is given put over it.
 
+    `scouting_s` is how long others are looked for before the session opens without any.
     Raises SettingsError where the file is not one.
     """
     config = _config_of(settings.config)
@@ -451,6 +471,8 @@ def zenoh_config(settings: NodeSettings) -> zenoh.Config:
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
+    if scouting_s is not None:
+        given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
     unset = {
         key: value
         for key, value in defaults.items()

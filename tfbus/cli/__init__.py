@@ -51,11 +51,11 @@ NODES = {
 class Commands(click.Group):
     """Subcommands by name, imported when one is called."""
 
-    def main(self, *args: Any, **given: Any) -> Any:
+    def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
         """As click's own; a shell that completes is answered as `tfbus.cli.shells` says."""
         if _COMPLETE_VARIABLE in os.environ:
             import_module("tfbus.cli.shells")
-        return super().main(*args, complete_var=_COMPLETE_VARIABLE, **given)
+        return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
         """The names of subcommands that begin so, none of which is imported for it."""

@@ -13,6 +13,7 @@ from tfbus.cli.output import print_json
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.keys import check_topic
+from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.session import Answer, Session
@@ -35,7 +36,7 @@ TIMEOUT = click.option(
 @click.command(
     epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
 )
-@click.argument("service")
+@click.argument("service", type=ServiceName())
 @click.argument("request", default="{}")
 @TIMEOUT
 @bus_options("call")

@@ -4,11 +4,14 @@ import queue
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from tfbus.cli.output import say, warn
 from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
-from tfbus.node import Node
+
+if TYPE_CHECKING:
+    from tfbus.node import Node
 
 # Of messages that come faster than they are printed so many wait; the oldest of more are left out.
 _PENDING = 1000
@@ -23,7 +26,7 @@ class Inbox:
     `timeout_s` (None: never).
     """
 
-    def __init__(self, node: Node, topic: str, type_name: str, *, timeout_s: float | None = None):
+    def __init__(self, node: "Node", topic: str, type_name: str, *, timeout_s: float | None = None):
         self._node = node
         self._topic = topic
         self._timeout_s = timeout_s

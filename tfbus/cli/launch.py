@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from tfbus.cli import NODES, entry_points
+from tfbus.cli.launch_names import complete_argument, complete_file
 from tfbus.errors import TfbusError
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.find import find_launch_file
@@ -27,8 +28,8 @@ from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
     "launch",
     epilog="Example: tfbus launch turtle turtlename:=turtle1",
 )
-@click.argument("file")
-@click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
+@click.argument("file", shell_complete=complete_file)
+@click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...", shell_complete=complete_argument)
 @click.option("-s", "--show-args", is_flag=True, help="Print the arguments FILE takes, and end.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the command lines, and start nothing.")
 @click.option("--namespace", metavar="PATH", help="Put everything into this namespace: robot7.")
@@ -40,7 +41,12 @@ from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
     metavar="ENDPOINT",
     help="Where launch itself listens, for its own look at the bus; nodes do not.",
 )
-@click.option("--config", metavar="FILE", help="Zenoh's configuration for all nodes, JSON5.")
+@click.option(
+    "--config",
+    type=click.Path(),
+    metavar="FILE",
+    help="Zenoh's configuration for all nodes, JSON5.",
+)
 @click.option("--log-level", type=click.Choice(LOG_LEVELS), help="Of all nodes; info by default.")
 @click.option("--sim-time", is_flag=True, help="All nodes take the time from the topic clock.")
 @click.option(

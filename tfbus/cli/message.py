@@ -10,16 +10,17 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
-from tfbus.batch import TransformBatch
 from tfbus.cli.nearest import nearest
 from tfbus.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 from tfbus.errors import DecodeError
 from tfbus.graph import TRANSFORMS_TYPE
-from tfbus.wire import decode_transforms
+
+if TYPE_CHECKING:
+    from tfbus.batch import TransformBatch
 
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]
@@ -28,6 +29,11 @@ Reader = Callable[[bytes], dict[str, Any]]
 def supplied_type(name: str) -> type | None:
     """The message type of this name in `tfbus.messages`; None where there is none."""
     return _supplied().get(name)
+
+
+def supplied_names() -> list[str]:
+    """The names of all message types in `tfbus.messages`."""
+    return sorted(_supplied())
 
 
 def find_type(text: str) -> type:
@@ -137,12 +143,14 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
 
 
 def _read_transforms(payload: bytes) -> dict[str, Any]:
+    from tfbus.wire import decode_transforms  # numpy, which other messages do not need
+
     message = decode_transforms(payload)
     counted = {} if message.seq is None else {"seq": message.seq}
     return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.batch)}
 
 
-def _rows(batch: TransformBatch) -> list[dict[str, Any]]:
+def _rows(batch: "TransformBatch") -> list[dict[str, Any]]:
     """The rows as they came: what the buffer would refuse is shown too."""
     columns = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True)
     return [

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,9 @@ from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, type_of, why_silent
 from tfbus.cli.window import Reading, Window
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import BusError, DecodeError
-from tfbus.node import Node
+
+if TYPE_CHECKING:
+    from tfbus.node import Node
 
 # The number that counts of a message, from its bytes; None where the message does not count.
 Meter = Callable[[bytes], float | None]
@@ -25,7 +27,7 @@ _PERIOD_S = 1.0
 class MeteredTopic:
     """A topic that is listened to, and the window of its messages."""
 
-    def __init__(self, node: Node, topic: str, meter: Meter, window: int):
+    def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
         self.topic = topic
         self.window = Window(window)
         self.failure: Exception | None = None
@@ -69,7 +71,7 @@ class MeteredTopic:
 
 
 def measure(
-    node: Node,
+    node: "Node",
     meters: Mapping[str, Meter],
     report: Report,
     *,

@@ -9,6 +9,7 @@ from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.codec import as_map
 from tfbus.description import NodeDescription
+from tfbus.name_types import NodeName
 from tfbus.options import bus_options
 from tfbus.presence import describe_all, describe_nodes, list_nodes
 from tfbus.settings import NodeSettings
@@ -43,7 +44,7 @@ def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_js
 
 
 @command.command("info", epilog="Example: tfbus node info /sim")
-@click.argument("name")
+@click.argument("name", type=NodeName())
 @json_option("Print JSON, one object a line.")
 @bus_options("node")
 def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:

@@ -4,6 +4,7 @@ import re
 from typing import IO
 
 import click
+from click.shell_completion import CompletionItem
 
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
@@ -12,10 +13,19 @@ from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set
 from tfbus.codec import as_map
 from tfbus.description import ParameterDescription
 from tfbus.errors import ParameterError, TfbusError
+from tfbus.name_types import NodeName, ParameterName
 from tfbus.options import bus_options
 from tfbus.presence import list_nodes
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
+
+
+def _complete_pair(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """The name of a parameter; what its value is to be, nobody knows."""
+    is_value = len(ctx.params.get("pairs") or ()) % 2
+    return [] if is_value else ParameterName().shell_complete(ctx, param, incomplete)
 
 
 @click.group()
@@ -24,7 +34,7 @@ def command() -> None:
 
 
 @command.command("list", epilog="Example: tfbus param list sim")
-@click.argument("node", required=False)
+@click.argument("node", type=NodeName(), required=False)
 @click.option("--filter", "pattern", metavar="REGEX", help="Only names that have this in them.")
 @click.option("-t", "--param-type", "with_type", is_flag=True, help="Print the type of each too.")
 @json_option("Print a JSON object of nodes with their lists.")
@@ -52,8 +62,8 @@ def list_command(
 
 
 @command.command("get", epilog="Example: tfbus param get sim background_r")
-@click.argument("node")
-@click.argument("parameters", nargs=-1, required=True, metavar="PARAMETER...")
+@click.argument("node", type=NodeName())
+@click.argument("parameters", type=ParameterName(), nargs=-1, required=True, metavar="PARAMETER...")
 @click.option("--hide-type", is_flag=True, help="Print only the value.")
 @json_option("Print a JSON object of the values.")
 @bus_options("param")
@@ -73,8 +83,14 @@ def get_command(
 
 
 @command.command("set", epilog="Example: tfbus param set sim background_r 100")
-@click.argument("node")
-@click.argument("pairs", nargs=-1, required=True, metavar="PARAMETER VALUE...")
+@click.argument("node", type=NodeName())
+@click.argument(
+    "pairs",
+    nargs=-1,
+    required=True,
+    metavar="PARAMETER VALUE...",
+    shell_complete=_complete_pair,
+)
 @bus_options("param")
 def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> None:
     """Set a parameter, or several; VALUE is read as the parameter's type."""
@@ -88,7 +104,7 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
 
 
 @command.command("dump", epilog="Example: tfbus param dump sim > sim.yaml")
-@click.argument("node")
+@click.argument("node", type=NodeName())
 @json_option("Print JSON instead of YAML.")
 @bus_options("param")
 def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
@@ -103,7 +119,7 @@ def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
 
 
 @command.command("load", epilog="Example: tfbus param load sim sim.yaml")
-@click.argument("node")
+@click.argument("node", type=NodeName())
 @click.argument("file", type=click.File())
 @bus_options("param")
 def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
@@ -128,8 +144,8 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
 
 
 @command.command("describe", epilog="Example: tfbus param describe sim background_r")
-@click.argument("node")
-@click.argument("parameters", nargs=-1, metavar="[PARAMETER]...")
+@click.argument("node", type=NodeName())
+@click.argument("parameters", type=ParameterName(), nargs=-1, metavar="[PARAMETER]...")
 @json_option("Print a JSON list of objects.")
 @bus_options("param")
 def describe_command(

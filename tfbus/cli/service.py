@@ -13,6 +13,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_t
 from tfbus.errors import ServiceError
 from tfbus.graph import ServiceInfo
 from tfbus.keys import check_topic
+from tfbus.name_types import ServiceName
 from tfbus.options import bus_options
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
@@ -46,7 +47,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 
 
 @command.command("info", epilog="Example: tfbus service info spawn")
-@click.argument("service")
+@click.argument("service", type=ServiceName())
 @json_option("Print a JSON object.")
 @bus_options("service")
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
@@ -67,7 +68,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 
 
 @command.command("call", epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'")
-@click.argument("service")
+@click.argument("service", type=ServiceName())
 @click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]")
 @TIMEOUT
 @json_option("Print each answer as one line of JSON.")

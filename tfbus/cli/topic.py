@@ -11,6 +11,7 @@ from tfbus.cli.topic_measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic_pub import pub_command
 from tfbus.cli.topic_source import find_topic
 from tfbus.graph import Endpoint, TopicInfo
+from tfbus.name_types import TopicName
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
 
@@ -55,7 +56,7 @@ def list_command(
 
 
 @command.command("info", epilog="Example: tfbus topic info turtle1/pose -v")
-@click.argument("topic")
+@click.argument("topic", type=TopicName())
 @click.option("-v", "--verbose", is_flag=True, help="Print the nodes at both ends too.")
 @json_option("Print a JSON object.")
 @bus_options("topic")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,10 +15,13 @@ from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
 from tfbus.cli.topic_source import type_of, visiting
 from tfbus.errors import DecodeError
 from tfbus.keys import check_topic
-from tfbus.node import Node
+from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
+
+if TYPE_CHECKING:
+    from tfbus.node import Node
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class _Form:
 
 
 @click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
-@click.argument("topic")
+@click.argument("topic", type=TopicName())
 @click.option("--once", is_flag=True, help="Print one message and exit.")
 @click.option("--timeout", "timeout_s", type=POSITIVE, metavar="S", help="Fail if none comes.")
 @click.option("--field", metavar="PATH", help="Print only this: linear.x, or transforms[0].")
@@ -103,7 +106,7 @@ def echo_command(
                     break
 
 
-def _read(node: Node, topic: str, payloads: Iterable[bytes]) -> Iterator[dict[str, Any]]:
+def _read(node: "Node", topic: str, payloads: Iterable[bytes]) -> Iterator[dict[str, Any]]:
     """The messages as maps; what is no message is counted, told once, and left out."""
     read: Reader | None = None
     rejected = 0

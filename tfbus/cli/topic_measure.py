@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -17,11 +17,13 @@ from tfbus.codec import decode_map
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.keys import check_topic
-from tfbus.node import Node
+from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
-from tfbus.wire import decode_transforms
+
+if TYPE_CHECKING:
+    from tfbus.node import Node
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -29,7 +31,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def _measuring(window: int) -> Callable[[F], F]:
     """The arguments and options that all of them have."""
     options = (
-        click.argument("topics", nargs=-1, required=True, metavar="TOPIC..."),
+        click.argument("topics", type=TopicName(), nargs=-1, required=True, metavar="TOPIC..."),
         click.option(
             "-w",
             "--window",
@@ -58,7 +60,7 @@ def hz_command(
     """
     wanted = MessageFilter(expression) if expression else None
 
-    def number_of(node: Node, topic: str) -> Meter:
+    def number_of(node: "Node", topic: str) -> Meter:
         if wanted is None:
             return lambda payload: 0.0
         takes = wanted.takes
@@ -87,7 +89,7 @@ def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -
     Where the clocks of two machines differ, so does this.
     """
 
-    def number_of(node: Node, topic: str) -> Meter:
+    def number_of(node: "Node", topic: str) -> Meter:
         is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
         stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
         return lambda payload: (node.now_ns() - stamp_of(payload)) / 1e9
@@ -99,7 +101,7 @@ def _run(
     settings: NodeSettings,
     topics: tuple[str, ...],
     report: reports.Report,
-    number_of: Callable[[Node, str], Meter],
+    number_of: Callable[["Node", str], Meter],
     **how: Any,
 ) -> None:
     for topic in topics:
@@ -108,12 +110,14 @@ def _run(
         measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
 
 
-def _late_reader(node: Node, topic: str) -> Callable[[bytes], dict[str, Any]]:
+def _late_reader(node: "Node", topic: str) -> Callable[[bytes], dict[str, Any]]:
     """Reads messages as their type says; it is asked for before, not on Zenoh's thread."""
     return reader_of(type_of(look(node.session), topic))
 
 
 def _newest_stamp(payload: bytes) -> int:
+    from tfbus.wire import decode_transforms  # numpy, which other messages do not need
+
     stamps = decode_transforms(payload).batch.stamps_ns
     return int(stamps.max()) if len(stamps) else 0
 

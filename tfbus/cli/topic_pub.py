@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from tfbus.cli.bus import look
 from tfbus.cli.message import (
@@ -13,6 +14,7 @@ from tfbus.cli.message import (
     encode_values,
     find_type,
     read_map,
+    supplied_names,
     supplied_type,
 )
 from tfbus.cli.output import as_json, say, warn
@@ -22,23 +24,32 @@ from tfbus.codec import type_name
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.keys import check_topic
-from tfbus.node import Node
+from tfbus.name_types import TopicName, matching
 from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.options import bus_options
 from tfbus.session import HeardWatch
 from tfbus.settings import NodeSettings
 from tfbus.topic import RawPublisher
 
+if TYPE_CHECKING:
+    from tfbus.node import Node
+
 # How soon nodes are asked again who subscribes, where several are waited for.
 _ASK_AGAIN_S = 0.2
+
+
+def _complete_type(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    return [] if ctx.params.get("message") else matching(supplied_names(), incomplete)
 
 
 @click.command(
     "pub",
     epilog="Example: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'",
 )
-@click.argument("topic")
-@click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]")
+@click.argument("topic", type=TopicName())
+@click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=_complete_type)
 @click.option("-r", "--rate", type=Number(least=1e-6, most=1e6), default=1.0, help="Per second; 1.")
 @click.option("-1", "--once", is_flag=True, help="Publish one message and exit.")
 @click.option("-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N and exit.")
@@ -107,7 +118,7 @@ def pub_command(
 
 
 def _publish(
-    node: Node,
+    node: "Node",
     publisher: RawPublisher,
     payload: bytes,
     rate: float,
@@ -128,7 +139,7 @@ def _publish(
         node.wait(max(started_s + sent / rate - time.monotonic(), 0.0), clock=SYSTEM_CLOCK)
 
 
-def _wait_for_subscribers(node: Node, topic: str, wanted: int, wait_s: float | None) -> None:
+def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float | None) -> None:
     """Wait until so many subscribe; BusError where they do not come in time."""
     if not wanted:
         return
@@ -145,7 +156,7 @@ def _wait_for_subscribers(node: Node, topic: str, wanted: int, wait_s: float | N
     watch.close()
 
 
-def _heard(node: Node, topic: str, wanted: int, watch: HeardWatch) -> int:
+def _heard(node: "Node", topic: str, wanted: int, watch: HeardWatch) -> int:
     """How many subscribe, told after a moment: of one Zenoh knows, several are asked for."""
     if not watch.wait(_ASK_AGAIN_S):
         return 0

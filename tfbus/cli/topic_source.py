@@ -7,27 +7,31 @@ A topic may be one of transforms: `tf/sim` and `tf_static/sim` are what the stre
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tfbus.cli.bus import look
 from tfbus.cli.nearest import nearest
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.keys import STATIC_TRANSFORMS, TRANSFORMS, check_topic
-from tfbus.node import Node
 from tfbus.retained import declare_retained_subscriber
 from tfbus.settings import NodeSettings
+
+if TYPE_CHECKING:
+    from tfbus.node import Node
 
 # When nothing has come for so long, the user is told what is waited for.
 TELL_AFTER_S = 2.0
 
 
 @contextmanager
-def visiting(settings: NodeSettings, purpose: str) -> Iterator[Node]:
+def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
     """A node for as long as a tool listens or publishes; Ctrl-C and SIGTERM are its usual end.
 
     Its name begins with `_`, so that lists of nodes leave it out.
     """
+    from tfbus.node import Node  # numpy, which completion and `--help` do not need
+
     try:
         with Node.from_settings(settings.renamed(f"_{purpose}_{os.urandom(4).hex()}")) as node:
             node.session.settle()
@@ -36,7 +40,7 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator[Node]:
         raise SystemExit(0) from None
 
 
-def subscribe(node: Node, topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
+def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
     """Call `callback(payload)` for each message, on a thread of Zenoh's.
 
     Static transforms come at once, as a listener gets them.
@@ -72,7 +76,7 @@ def type_of(graph: Graph, topic: str) -> str:
     return info.types[0] if info and len(info.types) == 1 else ""
 
 
-def why_silent(node: Node, topic: str) -> str:
+def why_silent(node: "Node", topic: str) -> str:
     """What is waited for, where no message comes."""
     graph = look(node.session)
     published = {name: each for name, each in graph.topics.items() if each.publishers}

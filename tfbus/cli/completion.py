@@ -1,0 +1,40 @@
+"""`tfbus completion`: the script that makes a shell complete tfbus."""
+
+import os
+from pathlib import Path
+
+import click
+
+from tfbus.cli.shells import SHELLS, script
+
+_PLACES = {
+    "bash": "~/.local/share/bash-completion/completions/tfbus",
+    "zsh": "~/.zfunc/_tfbus",
+    "fish": "~/.config/fish/completions/tfbus.fish",
+}
+_MORE = {
+    "bash": "which the package bash-completion reads; or: source FILE in ~/.bashrc",
+    "zsh": "with `fpath+=~/.zfunc; autoload -Uz compinit; compinit` in ~/.zshrc",
+    "fish": "which fish reads by itself",
+}
+
+
+@click.command(epilog=f"Example: tfbus completion bash > {_PLACES['bash']}")
+@click.argument("shell", type=click.Choice(list(SHELLS)), required=False)
+def command(shell: str | None) -> None:
+    """Print the script that makes your shell complete tfbus.
+
+    It completes commands and options, launch files and their arguments, and from the bus the
+    names of frames, nodes, topics, services and parameters. SHELL is that of $SHELL if left out.
+    """
+    shell = shell or _own_shell()
+    click.echo(script(shell, click.get_current_context().find_root().command), nl=False)
+    click.echo(f"# To keep it: tfbus completion {shell} > {_PLACES[shell]}")
+    click.echo(f"# {_MORE[shell]}; then open another shell.")
+
+
+def _own_shell() -> str:
+    name = Path(os.environ.get("SHELL", "")).name
+    if name not in SHELLS:
+        raise click.UsageError(f"which shell? Give one of {', '.join(SHELLS)}")
+    return name

@@ -1,0 +1,128 @@
+"""The names that are on the bus now, for a command line to complete: found within a moment, and
+remembered for some seconds.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from tfbus.codec import from_map
+from tfbus.description import NodeDescription, StreamDescription
+from tfbus.errors import TfbusError
+from tfbus.settings import NodeSettings
+
+# How long names are remembered: as long as one line is typed.
+FRESH_S = 5.0
+
+# Of a completion nobody waits longer: for others to be found, to be linked, to answer.
+_SCOUTING_S = 0.15
+_QUIET_S = 0.1
+_SETTLE_S = 0.4
+_ANSWER_S = 0.4
+
+
+@dataclass(frozen=True)
+class LiveNames:
+    """What there is, as names are written within the namespace of who looks.
+
+    `topics` and `services` have the types that are told of them, `parameters` is by the relative
+    names of nodes.
+    """
+
+    frames: tuple[str, ...] = ()
+    nodes: tuple[str, ...] = ()
+    topics: dict[str, str] = field(default_factory=dict)
+    services: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+def live_names(settings: NodeSettings) -> LiveNames:
+    """The names that are there now, or were within the last seconds; none where the bus cannot
+    be joined.
+    """
+    file = _cache_file(settings)
+    remembered = _remembered(file)
+    if remembered is not None:
+        return remembered
+    try:
+        names = look_for_names(settings)
+    except TfbusError:
+        return LiveNames()
+    _remember(file, names)
+    return names
+
+
+def look_for_names(settings: NodeSettings) -> LiveNames:
+    """The names that are there now. Raises BusError where the bus cannot be joined."""
+    from tfbus.presence import describe_all, describe_streams
+    from tfbus.session import Session  # Zenoh, which names that are remembered do not need
+
+    with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
+        session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
+        nodes = describe_all(session, _pass_over, timeout_s=_ANSWER_S)
+        streams = describe_streams(session, _pass_over, timeout_s=_ANSWER_S)
+    return _names(nodes, streams, settings.namespace)
+
+
+def _names(
+    nodes: list[NodeDescription], streams: dict[str, StreamDescription], namespace: str
+) -> LiveNames:
+    from tfbus.graph import graph_of
+    from tfbus.presence import relative_name
+
+    graph = graph_of(nodes, streams, namespace)
+    # A listener hears the streams of its own namespace, and of none within it.
+    own = [stream for key, stream in streams.items() if key.startswith("@tfbus/")]
+    edges = [edge for stream in own for edge in stream.frames]
+    parameters = {
+        relative_name(node.name, namespace): tuple(each.name for each in node.parameters)
+        for node in nodes
+        if not node.name.rpartition("/")[2].startswith("_")
+    }
+    return LiveNames(
+        frames=tuple(sorted({name for parent, child, _ in edges for name in (parent, child)})),
+        nodes=tuple(sorted(parameters)),
+        topics={name: ", ".join(topic.types) for name, topic in graph.topics.items()},
+        services={
+            name: ", ".join(service.types)
+            for name, service in graph.services.items()
+            if service.servers
+        },
+        parameters=parameters,
+    )
+
+
+def _pass_over(error: object) -> None:
+    """A completion is no place to complain of others."""
+
+
+def _cache_file(settings: NodeSettings) -> Path:
+    """Another one for each place on the bus."""
+    place = (settings.namespace, settings.mode, settings.connect, settings.listen, settings.config)
+    name = hashlib.sha256(repr(place).encode()).hexdigest()[:16]
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(folder) / "tfbus" / f"names-{name}.json"
+
+
+def _remembered(file: Path) -> LiveNames | None:
+    try:
+        age_s = time.time() - file.stat().st_mtime
+        if 0.0 <= age_s < FRESH_S:
+            return from_map(LiveNames, json.loads(file.read_text()))
+    except (OSError, ValueError, TfbusError):
+        pass  # there is none, or another version's
+    return None
+
+
+def _remember(file: Path, names: LiveNames) -> None:
+    """Write it whole or not at all: several shells may complete at once."""
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        part = file.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps(asdict(names)))
+        part.replace(file)

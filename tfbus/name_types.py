@@ -1,0 +1,135 @@
+"""Names as a command line takes them: checked, and completed with those that are on the bus.
+
+Types for click's arguments and options: `@click.argument("target", type=FrameName())`.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from tfbus.errors import TfbusError
+from tfbus.settings import NodeSettings
+
+if TYPE_CHECKING:
+    from tfbus.live_names import LiveNames
+
+# Of the options of a command those that say where on the bus it is.
+_PLACE = ("namespace", "mode", "connect", "listen", "config")
+
+
+class _BusName(click.ParamType[str]):
+    """A name that others on the bus have too; a subclass says which those are."""
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The names to complete with, and what there is to say of each."""
+        raise NotImplementedError
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error where it can be none."""
+        return str(value)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Those of the names on the bus that begin so; none where the bus cannot be joined."""
+        found = self.candidates(_live_names(ctx), ctx)
+        if incomplete.startswith("/"):
+            found = {f"/{name}": text for name, text in found.items()} if self._has_full() else {}
+        return [
+            CompletionItem(name, help=text or None)
+            for name, text in sorted(found.items())
+            if name.startswith(incomplete) and name.isprintable()
+        ]
+
+    def _has_full(self) -> bool:
+        """Whether such a name may be written with a slash before it."""
+        return False
+
+
+class FrameName(_BusName):
+    """The name of a frame: any text that is not empty and does not begin with a slash."""
+
+    name = "frame"
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The frames that living streams of this namespace have."""
+        return dict.fromkeys(names.frames, "")
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error where it can be none."""
+        name = str(value)
+        if not name:
+            self.fail("a frame's name is not empty", param, ctx)
+        if name.startswith("/"):
+            self.fail(
+                f"{name!r} begins with a slash, which frames do not: write {name.lstrip('/')!r}",
+                param,
+                ctx,
+            )
+        return name
+
+
+class NodeName(_BusName):
+    """The name of a node as it is written within the namespace, or its full name."""
+
+    name = "node"
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The nodes that are there."""
+        return dict.fromkeys(names.nodes, "")
+
+    def _has_full(self) -> bool:
+        return True
+
+
+class TopicName(_BusName):
+    """The name of a topic."""
+
+    name = "topic"
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The topics that nodes publish or subscribe to, and what they carry."""
+        return names.topics
+
+
+class ServiceName(_BusName):
+    """The name of a service or goal."""
+
+    name = "service"
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The services and goals that nodes serve, and their types."""
+        return names.services
+
+
+class ParameterName(_BusName):
+    """The name of a parameter of the node that the argument `node` of the command names."""
+
+    name = "parameter"
+
+    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+        """The parameters of that node."""
+        node = str(ctx.params.get("node") or "").strip("/")
+        return dict.fromkeys(names.parameters.get(node, ()), "")
+
+
+def _live_names(ctx: click.Context) -> "LiveNames":
+    """The names at the place on the bus that the options typed so far say."""
+    from tfbus.live_names import LiveNames, live_names  # Zenoh, which only completion needs
+
+    given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}
+    try:
+        return live_names(NodeSettings(name="completion", **given))
+    except TfbusError:
+        return LiveNames()
+
+
+def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
+    """Those of the values that begin so, for the completion of an argument."""
+    return [CompletionItem(value) for value in values if value.startswith(incomplete)]

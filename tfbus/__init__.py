@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
+    from tfbus.fleet import Fleet as Fleet
     from tfbus.frame import FrameInfo as FrameInfo
     from tfbus.goal import GoalHandle as GoalHandle
     from tfbus.goal import GoalResult as GoalResult
@@ -60,6 +61,7 @@ _MODULE_OF = {
     "ConnectivityException": "errors",
     "DecodeError": "errors",
     "ExtrapolationException": "errors",
+    "Fleet": "fleet",
     "FrameInfo": "frame",
     "FrameName": "name_types",
     "FutureExtrapolationException": "errors",

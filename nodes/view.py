@@ -1,0 +1,126 @@
+"""`tfbus view`: all frames in three dimensions, on a page for browsers (RViz's TF display).
+
+Try it: tfbus launch turtle view:=true
+"""
+
+from pathlib import Path
+
+import click
+
+from tfbus import Buffer, Node, NodeSettings, Number, TfbusError, TransformListener, node_options
+from tfbus.nodes.viewer.settings import ViewSettings, load
+from tfbus.nodes.viewer.urdf import read_urdf
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 100 <= int(width) <= 8000):
+        raise click.BadParameter(f"{text!r} is not of the form 1280x800")
+    if not 100 <= int(height) <= 8000:
+        raise click.BadParameter(f"{text!r}: a height from 100 to 8000 pixels is wanted")
+    return int(width), int(height)
+
+
+@click.command(epilog="Example: tfbus view --port 8080")
+@click.option("--host", default="127.0.0.1", help="Where to listen; 127.0.0.1.")
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=8080,
+    help="The port, or the first free one after it; 8080.",
+)
+@click.option(
+    "--history",
+    "history_s",
+    type=Number(least=1.0, most=3600.0),
+    default=30.0,
+    help="How many seconds back one can see; 30.",
+)
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Number(least=1.0, most=60.0),
+    default=30.0,
+    help="Updates a second; 30.",
+)
+@click.option(
+    "--settings",
+    "path",
+    type=_FILE,
+    metavar="FILE",
+    help="The view's settings, where the page saves them too; view.yaml.",
+)
+@click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links on their frames.")
+@click.option(
+    "--screenshot", type=_FILE, metavar="FILE", help="Save a picture of the page and exit: out.png."
+)
+@click.option(
+    "--after",
+    "after_s",
+    type=Number(least=0.0, most=3600.0),
+    default=3.0,
+    help="Take the picture after so many seconds; 3.",
+)
+@click.option(
+    "--size",
+    default="1280x800",
+    callback=_size,
+    metavar="WxH",
+    help="The picture's size in pixels; 1280x800.",
+)
+@node_options("view")
+def main(
+    settings: NodeSettings,
+    host: str,
+    port: int,
+    history_s: float,
+    rate_hz: float,
+    path: Path | None,
+    urdf: Path | None,
+    screenshot: Path | None,
+    after_s: float,
+    size: tuple[int, int],
+) -> None:
+    """Show all frames in a browser."""
+    robot = read_urdf(urdf) if urdf else []
+    chosen = load(path) if path and path.exists() else ViewSettings()
+    _require_viser()
+    from tfbus.nodes.viewer.page import Page, Serving, is_local
+    from tfbus.nodes.viewer.screenshot import Screenshot, find_browser
+
+    serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))
+    shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
+    with Node.from_settings(settings) as node:
+        buffer = Buffer(history_s)
+        with TransformListener(buffer, node) as listener:
+            page = Page(node, buffer, listener, serving, robot)
+            if not is_local(host):
+                node.log.warning(
+                    "Whoever reaches %s can see the frames and drive the turtles: there is no "
+                    "password. A tunnel is safer: ssh -L %d:127.0.0.1:%d this-machine",
+                    page.address,
+                    port,
+                    port,
+                )
+            if shot:
+                shot.begin(page.address, node.shutdown)
+            node.ready(f"View: {page.address}")
+            page.run()
+            page.close()
+    if shot:
+        shot.finish()
+
+
+def _require_viser() -> None:
+    try:
+        import viser  # noqa: F401  # only whether it is there
+    except ImportError as error:
+        raise TfbusError(
+            f"viser is missing ({error}); pip install 'tfbus[view]' brings it"
+        ) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""The axes of many frames, drawn as few objects: one for all that are opaque, three for those
+that fade, since viser's batched axes have no opacity of their own.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from tfbus.nodes.viewer.placing import Floats
+from tfbus.nodes.viewer.shapes import arm
+
+# The radius of an axis, in parts of its length.
+_RADIUS = 0.035
+_COLORS = ((217, 48, 48), (60, 160, 60), (40, 90, 220))
+
+NO_QUATERNIONS = np.array([[1.0, 0.0, 0.0, 0.0]])
+NO_POSITIONS = np.zeros((1, 3))
+
+
+class Axes:
+    """Axes of unit length times `size`; a click calls `on_click(name)`."""
+
+    def __init__(self, scene: viser.SceneApi, on_click: Callable[[str], object]) -> None:
+        self._bright: tuple[str, ...] = ()
+        self._faded: tuple[str, ...] = ()
+        self._axes = scene.add_batched_axes(
+            "/frames/axes",
+            NO_QUATERNIONS,
+            NO_POSITIONS,
+            axes_length=1.0,
+            axes_radius=_RADIUS,
+            visible=False,
+        )
+        self._arms: list[Any] = [
+            scene.add_batched_meshes_simple(
+                f"/frames/faded/{'xyz'[axis]}",
+                *arm(axis, 1.0, _RADIUS),
+                NO_QUATERNIONS,
+                NO_POSITIONS,
+                batched_colors=color,
+                batched_opacities=np.ones(1),
+                cast_shadow=False,
+                receive_shadow=False,
+                visible=False,
+            )
+            for axis, color in enumerate(_COLORS)
+        ]
+        self._size = 0.0
+        for handle in (self._axes, *self._arms):
+            handle.on_click(lambda event: on_click(self._clicked(event)))
+
+    def draw(
+        self, names: Sequence[str], xyz: Floats, quat_wxyz: Floats, opacity: Floats, size: float
+    ) -> None:
+        """Draw these frames and no others."""
+        faded = opacity < 1.0
+        self._bright = tuple(name for name, dim in zip(names, faded, strict=True) if not dim)
+        self._faded = tuple(name for name, dim in zip(names, faded, strict=True) if dim)
+        # One scale an instance: another length would be another mesh.
+        if size != self._size:
+            self._size = size
+            self._axes.axes_length, self._axes.axes_radius = size, size * _RADIUS
+            for axis, handle in enumerate(self._arms):
+                handle.vertices = arm(axis, size, size * _RADIUS)[0]
+        place(self._axes, xyz[~faded], quat_wxyz[~faded])
+        for handle in self._arms:
+            if faded.any():
+                handle.batched_opacities = opacity[faded].astype(np.float32)
+            place(handle, xyz[faded], quat_wxyz[faded])
+
+    def _clicked(self, event: Any) -> str:
+        """The frame that an event is about; "" where it has just gone."""
+        names = self._bright if event.target is self._axes else self._faded
+        at = event.instance_index
+        return names[at] if at is not None and at < len(names) else ""
+
+
+def place(handle: Any, xyz: Floats, quat_wxyz: NDArray[np.float64]) -> None:
+    """Move the instances of a batch; without any it is not shown."""
+    if len(xyz):
+        handle.batched_positions = xyz.astype(np.float32)
+        handle.batched_wxyzs = quat_wxyz.astype(np.float32)
+    if handle.visible != bool(len(xyz)):
+        handle.visible = bool(len(xyz))

@@ -1,0 +1,35 @@
+"""What the page shows, as all its browsers have chosen together; safe from any thread."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from tfbus.nodes.viewer.playback import Playback
+from tfbus.nodes.viewer.settings import ViewSettings
+
+
+class Desk:
+    """Holds the settings and the playback; controls change them, the page reads them."""
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self._lock = threading.Lock()
+        self.settings = settings
+        self.playback = Playback()
+
+    def change(self, **values: Any) -> None:
+        """Set some of the fields of ViewSettings."""
+        with self._lock:
+            self.settings = replace(self.settings, **values)
+
+    def tick(self, field: str, frame: str, is_in: bool) -> None:
+        """Put a frame into a list of frames, `hidden` or `trails`, or take it out."""
+        with self._lock:
+            others = tuple(name for name in getattr(self.settings, field) if name != frame)
+            value = (*others, frame) if is_in else others
+            self.settings = replace(self.settings, **{field: value})
+
+    def play(self, step: Callable[[Playback], Playback]) -> None:
+        """Go on from the playback to the one that `step` makes of it."""
+        with self._lock:
+            self.playback = step(self.playback)

@@ -1,0 +1,104 @@
+"""How frames are drawn, which of them, and where these choices are kept."""
+
+from collections.abc import Callable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from tfbus import SettingsError
+from tfbus.nodes.viewer.desk import Desk
+from tfbus.nodes.viewer.filter import NameFilter, PatternError
+from tfbus.nodes.viewer.markup import Html
+from tfbus.nodes.viewer.settings import RANGES, save
+
+_BOXES = {
+    "axes": "Axes",
+    "names": "Names",
+    "arrows": "Arrows",
+    "grid": "Grid",
+    "dark": "Dark",
+}
+_SLIDERS = {"scale": ("Scale", 0.1), "opacity": ("Opacity", 0.05), "trail_s": ("Trail (s)", 0.5)}
+_PATTERNS = {
+    "only": ("Only", "A regular expression: frames in whose name it is not found are left out."),
+    "never": ("Never", "A regular expression: frames in whose name it is found are left out."),
+}
+
+
+class DisplayPanel:
+    """Controls of the settings; the save button writes them to `path`."""
+
+    def __init__(self, gui: viser.GuiApi, desk: Desk, path: Path) -> None:
+        self._gui = gui
+        self._desk = desk
+        self._path = path
+        self._is_dark: bool | None = None
+        self._controls: dict[str, Any] = {}
+        settings = desk.settings
+        for name, label in _BOXES.items():
+            self._bind(name, gui.add_checkbox(label, getattr(settings, name)))
+        for name, (label, step) in _SLIDERS.items():
+            least, most = RANGES[name]
+            self._bind(name, gui.add_slider(label, least, most, step, getattr(settings, name)))
+        self._patterns: dict[str, Any] = {}
+        for name, (label, hint) in _PATTERNS.items():
+            handle = gui.add_text(label, getattr(settings, name), hint=hint)
+            handle.on_update(self._on_pattern(name, handle))
+            self._patterns[name] = handle
+        self._mistake = Html(gui.add_html(""))
+        save_button = gui.add_button("Save settings", icon=viser.Icon.DEVICE_FLOPPY)
+        save_button.on_click(self._save)
+        self._saved = Html(gui.add_html(""))
+
+    def refresh(self) -> None:
+        """Follow the settings where another control has changed them."""
+        settings = self._desk.settings
+        for name, handle in self._controls.items():
+            if handle.value != getattr(settings, name):
+                handle.value = getattr(settings, name)
+        if settings.dark != self._is_dark:
+            self._is_dark = settings.dark
+            self._gui.configure_theme(
+                dark_mode=settings.dark, show_logo=False, show_share_button=False
+            )
+
+    def _bind(self, name: str, handle: Any) -> None:
+        self._controls[name] = handle
+        handle.on_update(lambda event: self._desk.change(**{name: handle.value}))
+
+    def _on_pattern(self, name: str, handle: Any) -> Callable[[Any], None]:
+        def take(event: Any) -> None:
+            try:
+                NameFilter(handle.value)
+            except PatternError:
+                pass  # told for both fields together
+            else:
+                self._desk.change(**{name: handle.value})
+            self._mistake.show(self._mistakes())
+
+        return take
+
+    def _mistakes(self) -> str:
+        found = []
+        for name, handle in self._patterns.items():
+            try:
+                NameFilter(handle.value)
+            except PatternError as error:
+                found.append(
+                    f'<div class="tf tf-alarm" role="alert">{_PATTERNS[name][0]}: '
+                    f"{escape(str(error))}. The former one still holds.</div>"
+                )
+        return "".join(found)
+
+    def _save(self, event: Any) -> None:
+        try:
+            save(self._desk.settings, self._path)
+        except SettingsError as error:
+            self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
+        else:
+            again = f"tfbus view --settings {self._path}"
+            self._saved.show(
+                f'<div class="tf tf-dim">Saved. Open it with <code>{escape(again)}</code></div>'
+            )

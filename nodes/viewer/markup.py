@@ -1,0 +1,149 @@
+"""The parts of the page that are HTML of our own, and the way back from them to Python.
+
+Nothing from the bus gets into a page but through `escape`: a frame may have any name.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any, Protocol
+
+from tfbus.nodes.viewer.status import SIGNS, Status
+
+
+class HtmlHandle(Protocol):
+    """An HTML element of viser."""
+
+    content: str
+
+
+class Html:
+    """An HTML element that is sent again only where it has changed."""
+
+    def __init__(self, handle: HtmlHandle) -> None:
+        self._handle = handle
+        self._content = handle.content
+
+    def show(self, content: str) -> None:
+        """Let it be this."""
+        if content != self._content:
+            self._content = content
+            self._handle.content = content
+
+
+class Channel:
+    """Carries events from our HTML to Python: `tfbus({do: 'show', frame: 'base'})`.
+
+    viser has no messages of one's own, so that the event is typed into a text field of viser's
+    which is not shown: the one right after the element with this class.
+    """
+
+    SCRIPT = """
+window.tfbus = (event) => {
+  const field = document.querySelector('div:has(> .tfbus-channel) + div input');
+  const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+  window.tfbusCount = (window.tfbusCount || Date.now()) + 1;
+  set.call(field, JSON.stringify({...event, n: window.tfbusCount}));
+  field.dispatchEvent(new Event('input', {bubbles: true}));
+};
+window.tfbusCopy = (id) => {
+  const element = document.getElementById(id);
+  getSelection().selectAllChildren(element);
+  if (navigator.clipboard) navigator.clipboard.writeText(element.innerText);
+};
+window.tfbusHold = (button, key) => {
+  clearInterval(window.tfbusHeld);
+  tfbus({do: 'key', key});
+  const again = () => button.matches(':active') ? tfbus({do: 'key', key}) : clearInterval(held);
+  const held = window.tfbusHeld = setInterval(again, 100);
+};
+window.tfbusKey = (event) => {
+  const key = {ArrowUp: 'up', ArrowDown: 'down', ArrowLeft: 'left', ArrowRight: 'right'}[event.key]
+    || event.key.toLowerCase();
+  if (event.ctrlKey || event.metaKey || event.altKey || !window.tfbusKeys.includes(key)) return;
+  event.preventDefault();
+  event.stopPropagation();
+  tfbus({do: 'key', key});
+};
+"""
+
+    def __init__(self) -> None:
+        self._handlers: dict[str, Callable[[Mapping[str, Any]], object]] = {}
+
+    def on(self, do: str, handler: Callable[[Mapping[str, Any]], object]) -> None:
+        """Call `handler(event)` for each event of this kind."""
+        self._handlers[do] = handler
+
+    def receive(self, text: str) -> None:
+        """Take an event as it was typed; what is none of ours is ignored."""
+        try:
+            event = json.loads(text)
+        except ValueError:
+            return
+        if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
+            handler(event)
+
+    def html(self, keys: str) -> str:
+        """The element before the text field: style and script. `keys` are those that drive."""
+        script = f"{self.SCRIPT}window.tfbusKeys = {keys};"
+        # A script element in HTML that is set later does not run; the handler of an error does.
+        run = f'<img hidden alt="" src="data:," onerror="{escape(script)}">'
+        return f'<div class="tfbus-channel"><style>{STYLE}</style>{run}</div>'
+
+
+def sign(status: Status) -> str:
+    """A status' sign, in its colour."""
+    return f'<span class="tf-sign tf-{status.value}">{SIGNS[status]}</span>'
+
+
+def event(do: str, **values: str) -> str:
+    """JavaScript for an attribute that sends an event; values are JavaScript expressions."""
+    inside = ", ".join([f"do: '{do}'", *(f"{name}: {value}" for name, value in values.items())])
+    return escape(f"tfbus({{{inside}}})")
+
+
+STYLE = """
+div:has(> .tfbus-channel) { height: 0; }
+div:has(> .tfbus-channel) + div { display: none; }
+.tf { font-size: 0.8125rem; line-height: 1.45; padding: 0 0.75em 0.5em; overflow-wrap: anywhere;
+  color: var(--mantine-color-text); }
+.tf-dim { color: var(--mantine-color-dimmed); }
+.tf-alarm { color: light-dark(#b3261e, #ff8a80); }
+.tf-row { display: flex; align-items: center; gap: 0.4em; min-height: 1.6em; border-radius: 4px; }
+.tf-row:hover { background: light-dark(#0000000d, #ffffff14); }
+.tf-row.tf-selected { background: light-dark(#228be626, #228be64d); }
+.tf-row input { margin: 0; accent-color: #228be6; flex: none; cursor: pointer; }
+.tf-row button { all: unset; cursor: pointer; flex: 1; min-width: 0; overflow: hidden;
+  text-overflow: ellipsis; white-space: nowrap; }
+.tf-row button:focus-visible { outline: 2px solid #228be6; border-radius: 3px; }
+.tf-note { color: var(--mantine-color-dimmed); font-variant-numeric: tabular-nums;
+  white-space: nowrap; }
+.tf-why { padding: 0 0 0.3em 1.9em; font-size: 0.75rem; }
+.tf-sign { flex: none; width: 1em; text-align: center; }
+.tf-fresh { color: light-dark(#2b8a3e, #69db7c); }
+.tf-static { color: light-dark(#1864ab, #74c0fc); }
+.tf-stale { color: light-dark(#a85f00, #ffc078); }
+.tf-gone { color: light-dark(#b3261e, #ff8a80); }
+.tf-conflict { color: light-dark(#a61e9c, #f783ff); }
+.tf-root { color: var(--mantine-color-dimmed); }
+.tf-facts { display: grid; grid-template-columns: max-content 1fr; gap: 0 0.8em; margin: 0; }
+.tf-facts dt { color: var(--mantine-color-dimmed); }
+.tf-facts dd { margin: 0; }
+.tf pre { font-family: ui-monospace, monospace; font-size: 0.72rem; line-height: 1.4; margin: 0;
+  white-space: pre-wrap; background: light-dark(#f1f3f5, #00000040); border-radius: 4px;
+  padding: 0.4em 0.5em; }
+.tf-head { display: flex; justify-content: space-between; margin-top: 0.4em; }
+.tf-link { all: unset; cursor: pointer; color: light-dark(#1971c2, #74c0fc); font-size: 0.75rem; }
+.tf-link:focus-visible { outline: 2px solid #228be6; }
+.tf-pad { display: grid; grid-template-columns: repeat(3, 1fr) 0.5em repeat(3, 1fr); gap: 4px; }
+.tf-pad button { all: unset; cursor: pointer; text-align: center; padding: 0.45em 0;
+  border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); user-select: none;
+  touch-action: none; }
+.tf-pad button:hover { background: light-dark(#d0e4f7, #27507a); }
+.tf-pad button:active { background: #228be6; color: white; }
+.tf-pad button:focus-visible { outline: 2px solid #228be6; }
+.tf-keys { margin-top: 0.5em; padding: 0.35em; text-align: center; cursor: pointer;
+  border: 1px dashed var(--mantine-color-dimmed); border-radius: 4px; }
+.tf-keys:focus { outline: none; border: 1px solid #228be6; background: #228be626; }
+.tf-keys:focus .tf-off, .tf-keys:not(:focus) .tf-on { display: none; }
+"""

@@ -1,0 +1,48 @@
+"""What lies between two frames: distance, angle, and tf2_echo's block."""
+
+from html import escape
+
+import viser
+
+from tfbus import Buffer
+from tfbus.nodes.viewer import text
+from tfbus.nodes.viewer.choice import FrameChoice
+from tfbus.nodes.viewer.desk import Desk
+from tfbus.nodes.viewer.frames import Frames
+from tfbus.nodes.viewer.markup import Html
+
+
+class MeasurePanel:
+    """Shows where one frame is, seen from another, as `tfbus echo` prints it."""
+
+    def __init__(self, gui: viser.GuiApi, desk: Desk) -> None:
+        self._desk = desk
+        self._from = FrameChoice(
+            gui, "Seen from", "choose a frame", lambda name: desk.change(measure_from=name)
+        )
+        self._to = FrameChoice(
+            gui, "Frame", "choose a frame", lambda name: desk.change(measure_to=name)
+        )
+        self._answer = Html(gui.add_html(""))
+
+    def refresh(self, frames: Frames, buffer: Buffer) -> None:
+        """Show the answer at the time that is shown."""
+        settings = self._desk.settings
+        names = sorted(frames.states)
+        self._from.show(names, settings.measure_from)
+        self._to.show(names, settings.measure_to)
+        if not settings.measure_from or not settings.measure_to:
+            self._answer.show(
+                '<div class="tf tf-dim">Choose two frames to see how far they are apart.</div>'
+            )
+            return
+        summary, block = text.between(
+            buffer, settings.measure_from, settings.measure_to, self._desk.playback.stamp_ns
+        )
+        if not summary:
+            self._answer.show(f'<div class="tf tf-alarm">{escape(block)}</div>')
+            return
+        title = f"tfbus echo {settings.measure_from} {settings.measure_to}"
+        self._answer.show(
+            f'<div class="tf"><b>{escape(summary)}</b>{text.numbers(title, "tf-echo", block)}</div>'
+        )

@@ -1,0 +1,209 @@
+"""The page that `tfbus view` serves: a scene and a panel, kept up to date by `run`."""
+
+import contextlib
+import io
+import ipaddress
+import logging
+import socket
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from tfbus import Buffer, Node, TfbusError, TransformListener
+from tfbus.nodes.turtle import field
+from tfbus.nodes.viewer.desk import Desk
+from tfbus.nodes.viewer.frames import Frames, FrameWatch
+from tfbus.nodes.viewer.panel import Panel
+from tfbus.nodes.viewer.placing import Floats, Placed, place, trail
+from tfbus.nodes.viewer.robot_scene import RobotScene
+from tfbus.nodes.viewer.scene import Scene
+from tfbus.nodes.viewer.settings import ViewSettings
+from tfbus.nodes.viewer.turtle_scene import WORLD, TurtleScene
+from tfbus.nodes.viewer.turtles import Turtles
+from tfbus.nodes.viewer.urdf import Visual
+
+# The panel is read by people, and looking at all frames costs more than moving them.
+_REFRESH_S = 0.25
+
+_BY_DEFAULT = ViewSettings()
+
+# Where one looks from at first: from behind, from the side a little, and from above.
+_FROM = np.array((-0.35, -0.95, 0.9))
+
+
+class ServeError(TfbusError):
+    """The page cannot be served; the message says why."""
+
+
+@dataclass(frozen=True)
+class Serving:
+    """Where the page is served, how often it moves, and which settings it begins with.
+
+    The settings are saved to `path`. `history_s` is how far back the slider goes.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    rate_hz: float = 30.0
+    history_s: float = 30.0
+    settings: ViewSettings = _BY_DEFAULT
+    path: Path = Path("view.yaml")
+
+
+class Page:
+    """A server of the page, from its construction until `close`.
+
+    Raises ServeError where it cannot listen.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        buffer: Buffer,
+        listener: TransformListener,
+        serving: Serving,
+        robot: Sequence[Visual] = (),
+    ) -> None:
+        self._node = node
+        self._buffer = buffer
+        self._listener = listener
+        self._serving = serving
+        self.desk = Desk(serving.settings)
+        self._server = _serve(serving.host, serving.port)
+        self._watch = FrameWatch(buffer)
+        self._frames = Frames()
+        self._refresh_at_s = 0.0
+        self._first_seen = ""
+        scene = self._server.scene
+        turtles = Turtles(node, lambda: self.is_watched)
+        self._panel = Panel(self._server.gui, self.desk, turtles, serving.history_s, serving.path)
+        self._scene = Scene(scene, self._select)
+        self._turtle_scene = TurtleScene(scene, turtles)
+        self._robot_scene = RobotScene(scene, robot, node.log)
+
+    @property
+    def address(self) -> str:
+        """The URL of the page."""
+        host = self._server.get_host()
+        shown = f"[{host}]" if ":" in host else host
+        return f"http://{shown}:{self._server.get_port()}"
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser has the page open."""
+        return bool(self._server.get_clients())
+
+    def run(self) -> None:
+        """Keep the page up to date until the node is shut down."""
+        period_s = 1.0 / self._serving.rate_hz
+        due_s = time.monotonic()
+        while self._node.wait(max(0.0, due_s - time.monotonic())):
+            due_s = max(due_s + period_s, time.monotonic())
+            self.step()
+
+    def step(self) -> None:
+        """Look at the frames, where it is time, and draw them, where somebody watches."""
+        now_s = time.monotonic()
+        is_due = now_s >= self._refresh_at_s
+        if is_due:
+            self._refresh_at_s = now_s + _REFRESH_S
+            self._frames = self._look()
+        if not self.is_watched and not is_due:
+            return
+        playback, settings = self.desk.playback, self.desk.settings
+        fixed_frame = settings.fixed_frame or self._frames.natural_fixed_frame()
+        names = [n for n in self._frames.tree_of(fixed_frame) if settings.shows(n)]
+        stamp_ns = playback.stamp_ns
+        placed = place(self._buffer, fixed_frame, names, stamp_ns)
+        with self._server.atomic():
+            self._draw(placed, fixed_frame, settings, stamp_ns)
+            if is_due:
+                now_ns = self._node.now_ns()
+                self._panel.refresh(self._frames, placed, fixed_frame, self._buffer, now_ns)
+        # Else the last of a movement would wait for the next one.
+        self._server.flush()
+
+    def close(self) -> None:
+        """Stop serving. Twice is fine."""
+        self._server.stop()
+
+    def _look(self) -> Frames:
+        settings = self.desk.settings
+        sent = {info.name: info.frames for info in self._listener.streams() if info.alive}
+        before = settings.fixed_frame or self._frames.natural_fixed_frame()
+        return self._watch.look(sent, before)
+
+    def _draw(
+        self, placed: Placed, fixed_frame: str, settings: ViewSettings, stamp_ns: int | None
+    ) -> None:
+        end_ns = self._panel.newest_ns if stamp_ns is None else stamp_ns
+        trails: dict[str, Floats] = {}
+        for name in settings.trails:
+            if name in placed.index:
+                path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
+                if len(path) > 1:
+                    trails[name] = path
+        self._robot_scene.draw(placed)
+        # The field lies in the world, whether or not the world's own axes are shown.
+        ground = placed
+        if WORLD in self._frames and WORLD not in placed.index:
+            ground = place(self._buffer, fixed_frame, [WORLD, *placed.names], stamp_ns)
+        self._turtle_scene.draw(ground, fixed_frame)
+        around_m = field.SIZE_M if self._turtle_scene.is_shown else 0.0
+        self._scene.draw(self._frames, placed, trails, settings, around_m)
+        self._look_first(placed, ground)
+
+    def _look_first(self, placed: Placed, ground: Placed) -> None:
+        """Begin where all of it can be seen, from behind and above; once for the frames, and once
+        more where there is a field.
+        """
+        seen = "field" if self._turtle_scene.is_shown else "frames"
+        if len(placed.names) < 2 or self._first_seen in (seen, "field"):
+            return
+        self._first_seen = seen
+        middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
+        reach = max(placed.extent_m(), 1.0) * 1.6
+        if self._turtle_scene.is_shown:
+            middle, reach = ground.xyz[ground.index[WORLD]], field.SIZE_M
+        position = middle + reach * _FROM
+        cameras: list[Any] = [self._server.initial_camera]
+        cameras += [client.camera for client in self._server.get_clients().values()]
+        for camera in cameras:
+            camera.position, camera.look_at = position, middle
+
+    def _select(self, name: str) -> None:
+        if name:
+            self.desk.change(selected=name)
+
+
+def is_local(host: str) -> bool:
+    """Whether only this machine can reach what listens on this host."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _serve(host: str, port: int) -> viser.ViserServer:
+    """A server of viser, which takes the next port where this one is taken."""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        # viser would tell of this in another thread, and go on.
+        with socket.socket(family, kind) as probe:
+            probe.bind(address)
+    except OSError as error:
+        raise ServeError(
+            f"cannot listen on {host!r}: {error.strerror or error}; 127.0.0.1 is this machine alone"
+        ) from error
+    # Browsers open connections to have them ready, and close them: no news.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
+    server.scene.set_up_direction("+z")
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    return server

@@ -1,0 +1,66 @@
+"""The panel beside the scene: its headline, the time, and a tab for each kind of question."""
+
+import json
+from pathlib import Path
+
+import viser
+
+from tfbus import Buffer
+from tfbus.nodes.viewer import text
+from tfbus.nodes.viewer.desk import Desk
+from tfbus.nodes.viewer.display_panel import DisplayPanel
+from tfbus.nodes.viewer.frames import Frames
+from tfbus.nodes.viewer.markup import Channel, Html
+from tfbus.nodes.viewer.measure_panel import MeasurePanel
+from tfbus.nodes.viewer.placing import Placed, newest_common_ns
+from tfbus.nodes.viewer.time_panel import TimePanel
+from tfbus.nodes.viewer.tree_panel import TreePanel
+from tfbus.nodes.viewer.turtle_panel import TurtlePanel
+from tfbus.nodes.viewer.turtles import KEYS, Turtles
+
+
+class Panel:
+    """All controls; `refresh` lets them show how things stand.
+
+    `newest_ns` is the latest time at which all that moves can be placed.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, desk: Desk, turtles: Turtles, history_s: float, path: Path
+    ) -> None:
+        self._desk = desk
+        self.newest_ns = 0
+        channel = Channel()
+        gui.add_html(channel.html(json.dumps(KEYS)))
+        typed = gui.add_text("events", "")
+        typed.on_update(lambda event: channel.receive(typed.value))
+        self._headline = Html(gui.add_html(""))
+        self._time = TimePanel(gui, desk, history_s, lambda: self.newest_ns)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Frames"):
+            self._tree = TreePanel(gui, desk, channel)
+        with tabs.add_tab("Measure"):
+            self._measure = MeasurePanel(gui, desk)
+        with tabs.add_tab("Turtles"):
+            self._turtles = TurtlePanel(gui, turtles, channel)
+        with tabs.add_tab("View"):
+            self._display = DisplayPanel(gui, desk, path)
+
+    def refresh(
+        self, frames: Frames, placed: Placed, fixed_frame: str, buffer: Buffer, now_ns: int
+    ) -> None:
+        """Show these frames, and the settings as they are."""
+        newest_ns = newest_common_ns(buffer, fixed_frame, _fresh(frames, placed))
+        self.newest_ns = now_ns if newest_ns is None else newest_ns
+        playback = self._desk.playback
+        self._headline.show(text.headline(frames, fixed_frame, playback))
+        self._time.refresh()
+        self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
+        self._measure.refresh(frames, buffer)
+        self._turtles.refresh()
+        self._display.refresh()
+
+
+def _fresh(frames: Frames, placed: Placed) -> list[str]:
+    """The frames that still move: the others would hold the time back."""
+    return [name for name in placed.names if frames.states[name].opacity == 1.0]

@@ -1,0 +1,178 @@
+"""A picture of the page, taken by a Chromium that nobody sees.
+
+Chromium is spoken to by its DevTools protocol, over the websocket library that viser brings.
+"""
+
+import base64
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import threading
+import time
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tfbus import TfbusError
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+# Without a graphics card WebGL is drawn by SwiftShader, which has to be asked for.
+FLAGS = (
+    "--headless=new",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--hide-scrollbars",
+    "--no-first-run",
+    "--disable-dev-shm-usage",
+)
+
+# How long a browser may take to start, and a page to be there.
+_PATIENCE_S = 60.0
+
+_IS_THERE = "!!document.querySelector('canvas') && !!document.querySelector('[role=status]')"
+# viser tells that WebGL is slow without a graphics card, which nobody needs to see here.
+_CLOSE_NOTES = (
+    "document.querySelectorAll('.mantine-Notification-closeButton')"
+    ".forEach(button => button.click())"
+)
+
+
+class BrowserError(TfbusError):
+    """There is no browser, or it took no picture; the message says why."""
+
+
+def find_browser() -> str:
+    """The Chromium that is installed. Raises BrowserError where there is none."""
+    for name in _BROWSERS:
+        if path := shutil.which(name):
+            return path
+    raise BrowserError(
+        "no Chromium is installed, which takes the picture: apt-get install chromium, or name "
+        f"yours one of {', '.join(_BROWSERS)} on PATH"
+    )
+
+
+class Screenshot:
+    """One picture, to be taken some seconds after the page is there; `size` in pixels."""
+
+    def __init__(self, path: Path, after_s: float, size: tuple[int, int], browser: str) -> None:
+        self._path = path
+        self._after_s = after_s
+        self._size = size
+        self._browser = browser
+        self._error: Exception | None = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self, address: str, on_end: Callable[[], object]) -> None:
+        """Take it on a thread of its own, then call `on_end()`."""
+
+        def take() -> None:
+            try:
+                self._path.write_bytes(self._take(address))
+            except Exception as error:  # whatever it is, `finish` tells of it
+                self._error = error
+            finally:
+                on_end()
+
+        self._thread = threading.Thread(target=take, name="screenshot", daemon=True)
+        self._thread.start()
+
+    def finish(self) -> None:
+        """Wait for the end. Raises BrowserError where there is no picture."""
+        if self._thread:
+            self._thread.join(5.0)
+            if self._thread.is_alive():
+                raise BrowserError(f"no picture was taken: interrupted before {self._path}")
+        if self._error:
+            raise BrowserError(f"no picture was taken: {self._error}") from self._error
+
+    def _take(self, address: str) -> bytes:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+            # Chromium's own sandbox refuses to work for root, as in most containers.
+            root = ["--no-sandbox"] if os.geteuid() == 0 else []
+            browser = subprocess.Popen(
+                [
+                    *(self._browser, *FLAGS, *root),
+                    "--remote-debugging-port=0",
+                    f"--user-data-dir={profile}",
+                    f"--window-size={self._size[0]},{self._size[1]}",
+                    address,
+                ],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            try:
+                return self._picture(_debugger(browser))
+            finally:
+                browser.terminate()
+                try:
+                    browser.wait(10.0)
+                except subprocess.TimeoutExpired:
+                    browser.kill()
+                    browser.wait()
+
+    def _picture(self, debugger: str) -> bytes:
+        from websockets.sync.client import connect
+
+        with connect(_page_of(debugger), max_size=None) as socket:
+            numbers = itertools.count(1)
+
+            def ask(method: str, **parameters: Any) -> Any:
+                number = next(numbers)
+                socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+                while True:
+                    answer = json.loads(socket.recv(_PATIENCE_S))
+                    if answer.get("id") == number:
+                        break
+                if "error" in answer:
+                    raise BrowserError(f"{method}: {answer['error'].get('message')}")
+                return answer["result"]
+
+            width, height = self._size
+            ask(
+                "Emulation.setDeviceMetricsOverride",
+                width=width,
+                height=height,
+                deviceScaleFactor=1,
+                mobile=False,
+            )
+            deadline_s = time.monotonic() + _PATIENCE_S
+            while not ask("Runtime.evaluate", expression=_IS_THERE)["result"].get("value"):
+                if time.monotonic() > deadline_s:
+                    raise BrowserError(f"the page was not there within {_PATIENCE_S:g} s")
+                time.sleep(0.1)
+            time.sleep(self._after_s)
+            ask("Runtime.evaluate", expression=_CLOSE_NOTES)
+            # Long enough for the notes to fade.
+            time.sleep(0.6)
+            return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
+
+
+def _debugger(browser: "subprocess.Popen[str]") -> str:
+    """Host and port at which a starting Chromium can be spoken to."""
+    assert browser.stderr is not None
+    said = []
+    for line in browser.stderr:
+        if found := re.search(r"DevTools listening on ws://([^/]+)/", line):
+            # It writes on, and would stop where nobody reads.
+            threading.Thread(target=browser.stderr.read, daemon=True).start()
+            return found[1]
+        said.append(line.strip())
+    raise BrowserError(f"Chromium ended at once: {' '.join(said)[-300:]}")
+
+
+def _page_of(debugger: str) -> str:
+    """The address of the one page that is open."""
+    with urllib.request.urlopen(f"http://{debugger}/json/list", timeout=_PATIENCE_S) as answer:
+        pages = [page for page in json.load(answer) if page["type"] == "page"]
+    if not pages:
+        raise BrowserError("Chromium opened no page")
+    return str(pages[0]["webSocketDebuggerUrl"])

@@ -1,0 +1,107 @@
+"""The turtles' controls: drive, rotate, and what the simulator can be asked for."""
+
+import math
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import viser
+
+from tfbus.nodes.turtle import field
+from tfbus.nodes.viewer.markup import Channel, Html
+from tfbus.nodes.viewer.turtles import Turtles
+
+_MIDDLE = (field.MIDDLE_M, field.MIDDLE_M, 0.0)
+
+# The keys lie as on a keyboard, around F; beside them the arrows.
+_PAD = (
+    ("e", "E ↖", "rotate to 135°"), ("r", "R ↑", "rotate to 90°"), ("t", "T ↗", "rotate to 45°"),
+    None, None, ("up", "▲", "drive forward"), None,
+    ("d", "D ←", "rotate to 180°"), ("f", "F", "cancel the rotation"),
+    ("g", "G →", "rotate to 0°"),
+    None, ("left", "◀", "turn left"), None, ("right", "▶", "turn right"),
+    ("c", "C ↙", "rotate to -135°"), ("v", "V ↓", "rotate to -90°"),
+    ("b", "B ↘", "rotate to -45°"),
+    None, None, ("down", "▼", "drive back"), None,
+)  # fmt: skip
+
+
+class TurtlePanel:
+    """Asks the turtles for what its buttons say, and shows the replies."""
+
+    def __init__(self, gui: viser.GuiApi, turtles: Turtles, channel: Channel) -> None:
+        self._turtles = turtles
+        self._state = Html(gui.add_html(""))
+        self._turtle = gui.add_dropdown("Turtle", ("turtle1",))
+        self._pad = Html(gui.add_html(_pad()))
+        self._reply = Html(gui.add_html(""))
+        place = gui.add_vector3(
+            "x, y, °",
+            _MIDDLE,
+            min=(0.0, 0.0, -360.0),
+            max=(field.SIZE_M, field.SIZE_M, 360.0),
+            step=0.1,
+            hint="Where to teleport or to spawn: metres from the lower left corner, degrees.",
+        )
+        name = gui.add_text("New name", "", hint="Empty: the next free turtleN.")
+
+        def chosen() -> tuple[float, float, float]:
+            x, y, degrees = place.value
+            return x, y, math.radians(degrees)
+
+        def button(group: viser.GuiButtonGroupHandle, acts: dict[str, Callable[[], None]]) -> None:
+            group.on_click(lambda event: acts[group.value]())
+
+        button(
+            gui.add_button_group("", ("Teleport", "Spawn", "Kill")),
+            {
+                "Teleport": lambda: turtles.teleport(self._turtle.value, *chosen()),
+                "Spawn": lambda: turtles.spawn(*chosen(), name.value),
+                "Kill": lambda: turtles.kill(self._turtle.value),
+            },
+        )
+        button(
+            gui.add_button_group("", ("Clear", "Reset")),
+            {"Clear": turtles.clear, "Reset": turtles.reset},
+        )
+        channel.on("key", self._press)
+
+    def refresh(self) -> None:
+        """Show the turtles that there are."""
+        names = self._turtles.names or ("turtle1",)
+        if self._turtle.options != names:
+            self._turtle.options = names
+        self._state.show(
+            ""
+            if self._turtles.are_there
+            else '<div class="tf tf-dim">No simulator is on this bus: <code>tfbus simulator</code> '
+            "starts one.</div>"
+        )
+        reply = escape(self._turtles.reply) or "&nbsp;"
+        self._reply.show(f'<div class="tf" role="log" aria-label="reply">{reply}</div>')
+
+    def _press(self, event: Any) -> None:
+        self._turtles.press(self._turtle.value, str(event.get("key")))
+
+
+def _pad() -> str:
+    cells = "".join(
+        "<span></span>"
+        if key is None
+        else f'<button title="{key[2]}" aria-label="{key[2]}" '
+        f'onpointerdown="{_action(key[0])}">{key[1]}</button>'
+        for key in _PAD
+    )
+    return (
+        f'<div class="tf"><div class="tf-pad">{cells}</div>'
+        '<div class="tf-keys" tabindex="0" role="application" aria-label="drive by keyboard" '
+        'onkeydown="tfbusKey(event)"><span class="tf-off">Click here to drive by keyboard</span>'
+        '<span class="tf-on">Arrows drive, E R T D G C V B rotate, F cancels</span></div></div>'
+    )
+
+
+def _action(key: str) -> str:
+    """An arrow drives while it is held; the others act once."""
+    if key in ("up", "down", "left", "right"):
+        return f"tfbusHold(this, '{key}')"
+    return f"tfbus({{do: 'key', key: '{key}'}})"

@@ -1,0 +1,228 @@
+"""The turtles' world as a client sees it: where turtles are, what is drawn, and its services."""
+
+import math
+import threading
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus import GoalResult, Node, ServiceError
+from tfbus.messages import (
+    Color,
+    Empty,
+    Field,
+    Kill,
+    Pose,
+    RotateAbsolute,
+    Spawn,
+    TeleportAbsolute,
+    Twist,
+    Vector3,
+)
+from tfbus.nodes.teleop import CANCEL, DRIVES, HEADINGS_RAD
+
+# As the teleop's parameters scale_linear and scale_angular.
+_LINEAR_M_S = 2.0
+_ANGULAR_RAD_S = 2.0
+
+# The field is looked at so often while somebody watches, and asked for while there is none.
+_LOOK_EVERY_S = 0.1
+_ASK_EVERY_S = 1.0
+
+KEYS = (*DRIVES, *HEADINGS_RAD, CANCEL)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The field with its ink: (size, size, 3) bytes, rows from the top."""
+
+    version: str
+    pixels: NDArray[np.uint8]
+
+
+class Turtles:
+    """Knows the turtles of the simulator on this bus, and asks things of it.
+
+    `reply` is what came of the last thing that was asked, in one sentence. `watched` says
+    whether anybody looks; the field is fetched only then.
+    """
+
+    def __init__(self, node: Node, watched: Callable[[], bool]) -> None:
+        self.reply = ""
+        self.picture: Picture | None = None
+        self._node = node
+        self._watched = watched
+        self._names: tuple[str, ...] = ()
+        self._drivers: dict[str, _Driver] = {}
+        self._field = node.create_client(Field, "field")
+        self._clients = {
+            name: node.create_client(service, name)
+            for name, service in (
+                ("spawn", Spawn),
+                ("kill", Kill),
+                ("clear", Empty),
+                ("reset", Empty),
+            )
+        }
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._look_again, name="field", daemon=True)
+        self._thread.start()
+
+    @property
+    def are_there(self) -> bool:
+        """Whether a simulator serves them."""
+        return self._field.served and bool(self._names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The turtles on the field."""
+        return self._names
+
+    # What is asked of them
+
+    def press(self, turtle: str, key: str) -> None:
+        """Do what the teleop does at this key; nothing where it is for nothing."""
+        driver = self._driver(turtle)
+        if driver is None:
+            self.reply = f"there is no turtle {turtle!r}"
+        elif key in DRIVES:
+            driver.drive(*DRIVES[key])
+        elif key in HEADINGS_RAD:
+            self._ask(f"rotate {turtle}", lambda: driver.rotate(HEADINGS_RAD[key], self._say))
+        elif key == CANCEL:
+            driver.cancel()
+
+    def spawn(self, x: float, y: float, theta: float, name: str) -> None:
+        """A new turtle, in m and rad; without a name it becomes the next turtleN."""
+        request = Spawn.Request(x, y, theta, name)
+        self._call("spawn", request, lambda response: f"spawned {response.name}")
+
+    def kill(self, turtle: str) -> None:
+        """Take a turtle off the field."""
+        self._call("kill", Kill.Request(turtle), lambda response: f"killed {turtle}")
+
+    def clear(self) -> None:
+        """Wipe the field."""
+        self._call("clear", Empty.Request(), lambda response: "cleared the field")
+
+    def reset(self) -> None:
+        """Begin anew with turtle1 in the middle."""
+        self._call("reset", Empty.Request(), lambda response: "reset the field")
+
+    def teleport(self, turtle: str, x: float, y: float, theta: float) -> None:
+        """Move a turtle to a place, in m and rad."""
+        driver = self._driver(turtle)
+        if driver is None:
+            self.reply = f"there is no turtle {turtle!r}"
+            return
+        request = TeleportAbsolute.Request(x, y, theta)
+        done = f"teleported {turtle} to ({x:g}, {y:g}), {math.degrees(theta):g}°"
+        self._ask(f"teleport {turtle}", lambda: (driver.teleport.call(request), self._say(done)))
+
+    def _call(self, service: str, request: Any, done: Callable[[Any], str]) -> None:
+        client = self._clients[service]
+        self._ask(service, lambda: self._say(done(client.call(request))))
+
+    def _ask(self, what: str, ask: Callable[[], object]) -> None:
+        try:
+            ask()
+        except (ServiceError, ValueError) as error:
+            self._say(f"{what}: {error}")
+
+    def _say(self, reply: str) -> None:
+        self.reply = reply
+
+    # What is seen of them
+
+    def _look_again(self) -> None:
+        failing = False
+        while self._node.wait(_LOOK_EVERY_S if self._field.served else _ASK_EVERY_S):
+            if self._field.served and self._watched():
+                try:
+                    self._look()
+                    failing = False
+                except (ServiceError, zlib.error, ValueError) as error:
+                    if not failing and self._field.served:
+                        self._node.log.warning("The turtles' field cannot be seen: %s", error)
+                    failing = True
+                    self._node.wait(_ASK_EVERY_S)
+            elif not self._field.served:
+                self._meet(())
+
+    def _look(self) -> None:
+        known = self.picture.version if self.picture else ""
+        seen = self._field.call(Field.Request(known), timeout_s=2.0)
+        self._meet(tuple(seen.turtles))
+        if seen.version != known:
+            self.picture = Picture(seen.version, _pixels(seen.ink, seen.size, seen.background))
+
+    def _meet(self, names: tuple[str, ...]) -> None:
+        """Listen to these turtles, and to no others."""
+        with self._lock:
+            for name in self._drivers.keys() - set(names):
+                self._drivers.pop(name).close()
+            for name in names:
+                if name not in self._drivers:
+                    self._drivers[name] = _Driver(self._node, name)
+            self._names = names
+
+    def pose(self, turtle: str) -> Pose | None:
+        """Where a turtle said last that it is, on the field; None before it has."""
+        driver = self._drivers.get(turtle)
+        return driver.pose if driver else None
+
+    def _driver(self, turtle: str) -> "_Driver | None":
+        with self._lock:
+            return self._drivers.get(turtle)
+
+
+class _Driver:
+    """What one turtle is told and tells."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self.pose: Pose | None = None
+        self._name = name
+        self._velocities = node.create_publisher(Twist, f"{name}/cmd_vel")
+        self._rotations = node.create_goal_client(RotateAbsolute, f"{name}/rotate_absolute")
+        self.teleport = node.create_client(TeleportAbsolute, f"{name}/teleport_absolute")
+        self._poses = node.create_subscription(Pose, f"{name}/pose", self._on_pose)
+        self._cancel: Callable[[], object] = lambda: None
+
+    def _on_pose(self, pose: Pose) -> None:
+        self.pose = pose
+
+    def drive(self, forward: int, left: int) -> None:
+        linear, angular = Vector3(x=forward * _LINEAR_M_S), Vector3(z=left * _ANGULAR_RAD_S)
+        self._velocities.publish(Twist(linear, angular))
+
+    def rotate(self, theta_rad: float, say: Callable[[str], object]) -> None:
+        def ended(result: GoalResult) -> None:
+            turned = math.degrees(-result.result.delta)
+            reason = f" ({result.reason})" if result.reason else ""
+            say(f"rotation of {self._name} {result.status}: turned by {turned:.1f}°{reason}")
+
+        say(f"rotating {self._name} to {math.degrees(theta_rad):.0f}°")
+        goal = self._rotations.send(RotateAbsolute.Goal(theta_rad), on_result=ended)
+        self._cancel = goal.cancel
+
+    def cancel(self) -> None:
+        self._cancel()
+
+    def close(self) -> None:
+        for part in (self._velocities, self._rotations, self.teleport, self._poses):
+            part.close()
+
+
+def _pixels(ink: bytes, size: int, background: Color) -> NDArray[np.uint8]:
+    """The ink on its background. Raises ValueError or zlib.error where it is no picture."""
+    # No more is unpacked than a picture of this size has.
+    raw = zlib.decompressobj().decompress(ink, size * size * 4)
+    layer = np.frombuffer(raw, np.uint8).reshape(size, size, 4)
+    paper = np.array([background.r, background.g, background.b], np.float32)
+    weight = layer[..., 3:].astype(np.float32) / 255.0
+    mixed: NDArray[np.uint8] = (paper + (layer[..., :3] - paper) * weight).astype(np.uint8)
+    return mixed

@@ -18,6 +18,9 @@ from tfbus.stream_options import StreamOptions
 # What sends have in common is remembered for tables of so many edges in all.
 _MOST_EDGES = 50_000
 
+# So many who ask for what was kept are answered at a time: more threads would hold up the sends.
+_MOST_ANSWERED = 4
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
@@ -55,10 +58,16 @@ class TransformSender:
         self._tables: dict[tuple[tuple[str, ...], bytes], _Table] = {}
         self._last_table: _Table | None = None
         self._edges_remembered = 0
+        self._answering = threading.Semaphore(_MOST_ANSWERED)
         self._kept = KeptMessages(options.history_s) if options.history_s else None
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
         if self._kept is not None:
             session.queryable(self._keys.expression, self._on_query)
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody hears any of it now."""
+        return self._keys.heard
 
     def send(self, batch: TransformBatch) -> None:
         """Send the transforms of the batch: one message a key.
@@ -133,7 +142,7 @@ class TransformSender:
 
     def _answer(self, query: Query) -> None:
         # The session may be closed meanwhile, and then there is nobody to tell.
-        with suppress(BusError), query.answering("what was kept"):
+        with self._answering, suppress(BusError), query.answering("what was kept"):
             for key, payload in self._last(query):
                 query.answer(key, payload)
 

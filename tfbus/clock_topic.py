@@ -107,13 +107,12 @@ class ClockSubscription(Interface):
     def _tell_jump(self, back_ns: int, now_ns: int) -> None:
         self._jumps += 1
         if str(self._jumps).strip("0") == "1":  # a power of ten
-            many = "; do two tell the time?" if self._jumps >= _MANY_JUMPS else ""
+            many = f", {self._jumps} times so far; do two tell the time?"
             self._log.warning(
-                "The clock jumped back by %.9g s to %d.%09d, %d times so far%s",
+                "The clock jumped back by %.3f s to %d.%09d s%s",
                 back_ns / 1e9,
                 *divmod(now_ns, 1_000_000_000),
-                self._jumps,
-                many,
+                many if self._jumps >= _MANY_JUMPS else "",
             )
 
     def _reject(self, error: DecodeError) -> None:

@@ -28,6 +28,9 @@ from tfbus.stream import Stream
 from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.version import VERSION
 
+# A clock that is there tells a new node the time within this, and nothing is said of it.
+_CLOCK_WITHIN_S = 1.0
+
 M = TypeVar("M")
 Kept = TypeVar("Kept", bound=Interface)
 
@@ -72,9 +75,10 @@ class Node:
         self._closed = False
         self._lock = threading.Lock()
         self._is_ready = False
-        self._has_asked_for_clock = False
+        self._expects_clock = False
         self._parameters_are_typed_in = False
         self._streams: dict[str, Stream] = {}
+        self._buffers: list[Callable[[], dict[str, Any]]] = []
         self._interfaces: dict[str, list[Interface]] = {
             kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
@@ -168,8 +172,7 @@ class Node:
                     known,
                 )
             self.log.info("%s", text)
-            if not self.clock.is_running:
-                self._ask_for_clock()
+            self._expect_clock()
 
     def spin(self) -> None:
         """Say that the node is ready and wait until it is shut down."""
@@ -213,15 +216,20 @@ class Node:
         node is shut down before.
         """
         if not self.clock.is_running:
-            self._ask_for_clock()
+            self._expect_clock()
             with Wakeup() as wakeup:
                 self.clock.call_when_running(wakeup.wake)
                 self._signals.wait(timeout_s, wakeup)
         return self.clock.is_running
 
-    def _ask_for_clock(self) -> None:
-        if not self._has_asked_for_clock:
-            self._has_asked_for_clock = True
+    def _expect_clock(self) -> None:
+        """Say once that nobody tells the time, where that is so for a while."""
+        if not self.clock.is_running and not self._expects_clock:
+            self._expects_clock = True
+            self._executor.after(_CLOCK_WITHIN_S, self._miss_clock)
+
+    def _miss_clock(self) -> None:
+        if not self.clock.is_running:
             topic = self._resolve(TOPIC)
             self.log.info("Waiting for the clock: nobody tells the time on topic %r yet", topic)
             self.clock.call_when_running(lambda: self.log.info("The clock runs"))

@@ -14,7 +14,7 @@ cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _CHUNK
 
 cdef class Buffer:
     cdef readonly double cache_time_s
-    cdef readonly object sampling, rejected
+    cdef readonly object sampling, rejected, shortfall
     cdef readonly Tree _tree
     cdef cython.pymutex _lock
     cdef readonly object _waiters

@@ -36,6 +36,7 @@ from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.outcome import ALL_STATIC, NO_DATA
 from tfbus.rejections import Rejections
 from tfbus.sampling import TF2, Sampling
+from tfbus.shortfall import Shortfall
 from tfbus.transform import (
     QUATERNION_TOLERANCE,
     UNIT_TO_THE_LAST_BIT,
@@ -79,7 +80,8 @@ class Buffer:
     Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
-    `rejected` counts the rows of batches that could not be taken, by their reason.
+    `rejected` counts the rows of batches that could not be taken, by their reason; `shortfall`
+    the lookups that it was too short for.
 
     `clock` says what time it is, in nanoseconds since the Unix epoch, where the age of a sample
     matters. Where it is simulated (`node.clock`), timeouts count its seconds, and real ones
@@ -104,6 +106,7 @@ class Buffer:
         self.sampling = TF2 if sampling == TF2 else sampling
         self.clock = clock
         self.rejected = Rejections()
+        self.shortfall = Shortfall()
         self._tree = Tree(round(min(cache_time_s * 1e9, _LONGEST_NS)))
         self._waiters = Waiters(self._tree)
         self._listeners: list[Callable[[Change], None]] = []
@@ -906,6 +909,7 @@ class Buffer:
                 stamp_ns,
                 self.sampling if sampling is None else sampling,
             )
+        self.shortfall.note(error, self.cache_time_s)
         if isinstance(error, ConnectivityException):
             error = self._explained(error, (question,))
         return error or ExtrapolationException(

@@ -17,10 +17,22 @@ class ParameterDescription:
 
 
 @dataclass(frozen=True)
+class BufferDescription:
+    """A node's buffer: how long it keeps samples, how many lookups asked for a time before that,
+    and by how much at most.
+    """
+
+    cache_time_s: float
+    too_old: int = 0
+    missed_by_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class NodeDescription:
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
+    `unread` are those of its `streams` that have moving frames which nobody listens to.
     """
 
     name: str
@@ -35,6 +47,8 @@ class NodeDescription:
     subscribes: dict[str, str]
     serves: dict[str, str]
     calls: dict[str, str]
+    unread: tuple[str, ...] = ()
+    buffers: tuple[BufferDescription, ...] = ()
 
 
 STREAM_VERSION = 1

@@ -62,6 +62,11 @@ class Stream:
         self._token = session.token(stream_key(name))
         self._frames.describe_soon()
 
+    @property
+    def unread(self) -> bool:
+        """Whether it has frames that move, and nobody listens to them now."""
+        return self._sender is not None and not self._sender.heard
+
     def sender(self, options: StreamOptions) -> TransformSender:
         """What sends the stream's dynamic transforms, the same for all who ask.
 

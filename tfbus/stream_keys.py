@@ -45,6 +45,10 @@ class StreamKeys(Protocol):
 
     expression: str
 
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to any of them now."""
+
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
         """Which rows of this batch, and others with the same edges, go on which key."""
 
@@ -58,6 +62,11 @@ class OneKey:
     def __init__(self, stream: str, session: Session) -> None:
         self.expression = transforms_key(stream)
         self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to it now."""
+        return self._key.publisher.heard
 
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
         """All rows in one message."""
@@ -77,6 +86,11 @@ class KeyPerFrame:
         self.expression = f"{self._own_key}/**"
         self._publishers = session.publishers_within(self.expression, urgent=True)
         self._keys: dict[str, StreamKey] = {}
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody subscribes to any of them now."""
+        return self._publishers.heard
 
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
         """One message a child frame."""

@@ -572,6 +572,25 @@ def test_a_command_learns_about_the_bus_from_its_environment(
     }
 
 
+def test_a_file_may_say_that_time_is_simulated(tmp_path: Path) -> None:
+    """What a file says of simulated time holds for all its nodes and those of its includes."""
+    (tmp_path / "inner.yaml").write_text("nodes:\n  - {node: simulator, name: sim}\n")
+    inner, outer, command = read(
+        tmp_path,
+        """
+        arguments: {sim: {default: "yes"}}
+        sim_time: ${sim}
+        includes: [{file: ./inner.yaml}]
+        nodes:
+          - node: broadcaster
+          - command: [env]
+        """,
+    )
+    assert "--sim-time" in program_line(inner)
+    assert "--sim-time" in program_line(outer)
+    assert program_of(command, NodeSettings("launch")).environment["TFBUS_SIM_TIME"] == "1"
+
+
 def test_a_dry_run_prints_what_a_shell_would_do_alike(tmp_path: Path) -> None:
     """Each line of a dry run is the name and a command to paste."""
     (tmp_path / "a b").mkdir()

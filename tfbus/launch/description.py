@@ -61,6 +61,7 @@ class Process:
     respawn: Respawn | None = None
     required: bool = False
     after: tuple[str, ...] = ()
+    sim_time: bool = False
 
     @property
     def full_name(self) -> str:

@@ -107,7 +107,7 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
         yield from ("--config", str(Path(settings.config).resolve()))
     if settings.log_level != "info":
         yield from ("--log-level", settings.log_level)
-    if settings.sim_time:
+    if settings.sim_time or process.sim_time:
         yield "--sim-time"
     for name, value in process.parameters:
         yield from ("--param", f"{name}={value}")
@@ -125,6 +125,6 @@ def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
             "TFBUS_CONNECT": " ".join(settings.connect) or None,
             "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
             "TFBUS_LOG_LEVEL": settings.log_level,
-            "TFBUS_SIM_TIME": "1" if settings.sim_time else None,
+            "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
         }
     return changes | dict(process.environment)

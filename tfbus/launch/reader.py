@@ -16,9 +16,9 @@ from tfbus.launch.fields import Fields
 from tfbus.launch.find import find_launch_file
 from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, nearest
 from tfbus.launch.process_entry import ProcessEntry, joined, read_process
-from tfbus.launch.substitution import Scope
+from tfbus.launch.substitution import Scope, truth
 
-_FILE_KEYS = ("description", "arguments", "includes", "nodes")
+_FILE_KEYS = ("description", "arguments", "sim_time", "includes", "nodes")
 _INCLUDE_KEYS = ("file", "namespace", "arguments")
 
 
@@ -60,6 +60,7 @@ class _Document:
         if "description" in fields:
             fields["description"].text()
         self.path = path
+        self._sim_time = fields.get("sim_time")
         self.arguments = tuple(
             declared_arguments(fields["arguments"]) if "arguments" in fields else ()
         )
@@ -67,6 +68,11 @@ class _Document:
         self.nodes = fields["nodes"].items() if "nodes" in fields else []
         if not self.includes and not self.nodes:
             raise whole.place.mistake("starts nothing; list something under 'nodes' or 'includes'")
+
+    def has_sim_time(self, scope: Scope) -> bool:
+        """Whether its nodes, and those of what it includes, are to follow the topic clock."""
+        value = self._sim_time
+        return value is not None and truth(scope.expand(value.text(), value.place), value.place)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +82,23 @@ class _Reading:
     environment: Mapping[str, str]
     namespace: str
     chain: tuple[Path, ...]  # the outermost file first, the one being read last
+    sim_time: bool = False
 
     def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
         """Every process, those of included files first."""
         folder = document.path.parent
         values = argument_values(document.arguments, given, str(document.path))
         scope = Scope(values, self.environment, str(folder.resolve()))
+        sim_time = document.has_sim_time(scope) or self.sim_time
         for include in document.includes:
-            yield from self._include(include, scope, folder)
+            yield from self._include(include, scope, folder, sim_time)
         for node in document.nodes:
-            yield read_process(node, scope, self.namespace, folder)
+            entry = read_process(node, scope, self.namespace, folder)
+            yield replace(entry, process=replace(entry.process, sim_time=sim_time))
 
-    def _include(self, value: Value, scope: Scope, folder: Path) -> Iterator[ProcessEntry]:
+    def _include(
+        self, value: Value, scope: Scope, folder: Path, sim_time: bool
+    ) -> Iterator[ProcessEntry]:
         if not value.is_mapping:
             raise value.place.mistake("must be a mapping with 'file', as in `- file: turtle`")
         fields = Fields(value, _INCLUDE_KEYS, scope)
@@ -98,7 +109,7 @@ class _Reading:
             return
         path = self._included_path(fields, folder)
         namespace = joined(self.namespace, fields.text("namespace", check_namespace))
-        inner = _Reading(self.environment, namespace, (*self.chain, path.resolve()))
+        inner = _Reading(self.environment, namespace, (*self.chain, path.resolve()), sim_time)
         try:
             yield from inner.entries(_Document(path), given)
         except LaunchArgumentError as error:

@@ -1,10 +1,16 @@
-"""Measure tfbus beside its peers, print the table, and write docs/performance.md: `make bench`."""
+"""Measure tfbus beside its peers, print the table, and write docs/performance.md: `make bench`.
+
+The part about the bus alone: `make bench ARGS="--only bus"`.
+"""
 
 import argparse
 import sys
 from pathlib import Path
 
 from benchmarks import growth, machine, page, report
+from benchmarks.bus import page as bus_page
+from benchmarks.bus import plot
+from benchmarks.bus.measure import measure as measure_bus
 from benchmarks.measure import Bench, measure
 from benchmarks.measures import comparisons
 
@@ -15,11 +21,24 @@ def main() -> None:
     """All of it, or the rows with a word in them."""
     parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
     parser.add_argument("--runs", type=int, default=9, help="of which the median counts (9)")
-    parser.add_argument("--only", default="", metavar="WORD", help="rows that have this in them")
+    parser.add_argument(
+        "--only", default="", metavar="WORD", help="rows that have this in them, or bus"
+    )
     parser.add_argument(
         "--docs", type=Path, default=DOCS, help="folder for performance.md and its plot"
     )
     arguments = parser.parse_args()
+    if arguments.only != "bus":
+        _measure_buffer(arguments)
+    if arguments.only in ("", "bus"):
+        measured = measure_bus(min(arguments.runs, 5), _tell)
+        plot.draw(measured.publishers, measured.frames, str(arguments.docs / "performance-bus.svg"))
+        part = bus_page.part(measured, machine.describe())
+        print(part)
+        bus_page.put_in(arguments.docs / "performance.md", part)
+
+
+def _measure_buffer(arguments: argparse.Namespace) -> None:
     chosen = [row for row in comparisons() if arguments.only in f"{row.what} {row.peer}"]
     place = machine.describe()
     with Bench() as bench:
@@ -32,9 +51,9 @@ def main() -> None:
     print(place, *(f"{peer}: {version}" for peer, version in versions.items()), sep="\n")
     if curves:
         growth.plot(curves, str(arguments.docs / "performance.svg"))
-        (arguments.docs / "performance.md").write_text(
-            page.performance(results, curves, place, versions)
-        )
+        file = arguments.docs / "performance.md"
+        kept = bus_page.former(file)
+        file.write_text(page.performance(results, curves, place, versions) + kept)
 
 
 def _tell(what: str) -> None:

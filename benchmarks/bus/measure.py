@@ -1,0 +1,59 @@
+"""All that is measured of the bus."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from benchmarks.bus import growth, intake, latency, ros, startup
+from benchmarks.bus.growth import Size
+from benchmarks.bus.intake import Intake
+from benchmarks.bus.latency import Latency
+
+# Sends of each kind in one run of the latency.
+_SENDS = 2_000
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Intake of messages of one transform and of fifty, beside that of tf2_ros, or why there is
+    none; latency beside bare Zenoh's; startup in seconds by phase, for each way to be found;
+    growth.
+    """
+
+    single: Intake
+    fifty: Intake
+    theirs: Intake | str
+    ours: Latency
+    bare: Latency
+    starts: dict[str, dict[str, float]]
+    publishers: Sequence[Size]
+    frames: Sequence[Size]
+
+
+def measure(runs: int, tell: Callable[[str], None]) -> Measured:
+    """Measure all of it, which takes some minutes."""
+    tell("intake")
+    single, fifty = intake.measure(1, runs), intake.measure(50, runs)
+    tell("tf2_ros under rospy")
+    theirs: Intake | str
+    try:
+        theirs = ros.measure(50, runs)
+    except ros.NotInstalled as error:
+        theirs = str(error)
+    tell("latency")
+    ours, bare = latency.measure(_SENDS, runs)
+    tell("startup")
+    starts = {
+        "found by scouting": startup.measure(3 * runs, scouting=True),
+        "at a given endpoint": startup.measure(3 * runs, scouting=False),
+    }
+    tell("growth")
+    return Measured(
+        single,
+        fifty,
+        theirs,
+        ours,
+        bare,
+        starts,
+        growth.of_publishers(),
+        growth.of_frames(),
+    )

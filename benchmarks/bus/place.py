@@ -1,0 +1,119 @@
+"""A bus of the benchmark's own: on loopback, without multicast; and processes that join it.
+
+A process is one function of a module of this package, called with keyword arguments in an
+interpreter of its own. It says what it has to say in lines of JSON, and goes on until its
+standard input ends.
+"""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+ROOT = Path(__file__).parent.parent.parent
+
+# zenohd's part is played by nobody: peers find each other at one endpoint.
+_CONFIG = "{scouting: {multicast: {enabled: false}}, timestamping: {enabled: true}}"
+
+
+class Place:
+    """Where the processes of one measurement meet."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        config = folder / "zenoh.json5"
+        config.write_text(_CONFIG)
+        inherited = {name: text for name, text in os.environ.items() if name[:6] != "TFBUS_"}
+        self.env = {
+            **inherited,
+            "TFBUS_CONFIG": str(config),
+            "TFBUS_LOG_LEVEL": "warning",
+        }
+        # Processes run in the folder, with the benchmark's files in it: tfbus is the installed one.
+        (folder / "benchmarks").symlink_to(ROOT / "benchmarks")
+
+    def listening(self) -> dict[str, str]:
+        """The environment of the process that the others connect to."""
+        return {**self.env, "TFBUS_LISTEN": self.endpoint}
+
+    def connecting(self) -> dict[str, str]:
+        """The environment of the others."""
+        return {**self.env, "TFBUS_CONNECT": self.endpoint}
+
+
+@contextmanager
+def place() -> Iterator[Place]:
+    """A place in a folder that goes away."""
+    with TemporaryDirectory(prefix="tfbus-bench-") as folder:
+        yield Place(Path(folder))
+
+
+class Process:
+    """A process as the top of this file says; a context manager that ends it."""
+
+    def __init__(
+        self,
+        at: Place,
+        function: str,
+        env: dict[str, str],
+        *,
+        python: str = sys.executable,
+        **arguments: Any,
+    ) -> None:
+        command = [python, "-m", "benchmarks.bus.run", function, json.dumps(arguments)]
+        self._popen = subprocess.Popen(
+            command,
+            env=env,
+            cwd=at.folder,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+
+    def __enter__(self) -> "Process":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            self._popen.communicate(timeout=20.0)
+        except subprocess.TimeoutExpired:
+            self._popen.kill()
+            self._popen.communicate()
+
+    def hear(self) -> Any:
+        """The next thing that it says."""
+        assert self._popen.stdout is not None
+        line = self._popen.stdout.readline()
+        if not line:
+            raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}")
+        return json.loads(line)
+
+    def tell(self) -> None:
+        """Send it one line, which it may wait for."""
+        assert self._popen.stdin is not None
+        self._popen.stdin.write("\n")
+        self._popen.stdin.flush()
+
+
+def free_port() -> int:
+    """A port of loopback that nobody listens to now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+    return port
+
+
+def say(thing: Any) -> None:
+    """Said by a process to the benchmark."""
+    print(json.dumps(thing), flush=True)
+
+
+def wait_for_line() -> bool:
+    """In a process: whether the benchmark has told something, False where it has ended."""
+    return bool(sys.stdin.readline())

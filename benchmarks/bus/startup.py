@@ -1,0 +1,81 @@
+"""How long a process takes from its start to its first lookup that answers, and what of."""
+
+import sys
+import time
+from collections.abc import Mapping
+from statistics import median
+
+from benchmarks.bus.place import Place, Process, free_port, place, say
+
+PHASES = {
+    "python": "the interpreter",
+    "imports": "imports: tfbus, Zenoh, numpy",
+    "node": "the node: Zenoh's session, which finds the others",
+    "listener": "the buffer and the listener",
+    "lookup": "until the first message makes the lookup answer (one is sent each 20 ms)",
+}
+
+
+def measure(runs: int, *, scouting: bool) -> dict[str, float]:
+    """Seconds by phase, medians; the others are found by scouting, or at an endpoint given."""
+    taken: list[dict[str, float]] = []
+    with place() as at:
+        env = _scouting(at) if scouting else at.connecting()
+        with Process(at, "startup:publish", env if scouting else at.listening()) as publisher:
+            publisher.hear()
+            for _ in range(runs):
+                started_ns = time.time_ns()
+                with Process(at, "startup:look_up", env) as process:
+                    told = process.hear()
+                taken.append(_phases(started_ns, told))
+    return {phase: median(one[phase] for one in taken) for phase in taken[0]}
+
+
+def _phases(started_ns: int, told: Mapping[str, int]) -> dict[str, float]:
+    phases = {}
+    before = started_ns
+    for phase in PHASES:
+        phases[phase] = (told[phase] - before) / 1e9
+        before = told[phase]
+    return phases | {"all": (before - started_ns) / 1e9}
+
+
+def _scouting(at: Place) -> dict[str, str]:
+    """Processes that find each other by multicast, apart from any other on this network."""
+    config = at.folder / "scouting.json5"
+    address = f"224.0.0.224:{free_port()}"
+    config.write_text(f"{{scouting: {{multicast: {{address: '{address}'}}}}}}")
+    return {**at.env, "TFBUS_CONFIG": str(config)}
+
+
+def publish() -> None:
+    """The process that is there already, and sends one transform each 20 ms."""
+    import tfbus
+
+    with tfbus.Node("publisher") as node:
+        broadcaster = tfbus.TransformBroadcaster(node)
+        transform = tfbus.Transform((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+
+        def send() -> None:
+            stamped = tfbus.TransformStamped(node.now_ns(), "base_link", "frame_0", transform)
+            broadcaster.send_transform(stamped)
+
+        node.create_timer(0.02, send)
+        say("ready")
+        sys.stdin.readline()
+
+
+def look_up() -> None:
+    """The process that is started; says when it had come how far."""
+    told = {"python": time.time_ns()}
+    from tfbus import Buffer, Node, TransformListener
+
+    told["imports"] = time.time_ns()
+    with Node("starter") as node:
+        told["node"] = time.time_ns()
+        buffer = Buffer()
+        with TransformListener(buffer, node):
+            told["listener"] = time.time_ns()
+            buffer.lookup_transform("base_link", "frame_0", timeout_s=20.0)
+            told["lookup"] = time.time_ns()
+    say(told)

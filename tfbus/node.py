@@ -342,6 +342,14 @@ class Node:
 
     # What it tells about itself
 
+    def tell_of_buffer(self, describe: Callable[[], dict[str, Any]]) -> None:
+        """Tell of a buffer that is filled, in the fields of a BufferDescription."""
+        self._buffers.append(describe)
+
+    def forget_buffer(self, describe: Callable[[], dict[str, Any]]) -> None:
+        """Tell of a buffer no more."""
+        self._buffers.remove(describe)
+
     def describe(self) -> dict[str, Any]:
         """What the node tells those who ask for it: who, where, and its interfaces."""
         return {
@@ -352,6 +360,8 @@ class Node:
             "session": self.session.id,
             "started_ns": self.started_ns,
             "streams": sorted(self._streams),
+            "unread": sorted(name for name, stream in self._streams.items() if stream.unread),
+            "buffers": [describe() for describe in self._buffers],
             "parameters": [parameter.describe() for parameter in self._parameters],
             **{
                 kind: {each.name: each.type_name for each in interfaces if not each.closed}

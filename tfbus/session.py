@@ -419,6 +419,11 @@ class Session:
                 break
         watch.close()
 
+    def routers(self) -> list[str]:
+        """The ids of the routers that the session is connected to."""
+        with bus_errors("list the routers"):
+            return [str(zid) for zid in self.zenoh.info.routers_zid()]
+
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
         with bus_errors("watch links"):
@@ -555,3 +560,27 @@ def _at(settings: NodeSettings) -> str:
 def within(key: str, expression: str) -> bool:
     """Whether the key lies within the key expression."""
     return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))
+
+
+def has_scouting(settings: NodeSettings) -> bool:
+    """Whether a session with these settings looks for others by multicast."""
+    enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
+    is_told_where = settings.mode == "client" and bool(settings.connect)
+    return enabled is not False and not is_told_where
+
+
+def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:
+    """The ids of the peers and routers that scouting finds, ended when `until` is among them."""
+    found: set[str] = set()
+    is_found = threading.Event()
+
+    def on_hello(hello: zenoh.Hello) -> None:
+        found.add(str(hello.zid))
+        if until in found:
+            is_found.set()
+
+    with bus_errors("look for others by scouting"):
+        scout = zenoh.scout(_direct(on_hello), what="peer|router", config=zenoh_config(settings))
+    is_found.wait(timeout_s)
+    scout.stop()
+    return found

@@ -23,6 +23,7 @@ TOOLS = {
     "call": "Call a service, or send a goal and follow it.",
     "completion": "Print the script that makes your shell complete tfbus.",
     "create": "Write a small package with a node of your own.",
+    "doctor": "Look for what is wrong with the bus, and say what to do; exits with 1 on a failure.",
     "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
     "monitor": "Measure how transforms come: all, or those between two frames.",

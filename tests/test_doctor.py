@@ -1,0 +1,268 @@
+"""The checks of the doctor: each finds its trouble where it is, and nothing where it is not."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from tfbus import Buffer, NodeSettings, Transform, TransformStamped
+from tfbus.description import BufferDescription, NodeDescription
+from tfbus.doctor.checks import CHECKS
+from tfbus.doctor.examination import Examination, Flow, Host
+from tfbus.frames.tree import frame_tree
+from tfbus.scouting import Interface
+from tfbus.stream_info import StreamInfo
+
+NS = 1_000_000_000
+NOW_NS = 1_670_400_300 * NS
+
+VERSIONS = {
+    "Python": "3.11.7",
+    "tfbus": "0.1.0",
+    "eclipse-zenoh": "1.10.2",
+    "numpy": "2.0",
+    "msgpack": "1.1",
+    "click": "8.2",
+    "PyYAML": "6.0",
+}
+ETH0 = Interface("eth0", is_up=True, has_multicast=True, is_loopback=False)
+DOWN = Interface("eth0", is_up=False, has_multicast=True, is_loopback=False)
+HOST = Host(VERSIONS, is_compiled=True, interfaces=(ETH0,), scouted=True, routers=1)
+SIM = NodeDescription(
+    "/sim",
+    "robot",
+    7,
+    "0.1.0",
+    "session",
+    0,
+    ("sim",),
+    (),
+    {},
+    {},
+    {},
+    {},
+    buffers=(BufferDescription(10.0),),
+)
+STREAM = StreamInfo(
+    "sim",
+    node="/sim",
+    host="robot",
+    pid=7,
+    alive=True,
+    frames=(("world", "base", False), ("base", "camera", True)),
+    clock_offset_s=0.001,
+)
+OTHER = replace(STREAM, name="other", node="/other", pid=8, frames=())
+FLOW = Flow("sim", "base", rate_hz=10.0, jitter_s=0.002, longest_gap_s=0.11, delay_s=0.001)
+
+
+def filled() -> Buffer:
+    """world -> base at 10 Hz for 2 s, base -> camera static."""
+    buffer = Buffer()
+    for back in range(21):
+        stamp_ns = NOW_NS - back * NS // 10
+        moving = TransformStamped(stamp_ns, "world", "base", Transform.identity())
+        buffer.set_transform(moving, authority="sim")
+    fixed = TransformStamped(NOW_NS, "base", "camera", Transform.identity())
+    buffer.set_transform(fixed, static=True, authority="sim")
+    return buffer
+
+
+def with_tree(buffer: Buffer, *streams: StreamInfo) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, tree=frame_tree(buffer, streams, NOW_NS))
+
+
+def with_streams(*streams: StreamInfo) -> Callable[[Examination], Examination]:
+    return with_tree(filled(), *streams)
+
+
+def with_host(**changes: object) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, host=replace(HOST, **changes))
+
+
+def with_flow(**changes: object) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, flows=(replace(FLOW, **changes),))
+
+
+def with_nodes(*nodes: NodeDescription) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, nodes=nodes)
+
+
+@pytest.fixture
+def healthy() -> Examination:
+    """A bus on which nothing is wrong."""
+    return Examination(
+        NodeSettings("doctor"),
+        HOST,
+        (SIM,),
+        frame_tree(filled(), (STREAM,), NOW_NS),
+        (FLOW,),
+        listened_s=3.0,
+        largest={"sim": 300},
+    )
+
+
+def apart() -> Buffer:
+    buffer = filled()
+    buffer.set_transform(TransformStamped(NOW_NS, "map", "dock", Transform.identity()))
+    return buffer
+
+
+def alone() -> Buffer:
+    buffer = apart()
+    buffer.remove("dock")
+    return buffer
+
+
+def gone() -> Buffer:
+    buffer = filled()
+    buffer.mark_gone(["base"], True, "sim")
+    return buffer
+
+
+# Of each check what makes the trouble, its verdict, and what the evidence says of it.
+TROUBLES = {
+    "install": (
+        with_host(versions=VERSIONS | {"msgpack": ""}),
+        "fail",
+        "msgpack is not installed",
+    ),
+    "kernel": (with_host(is_compiled=False), "warn", "the buffer is interpreted"),
+    "zenoh": (
+        with_host(versions=VERSIONS | {"eclipse-zenoh": "2.0.0"}),
+        "warn",
+        "eclipse-zenoh 2.0.0; tfbus is tested with 1.10",
+    ),
+    "scouting": (
+        with_host(scouted=False, interfaces=(DOWN,)),
+        "fail",
+        "no interface is up and carries multicast",
+    ),
+    "routers": (
+        lambda seen: replace(
+            seen,
+            settings=NodeSettings("doctor", connect=("tcp/hub:7447",)),
+            host=replace(HOST, unreachable={"tcp/hub:7447": "Connection refused"}),
+        ),
+        "fail",
+        "tcp/hub:7447: Connection refused",
+    ),
+    "node-names": (
+        with_nodes(SIM, replace(SIM, host="desk", pid=8)),
+        "fail",
+        "2 nodes are called /sim: on robot, pid 7; on desk, pid 8",
+    ),
+    "conflicts": (
+        with_streams(STREAM, replace(OTHER, frames=(("world", "base", False),))),
+        "fail",
+        "'base' is published by several at once: /sim on robot, pid 7 under 'world'; /other on",
+    ),
+    "loops": (
+        with_streams(STREAM, replace(OTHER, frames=(("base", "world", False),))),
+        "fail",
+        "is a loop, made by",
+    ),
+    "orphans": (with_tree(alone(), STREAM), "warn", "'map' is alone"),
+    "disconnected": (
+        with_tree(apart(), STREAM),
+        "warn",
+        "'map' and 1 frame below it are a tree apart",
+    ),
+    "static-dynamic": (
+        with_streams(STREAM, replace(OTHER, frames=(("base", "camera", False),))),
+        "fail",
+        "'camera' is static by /sim on robot, pid 7 and moving by /other on robot, pid 8",
+    ),
+    "gone": (with_tree(gone(), STREAM), "warn", "the publisher of 'base' is gone: /sim on robot"),
+    "silent": (
+        with_streams(replace(STREAM, frames=(*STREAM.frames, ("base", "arm", False)))),
+        "warn",
+        "no transform of 'arm' has come, though /sim on robot, pid 7 tells of it",
+    ),
+    "clock-skew": (
+        with_streams(replace(STREAM, clock_offset_s=-2.5)),
+        "fail",
+        "the clock of /sim on robot, pid 7 is 2.5 s behind ours",
+    ),
+    "rates": (
+        with_flow(rate_hz=3.0),
+        "warn",
+        "'base' comes at 3.0 Hz, by its stamps it is sent at 10.0 Hz",
+    ),
+    "jitter": (with_flow(jitter_s=0.08), "warn", "the time between two is spread by 80 ms"),
+    "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
+    "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' were older"),
+    "stamps": (with_flow(delay_s=-0.5), "fail", "samples of 'base' are 500 ms in the future"),
+    "refused": (
+        lambda seen: replace(seen, rejected={"not finite": 3}),
+        "fail",
+        "3 times: not finite",
+    ),
+    "messages": (
+        lambda seen: replace(seen, largest={"sim": 900_000}),
+        "warn",
+        "messages of stream 'sim' have up to 900 kB",
+    ),
+    "unread": (
+        with_nodes(replace(SIM, unread=("sim",))),
+        "warn",
+        "nobody reads the moving frames of stream 'sim' of /sim",
+    ),
+    "buffers": (
+        with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
+        "warn",
+        "/sim keeps 2.0 s, but 12 lookups asked for times before that, by up to 750 ms",
+    ),
+}
+
+
+def test_every_check_is_tried() -> None:
+    """There is a trouble for each check."""
+    assert TROUBLES.keys() == CHECKS.keys()
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_nothing_is_found_where_nothing_is_wrong(name: str, healthy: Examination) -> None:
+    """On a healthy bus each check is ok, or says why it was skipped."""
+    settings = NodeSettings("doctor", connect=("tcp/hub:7447",))
+    finding = CHECKS[name](replace(healthy, settings=settings))
+    assert (finding.verdict, finding.remedy) == ("ok", "")
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
+    """Each check names its trouble in its evidence, and says what to do."""
+    injure, verdict, evidence = TROUBLES[name]
+    finding = CHECKS[name](injure(healthy))
+    assert finding.verdict == verdict
+    assert evidence in "\n".join(finding.evidence)
+    assert finding.remedy
+
+
+def test_stamps_of_zero_are_found(healthy: Examination) -> None:
+    """A stamp of 0, as of a clock that does not run yet, is named."""
+    finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
+    assert finding.evidence == ("2 samples of 'base' have the stamp 0",)
+
+
+def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
+    """Messages that were sent and never came are told with the gaps."""
+    finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
+    assert finding.evidence == ("7 messages of stream 'sim' were sent and never came",)
+
+
+@pytest.mark.parametrize(
+    ("name", "injure", "reason"),
+    [
+        ("scouting", with_host(scouted=None), "scouting is off, by the mode or the configuration"),
+        ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
+        ("rates", lambda seen: replace(seen, flows=()), "no moving frame came while listening"),
+        ("buffers", with_nodes(), "no node has a buffer"),
+    ],
+)
+def test_what_cannot_be_seen_is_skipped(
+    name: str, injure: Callable[[Examination], Examination], reason: str, healthy: Examination
+) -> None:
+    """Where a check has nothing to look at it says so."""
+    finding = CHECKS[name](injure(healthy))
+    assert (finding.verdict, finding.evidence) == ("skipped", (reason,))

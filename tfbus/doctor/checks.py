@@ -1,0 +1,35 @@
+"""All checks by their stable names, in the order in which they are told."""
+
+from collections.abc import Callable
+
+from tfbus.doctor import flow_checks, host_checks, tree_checks, use_checks
+from tfbus.doctor.examination import Examination
+from tfbus.doctor.finding import Finding
+
+Check = Callable[[Examination], Finding]
+
+CHECKS: dict[str, Check] = {
+    "install": host_checks.check_install,
+    "kernel": host_checks.check_kernel,
+    "zenoh": host_checks.check_zenoh,
+    "scouting": host_checks.check_scouting,
+    "routers": host_checks.check_routers,
+    "node-names": tree_checks.check_node_names,
+    "conflicts": tree_checks.check_conflicts,
+    "loops": tree_checks.check_loops,
+    "orphans": tree_checks.check_orphans,
+    "disconnected": tree_checks.check_disconnected,
+    "static-dynamic": tree_checks.check_static_dynamic,
+    "gone": tree_checks.check_gone,
+    "silent": tree_checks.check_silent,
+    "clock-skew": flow_checks.check_clock_skew,
+    "rates": flow_checks.check_rates,
+    "jitter": flow_checks.check_jitter,
+    "gaps": flow_checks.check_gaps,
+    "order": flow_checks.check_order,
+    "stamps": flow_checks.check_stamps,
+    "refused": flow_checks.check_refused,
+    "messages": flow_checks.check_messages,
+    "unread": use_checks.check_unread,
+    "buffers": use_checks.check_buffers,
+}

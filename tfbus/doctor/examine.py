@@ -1,0 +1,62 @@
+"""Looking at a bus: gathers all that the checks need."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+from tfbus.buffer import Buffer
+from tfbus.clock import SYSTEM_CLOCK
+from tfbus.description import NodeDescription
+from tfbus.doctor.examination import Examination
+from tfbus.doctor.flows import FlowMeter
+from tfbus.doctor.host import examine_host
+from tfbus.errors import DecodeError
+from tfbus.frames.tree import frame_tree
+from tfbus.listener import TransformListener
+from tfbus.node import Node
+from tfbus.presence import describe_all
+from tfbus.session import Session
+from tfbus.settings import NodeSettings
+
+# What publishers have kept tells the rates that they had before.
+_HISTORY_S = 10.0
+
+
+def examine(
+    settings: NodeSettings, listen_s: float, on_unreadable: Callable[[DecodeError], object]
+) -> Examination:
+    """Look at this host and at the bus, listening for so many seconds.
+
+    Raises BusError where the bus cannot be joined.
+    """
+    with Node(settings=replace(settings, log_level="error")) as node:
+        node.session.settle()
+        # Nodes are asked before anything is subscribed to: who listens now is not us.
+        nodes = _others(node, describe_all(node.session, on_unreadable))
+        host = examine_host(settings, len(node.session.routers()))
+        buffer = Buffer(_HISTORY_S)
+        with TransformListener(buffer, node, history_s=_HISTORY_S) as listener:
+            meter = FlowMeter(node)
+            listened_s = _listen(node, listen_s)
+            meter.close()
+            return Examination(
+                settings,
+                host,
+                nodes,
+                frame_tree(buffer, listener.streams(), node.now_ns()),
+                meter.flows(),
+                listened_s,
+                dict(buffer.rejected),
+                dict(meter.largest),
+            )
+
+
+def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescription, ...]:
+    return tuple(each for each in described if each.session != node.session.id)
+
+
+
+def _listen(node: Node, listen_s: float) -> float:
+    start_s = time.monotonic()
+    node.wait(listen_s, clock=SYSTEM_CLOCK)
+    return time.monotonic() - start_s

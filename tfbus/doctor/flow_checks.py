@@ -1,0 +1,159 @@
+"""Checks of how transforms come: their clocks, rates, stamps and sizes."""
+
+from tfbus.doctor.examination import Examination, Flow
+from tfbus.doctor.finding import Finding, found, ok, skipped
+from tfbus.frames.facts import duration
+from tfbus.frames.tree import who
+
+# Above this a lookup at one's own "now" fails, or is a guess.
+_MOST_SKEW_S = 0.1
+# An edge whose rate in the last seconds is off by this factor from that of its kept history.
+_RATE_FACTOR = 1.5
+# Where times between samples are spread by more than this part of the mean, it is not regular.
+_MOST_JITTER = 0.5
+# A pause is a gap where it is so many periods long, and at least so long at all.
+_GAP_PERIODS, _LEAST_GAP_S = 5.0, 0.25
+_FUTURE_S = 0.02
+# A message of more than Zenoh's batch goes in fragments: where one is dropped, all is lost.
+_BATCH_BYTES = 65_535
+
+
+def check_clock_skew(seen: Examination) -> Finding:
+    """The clocks of publishers agree with ours."""
+    offsets = {
+        stream.name: (stream, stream.clock_offset_s)
+        for stream in seen.tree.streams.values()
+        if stream.alive and stream.clock_offset_s is not None
+    }
+    skewed = [
+        f"the clock of {who(stream)} is {duration(abs(offset))} "
+        f"{'ahead of' if offset > 0 else 'behind'} ours"
+        for stream, offset in offsets.values()
+        if abs(offset) > _MOST_SKEW_S
+    ]
+    if not offsets:
+        return skipped("no publisher's clock is known")
+    return found(
+        "fail",
+        skewed,
+        "let both hosts take their time from the same server (chrony, or another NTP client)",
+        f"{len(offsets)} clocks are within {duration(_MOST_SKEW_S)} of ours",
+    )
+
+
+def check_rates(seen: Examination) -> Finding:
+    """Frames come as often as they did before."""
+    evidence = []
+    for flow in seen.flows:
+        before_hz = seen.tree.frames[flow.frame].rate_hz if flow.frame in seen.tree.frames else None
+        if flow.rate_hz and before_hz:
+            factor = flow.rate_hz / before_hz
+            if not 1 / _RATE_FACTOR < factor < _RATE_FACTOR:
+                evidence.append(
+                    f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
+                    f"{before_hz:.1f} Hz"
+                )
+    return _of_flows(
+        seen, "warn", evidence, "see what its node, or the network, is busy with (tfbus monitor)"
+    )
+
+
+def check_jitter(seen: Examination) -> Finding:
+    """Frames come regularly."""
+    evidence = [
+        f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, but the time between two is spread by "
+        f"{duration(flow.jitter_s)}"
+        for flow in seen.flows
+        if flow.rate_hz and flow.jitter_s and flow.jitter_s * flow.rate_hz > _MOST_JITTER
+    ]
+    return _of_flows(
+        seen, "warn", evidence, "send from a timer, not from a loop that also does other work"
+    )
+
+
+def check_gaps(seen: Examination) -> Finding:
+    """No samples are missing in between."""
+    evidence = []
+    for flow in seen.flows:
+        limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
+        if flow.longest_gap_s > limit_s:
+            evidence.append(
+                f"{flow.frame!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
+                "are interpolated across that"
+            )
+    evidence += [
+        f"{stream.missed} messages of stream {stream.name!r} were sent and never came"
+        for stream in seen.tree.streams.values()
+        if stream.missed
+    ]
+    return _of_flows(
+        seen, "warn", evidence, "see whether its node stalls or the network drops (tfbus monitor)"
+    )
+
+
+def check_order(seen: Examination) -> Finding:
+    """Samples come in the order of their stamps."""
+    evidence = [
+        f"{flow.out_of_order} samples of {flow.frame!r} were older than the one before"
+        for flow in seen.flows
+        if flow.out_of_order
+    ]
+    return _of_flows(seen, "warn", evidence, "send each frame from one place, with rising stamps")
+
+
+def check_stamps(seen: Examination) -> Finding:
+    """No stamp is in the future, or zero."""
+    evidence = [
+        f"{flow.at_zero} samples of {flow.frame!r} have the stamp 0"
+        for flow in seen.flows
+        if flow.at_zero
+    ]
+    evidence += [
+        f"samples of {flow.frame!r} are {duration(-flow.delay_s)} in the future"
+        for flow in seen.flows
+        if flow.delay_s is not None and flow.delay_s < -_FUTURE_S
+    ]
+    return _of_flows(
+        seen,
+        "fail",
+        evidence,
+        "stamp a transform with the time at which it was measured (node.now_ns()); see clock-skew",
+    )
+
+
+def check_messages(seen: Examination) -> Finding:
+    """Messages fit into one packet of Zenoh's."""
+    large = [
+        f"messages of stream {stream!r} have up to {size / 1e3:.0f} kB"
+        for stream, size in seen.largest.items()
+        if size > _BATCH_BYTES
+    ]
+    return found(
+        "warn",
+        large,
+        "send fewer frames at a time, or let each have a key of its own (split=True)",
+        "all are below 65 kB",
+    )
+
+
+def check_refused(seen: Examination) -> Finding:
+    """No transform was refused."""
+    evidence = [f"{count} times: {reason}" for reason, count in seen.rejected.items()]
+    evidence += [
+        f"{stream.rejected} messages of stream {stream.name!r} could not be read"
+        for stream in seen.tree.streams.values()
+        if stream.rejected
+    ]
+    return found("fail", evidence, "mend the publisher; each reason says what is allowed")
+
+
+def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:
+    if not seen.flows:
+        return skipped("no moving frame came while listening")
+    if evidence:
+        return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
+    return ok(f"{_counted(seen.flows)} in {seen.listened_s:.0f} s")
+
+
+def _counted(flows: tuple[Flow, ...]) -> str:
+    return f"{len(flows)} moving frame{'' if len(flows) == 1 else 's'}"

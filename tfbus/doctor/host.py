@@ -1,0 +1,63 @@
+"""What there is on this host: packages, interfaces, and whether scouting finds anybody."""
+
+import logging
+import platform
+import socket
+from dataclasses import replace
+from importlib import metadata
+
+from tfbus.buffer import COMPILED
+from tfbus.doctor.examination import Host
+from tfbus.scouting import interfaces
+from tfbus.session import Session, found_by_scouting, has_scouting
+from tfbus.settings import NodeSettings
+
+_PACKAGES = ("tfbus", "eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
+_CONNECT_WITHIN_S = 2.0
+_SCOUT_S = 1.5
+
+
+def examine_host(settings: NodeSettings, routers: int) -> Host:
+    """Look at this host; takes a second or two, for the trial of scouting."""
+    return Host(
+        versions={
+            "Python": platform.python_version(),
+            **{name: _version(name) for name in _PACKAGES},
+        },
+        is_compiled=COMPILED,
+        interfaces=tuple(interfaces()),
+        scouted=_is_scouted(settings),
+        routers=routers,
+        unreachable={
+            endpoint: why for endpoint in settings.connect if (why := _why_unreachable(endpoint))
+        },
+    )
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _is_scouted(settings: NodeSettings) -> bool | None:
+    """Whether a session of ours is found by its scouting; None where it does not scout."""
+    if not has_scouting(settings):
+        return None
+    log = logging.getLogger(__name__)
+    with Session(replace(settings, connect=(), mode="peer"), log, scouting_s=0.01) as session:
+        return session.id in found_by_scouting(settings, _SCOUT_S, until=session.id)
+
+
+def _why_unreachable(endpoint: str) -> str:
+    """Why nothing answers at an endpoint as `tcp/host:7447`; "" where something does."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.partition("?")[0].rpartition(":")
+    if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
+        return ""  # cannot be tried without speaking its protocol
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), _CONNECT_WITHIN_S):
+            return ""
+    except OSError as error:
+        return error.strerror or str(error)

@@ -1,0 +1,74 @@
+"""Checks of this host: what is installed, and whether the others can be found from here."""
+
+from tfbus.doctor.examination import Examination
+from tfbus.doctor.finding import Finding, found, ok, skipped
+
+_NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
+
+# The versions of Zenoh that tfbus is tested with.
+_ZENOH = "1.10"
+
+
+def check_install(seen: Examination) -> Finding:
+    """tfbus and what it needs are installed."""
+    versions = seen.host.versions
+    missing = [f"{name} is not installed" for name in _NEEDED if not versions.get(name)]
+    fine = f"tfbus {versions.get('tfbus', '?')} on Python {versions.get('Python', '?')}"
+    return found("fail", missing, "pip install tfbus", fine)
+
+
+def check_kernel(seen: Examination) -> Finding:
+    """The buffer is compiled."""
+    if seen.host.is_compiled:
+        return ok("the buffer is compiled")
+    return Finding(
+        "warn",
+        ("the buffer is interpreted: right, but some thirty times slower",),
+        "install tfbus again where there is a C compiler, without TFBUS_PURE_PYTHON",
+    )
+
+
+def check_zenoh(seen: Examination) -> Finding:
+    """Zenoh is of a version that tfbus is tested with."""
+    version = seen.host.versions.get("eclipse-zenoh", "")
+    if version.startswith(f"{_ZENOH}."):
+        return ok(f"eclipse-zenoh {version}")
+    return Finding(
+        "warn",
+        (f"eclipse-zenoh {version or 'is not there'}; tfbus is tested with {_ZENOH}",),
+        f"pip install 'eclipse-zenoh~={_ZENOH}.0'",
+    )
+
+
+def check_scouting(seen: Examination) -> Finding:
+    """Processes find each other without being told where they are."""
+    if seen.host.scouted is None:
+        return skipped("scouting is off, by the mode or the configuration")
+    carriers = [each.name for each in seen.host.interfaces if each.is_up and each.has_multicast]
+    if seen.host.scouted:
+        where = f"on {', '.join(carriers)}" if carriers else "on this host alone: it has no network"
+        return ok(f"a session of this host was found by multicast {where}")
+    evidence = ["a session of this host was not found by multicast"]
+    if not carriers:
+        evidence.append("no interface is up and carries multicast")
+        remedy = "bring a network up (ip link set eth0 up multicast on), or give --connect ENDPOINT"
+    else:
+        evidence.append(f"{', '.join(carriers)} should carry it: a firewall may be in the way")
+        remedy = "let UDP port 7446 to 224.0.0.224 through the firewall, or give --connect ENDPOINT"
+    return Finding("fail", tuple(evidence), remedy)
+
+
+def check_routers(seen: Examination) -> Finding:
+    """The endpoints to connect to answer."""
+    endpoints = seen.settings.connect
+    evidence = [f"{endpoint}: {why}" for endpoint, why in seen.host.unreachable.items()]
+    if endpoints:
+        return found(
+            "fail",
+            evidence,
+            "start the router there (tfbus router), and let its port through the firewall",
+            f"{', '.join(endpoints)} answers",
+        )
+    if seen.host.routers:
+        return ok(f"connected to {seen.host.routers} routers that scouting found")
+    return skipped("no --connect was given, and scouting found no router")

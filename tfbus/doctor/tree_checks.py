@@ -1,0 +1,93 @@
+"""Checks of who is there and of the tree of frames."""
+
+from collections import defaultdict
+
+from tfbus.doctor.examination import Examination
+from tfbus.doctor.finding import Finding, Verdict, found
+from tfbus.frames.tree import ProblemKind, who
+
+_MOST_SENTENCES = 10
+
+
+def check_node_names(seen: Examination) -> Finding:
+    """No two nodes have the same name."""
+    places = defaultdict(list)
+    for node in seen.nodes:
+        places[node.name].append(f"{node.host}, pid {node.pid}")
+    doubled = [
+        f"{len(where)} nodes are called {name}: on {'; on '.join(where)}"
+        for name, where in places.items()
+        if len(where) > 1
+    ]
+    return found(
+        "fail",
+        doubled,
+        "give each a name of its own (--name), or a namespace (--namespace)",
+        f"{len(seen.nodes)} nodes",
+    )
+
+
+def check_conflicts(seen: Examination) -> Finding:
+    """Each frame has one publisher."""
+    return _of_tree(seen, "conflict", "fail", "stop one of the two, or rename one of the frames")
+
+
+def check_loops(seen: Examination) -> Finding:
+    """No edges make a loop."""
+    return _of_tree(seen, "loop", "fail", "swap parent and child where they are the wrong way")
+
+
+def check_orphans(seen: Examination) -> Finding:
+    """No frame is alone."""
+    return _of_tree(seen, "orphan", "warn", "publish a transform that joins it to the others")
+
+
+def check_disconnected(seen: Examination) -> Finding:
+    """All frames are in one tree."""
+    return _of_tree(
+        seen,
+        "disconnected",
+        "warn",
+        "publish a transform between the trees; look for a misspelled name of a parent",
+    )
+
+
+def check_gone(seen: Examination) -> Finding:
+    """The publisher of each frame is there."""
+    return _of_tree(seen, "gone", "warn", "start it again, or take its frames out of the tree")
+
+
+def check_silent(seen: Examination) -> Finding:
+    """Each frame that is told of is sent."""
+    return _of_tree(
+        seen,
+        "silent",
+        "warn",
+        "see whether its node still sends (tfbus monitor), and what it was started with",
+    )
+
+
+def check_static_dynamic(seen: Examination) -> Finding:
+    """No frame is published both as static and as moving."""
+    kinds = defaultdict(list)
+    for stream in seen.tree.streams.values():
+        for _, child, static in stream.frames:
+            if stream.alive:
+                kinds[child].append((static, stream))
+    mixed = [
+        f"{child!r} is "
+        + " and ".join(
+            f"{'static' if static else 'moving'} by {who(stream)}" for static, stream in claims
+        )
+        for child, claims in kinds.items()
+        if len({static for static, _ in claims}) > 1
+    ]
+    return found("fail", mixed, "publish it either as static or as moving", "none is both")
+
+
+def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str) -> Finding:
+    sentences = [problem.text for problem in seen.tree.problems() if problem.kind == kind]
+    if len(sentences) > _MOST_SENTENCES:
+        rest = len(sentences) - _MOST_SENTENCES
+        sentences = [*sentences[:_MOST_SENTENCES], f"and {rest} more of this kind"]
+    return found(verdict, sentences, remedy, f"{len(seen.tree.frames)} frames")

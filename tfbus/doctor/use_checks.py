@@ -1,0 +1,36 @@
+"""Checks of what is made of transforms: who reads them, and for how long they are kept."""
+
+from tfbus.doctor.examination import Examination
+from tfbus.doctor.finding import Finding, found, skipped
+from tfbus.frames.facts import duration
+
+
+def check_unread(seen: Examination) -> Finding:
+    """Each stream is read by somebody."""
+    unread = [
+        f"nobody reads the moving frames of stream {stream!r} of {node.name}"
+        for node in seen.nodes
+        for stream in node.unread
+    ]
+    return found(
+        "warn", unread, "stop its node, or start what was to read it", "each stream is read"
+    )
+
+
+def check_buffers(seen: Examination) -> Finding:
+    """Buffers are long enough for the lookups that are made in them."""
+    told = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not told:
+        return skipped("no node has a buffer")
+    short = [
+        f"{node.name} keeps {duration(buffer.cache_time_s)}, but {buffer.too_old} lookups asked "
+        f"for times before that, by up to {duration(buffer.missed_by_s)}"
+        for node, buffer in told
+        if buffer.too_old
+    ]
+    return found(
+        "warn",
+        short,
+        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
+        f"{len(told)} buffers",
+    )

@@ -53,20 +53,15 @@ class SimulatedTime:
     def resume(self) -> None:
         """Go on, if it is paused."""
         if self.paused:
-            self._go()
+            self.paused = False
             self._tell()
+            self._go()
 
     def _go(self) -> None:
-        self.paused = False
         self._owed_ns = 0.0
         self._real_ns = time.monotonic_ns()
         tick_s = max(SHORTEST_TICK_S, self._step_ns / 1e9 / self.rate)
         self._timer = self._node.create_timer(tick_s, self._tick)
-
-    def _stop(self) -> None:
-        if not self.paused:
-            self.paused = True
-            self._timer.cancel()
 
     def _tick(self) -> None:
         real_ns = time.monotonic_ns()
@@ -82,15 +77,17 @@ class SimulatedTime:
         self._publisher.publish(Clock(self._now_ns, self.rate, self.paused))
 
     def _change_rate(self, rate: float) -> None:
-        was_paused = self.paused
-        self._stop()
         self.rate = rate
-        if not was_paused:
+        self._tell()
+        if not self.paused:
+            self._timer.cancel()
             self._go()
 
     def _pause(self, request: Empty.Request) -> Empty.Response:
-        self._stop()
-        self._tell()
+        if not self.paused:
+            self.paused = True
+            self._timer.cancel()
+            self._tell()
         return Empty.Response()
 
     def _resume(self, request: Empty.Request) -> Empty.Response:

@@ -11,9 +11,11 @@ from hypothesis import strategies as st
 from tfbus import DecodeError, messages
 from tfbus.codec import decode_message, encode_map, encode_message
 from tfbus.messages import (
+    Clock,
     Color,
     Pose,
     RotateAbsolute,
+    SetClock,
     SetPen,
     Spawn,
     TeleportAbsolute,
@@ -29,6 +31,7 @@ MESSAGES = st.one_of(
     st.builds(Twist, vectors, vectors),
     st.builds(Pose, st.integers(0, 2**63 - 1), numbers, numbers, numbers, numbers, numbers),
     st.builds(Color, parts, parts, parts),
+    st.builds(Clock, st.integers(0, 2**63 - 1), numbers, st.booleans()),
     st.builds(Spawn.Request, numbers, numbers, numbers, st.text()),
     st.builds(SetPen.Request, parts, parts, parts, parts, st.booleans()),
 )
@@ -77,6 +80,14 @@ def test_a_part_of_a_colour_is_a_byte(bad: int) -> None:
         Color(0, bad, 0)
     with pytest.raises(ValueError, match=r"width is .* from 0 to 255"):
         SetPen.Request(width=bad)
+
+
+@pytest.mark.parametrize("bad", [-1, 2**63])
+def test_a_time_is_a_stamp(bad: int) -> None:
+    """A clock tells what a stamp can be, from 1970 on."""
+    for make in (Clock, SetClock.Request):
+        with pytest.raises(ValueError, match=f"stamp_ns is {bad}; nanoseconds from 0 to"):
+            make(bad)
 
 
 def test_what_cannot_be_said_is_not_heard() -> None:

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -141,3 +142,16 @@ def test_every_public_name_is_there() -> None:
         assert getattr(tfbus, name).__name__ == name
     with pytest.raises(AttributeError, match="module 'tfbus' has no attribute 'nonsense'"):
         tfbus.nonsense  # noqa: B018  # the access is the test
+
+
+def test_every_package_is_installed() -> None:
+    """Each package of the repository is in the list of those that are installed."""
+    listed = set(
+        tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    )
+    places = {path.parent for path in sources("tfbus") + sources("nodes")}
+    packages = {
+        ".".join(("tfbus", *place.relative_to(ROOT).parts[place.is_relative_to(ROOT / "tfbus") :]))
+        for place in places
+    }
+    assert packages | {"tfbus.configs"} == listed

@@ -61,10 +61,11 @@ class Simulator:
         node.create_timer(TICK_S, self._tick)
 
     def _tick(self) -> None:
-        self._take_parameters()
-        for _ in range(self._steps()):
-            self.world.step()
         stamp_ns = self._node.now_ns()
+        steps = self._steps()
+        self._take_parameters()
+        for _ in range(steps):
+            self.world.step()
         for interface in self._interfaces.values():
             interface.publish(stamp_ns)
 

@@ -42,7 +42,8 @@ def test_time_goes_by_at_the_rate_of_the_clock(bus: Bus, rate: str) -> None:
     real_s = time.monotonic() - began_s
     simulated_s = (node.now_ns() - began_ns) / SECOND
     assert 0.5 * float(rate) <= simulated_s
-    assert 0.3 < simulated_s / real_s / float(rate) < 1.5
+    # Messages may be late, on a machine that has much to do.
+    assert 0.1 < simulated_s / real_s / float(rate) < 5.0
 
 
 def test_timeouts_are_in_simulated_seconds(bus: Bus) -> None:

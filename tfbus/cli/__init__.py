@@ -42,6 +42,7 @@ NODES = {
     "echo": "Print the pose of the frame TARGET seen from the frame SOURCE.",
     "follow": "Spawn a turtle that follows a frame.",
     "mimic": "Command the speeds of input/pose to output/cmd_vel.",
+    "share": "Show frames of one robot to others.",
     "simulator": "Turtles on a field: drive them, watch their poses (turtlesim).",
     "static": "Publish transforms that never change.",
     "teleop": "Drive a turtle with the keyboard.",

@@ -113,7 +113,8 @@ def _remembered(file: Path) -> LiveNames | None:
     try:
         age_s = time.time() - file.stat().st_mtime
         if 0.0 <= age_s < FRESH_S:
-            return from_map(LiveNames, json.loads(file.read_text()))
+            content = json.loads(file.read_text())
+            return from_map(LiveNames, content) if isinstance(content, dict) else None
     except (OSError, ValueError, TfbusError):
         pass  # there is none, or another version's
     return None

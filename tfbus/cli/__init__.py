@@ -32,6 +32,7 @@ TOOLS = {
     "plot": "Plot position, orientation and speed of SOURCE seen from TARGET.",
     "router": "Run a Zenoh router, where nodes of several networks meet.",
     "service": "List, show and call services.",
+    "top": "Watch nodes, streams, frames and topics on one screen.",
     "topic": "List, show, print, measure and publish topics.",
 }
 NODES = {
@@ -88,7 +89,8 @@ class Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name = args[0]
-        if not name.startswith("-") and self.get_command(ctx, name) is None:
+        is_known = name.startswith("-") or self.get_command(ctx, name) is not None
+        if not is_known and not ctx.resilient_parsing:
             known = self.list_commands(ctx)
             close = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"

@@ -26,7 +26,8 @@ class _Shell(ShellComplete):
         """The words before the one at the cursor, and that one."""
         line = os.environ.get("TFBUS_LINE", "")
         words = split_arg_string(line)
-        incomplete = "" if not words or line[-1].isspace() else words.pop()
+        is_within_word = _last_word(line) or _is_in_quotes(line)
+        incomplete = words.pop() if words and is_within_word else ""
         return words[1:], incomplete
 
     def format_completion(self, item: CompletionItem) -> str:
@@ -66,7 +67,7 @@ complete -o nosort -F _tfbus_completion %(prog_name)s
         line = os.environ.get("TFBUS_LINE", "")
         if _is_in_quotes(line):
             return value
-        typed = _LAST_WORD.search(line)[0]  # type: ignore[index]  # it matches the empty end too
+        typed = _last_word(line)
         breaks = set(os.environ.get("TFBUS_BREAKS", "")) - set(" \t\n\"'")
         seen_from = max((at + 1 for at, char in enumerate(typed) if char in breaks), default=0)
         return _SPECIAL.sub(r"\\\1", value)[seen_from:]
@@ -146,6 +147,12 @@ _SPECIAL = re.compile(r"([^\w@%+=:,./~-])")
 def script(shell: str, command: click.Command) -> str:
     """The script that a shell runs once to know how to complete `tfbus`."""
     return SHELLS[shell](command, {}, "tfbus", "_TFBUS_COMPLETE").source()
+
+
+def _last_word(line: str) -> str:
+    """What is typed of the word at the end, "" after a blank."""
+    found = _LAST_WORD.search(line)
+    return found[0] if found else ""
 
 
 def _is_in_quotes(line: str) -> bool:

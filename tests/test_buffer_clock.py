@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import pytest
 from conftest import eventually
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus import Buffer, LookupException, TimeoutException, Transform, TransformStamped
@@ -120,6 +120,7 @@ def test_what_lies_in_the_future_can_be_forgotten() -> None:
     assert buffer.lookup_transform("a", "b").transform.x == 30.0
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, 9)), st.integers(-1, 10), st.lists(st.integers(0, 9)))
 def test_what_was_forgotten_was_never_there(stamps: list[int], after: int, more: list[int]) -> None:
     """Cleared after a time, a buffer answers as one that was never told of later ones."""

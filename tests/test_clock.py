@@ -4,7 +4,7 @@ import itertools
 import threading
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus.clock import SYSTEM_CLOCK, SimulatedClock, limit_by
@@ -48,6 +48,7 @@ def test_a_jump_back_is_told() -> None:
     assert jumps == [4 * S]
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(0, 2**63 - 1), min_size=1))
 def test_what_has_elapsed_never_goes_back(times: list[int]) -> None:
     """What has elapsed is the sum of all steps forward since the first time."""

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 from conftest import Bus, eventually
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus import (
@@ -31,6 +31,7 @@ def test_the_time_that_the_other_takes_is_not_on_the_way() -> None:
     assert measured(10 * SECOND, 15 * SECOND, 18 * SECOND, 15 * SECOND) == ClockOffset(4.0, 2.0)
 
 
+@settings(deadline=None)
 @given(
     offset=st.integers(-(10**12), 10**12),
     there=st.integers(0, 10**9),

@@ -1,0 +1,145 @@
+"""Processes for tests of loads: a publisher that sends as much as it is asked to, and a listener
+that tells what it has received.
+
+python load_roles.py publish|listen
+"""
+
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from tfbus import (
+    Buffer,
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBatch,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+
+TRICKLE_S = 0.05
+
+
+class Load:
+    """Sends: so many in a row, of so many frames each; then a static frame, if any, `static_x`
+    metres ahead.
+    """
+
+    @dataclass(frozen=True)
+    class Request:
+        """How many."""
+
+        sends: int = 0
+        frames: int = 1
+        static_x: float = 0.0
+
+    @dataclass(frozen=True)
+    class Response:
+        """The number of the last send, which is the x of its frames; how long it took; and the
+        memory of the process now, in bytes.
+        """
+
+        number: int
+        seconds: float
+        memory: int
+
+
+class Told:
+    """What the listener has received of the publisher."""
+
+    @dataclass(frozen=True)
+    class Request:
+        """Nothing to say."""
+
+    @dataclass(frozen=True)
+    class Response:
+        """Messages that came and that did not, the x of the newest and that of the static frame."""
+
+        messages: int
+        missed: int
+        x: float
+        static_x: float
+
+
+def heard(listener: TransformListener) -> Told.Response:
+    """What a listener has received of the publisher, at a moment at which nothing came: what has
+    been counted is in the buffer, too.
+    """
+    while True:
+        before = _heard(listener)
+        time.sleep(0.01)
+        if before == _heard(listener):
+            return before
+
+
+def _heard(listener: TransformListener) -> Told.Response:
+    [stream] = [stream for stream in listener.streams() if stream.name == "publisher"] or [None]
+    if stream is None:
+        return Told.Response(0, 0, -1.0, -1.0)
+    x, static_x = (x_of(listener.buffer, frame) for frame in ("frame_0", "static"))
+    return Told.Response(stream.messages, stream.missed, x, static_x)
+
+
+def x_of(buffer: Buffer, frame: str) -> float:
+    """How far ahead a frame is; -1 where it is not known."""
+    if not buffer.can_transform("world", frame):
+        return -1.0
+    return buffer.lookup_transform("world", frame).transform.x
+
+
+def batch(number: int, frames: int) -> TransformBatch:
+    """So many frames below `world`, as far ahead as the number says."""
+    names = ("world", *(f"frame_{index}" for index in range(frames)))
+    edges = np.array([(0, 1 + index) for index in range(frames)], dtype=np.uint32)
+    poses = np.tile([float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (frames, 1))
+    return TransformBatch(names, edges, np.full(frames, time.time_ns()), poses)
+
+
+def publish(node: Node) -> None:
+    """Send one frame now and then, and as many as asked for in between."""
+    dynamic = TransformBroadcaster(node, history_s=0.0)
+    # In a stream of its own, so that the messages of the other are those of the sends.
+    static = StaticTransformBroadcaster(node, stream="fixed")
+    number = -1
+
+    def send(frames: int = 1) -> None:
+        nonlocal number
+        number += 1
+        dynamic.send_transform(batch(number, frames))
+
+    def load(request: Load.Request) -> Load.Response:
+        started = time.monotonic()
+        for _ in range(request.sends):
+            send(request.frames)
+        if request.static_x:
+            pose = Transform((request.static_x, 0.0, 0.0))
+            static.send_transform(TransformStamped(time.time_ns(), "world", "static", pose))
+        return Load.Response(number, time.monotonic() - started, memory())
+
+    node.create_timer(TRICKLE_S, send)
+    node.create_service(Load, "load", load)
+    node.spin()
+
+
+def listen(node: Node) -> None:
+    """Listen, and tell who asks."""
+    listener = TransformListener(Buffer(), node)
+    node.create_service(Told, "told", lambda request: heard(listener))
+    node.spin()
+
+
+def memory(pid: int | str = "self") -> int:
+    """The memory of a process that is not swapped out, in bytes."""
+    with open(f"/proc/{pid}/status") as status:
+        [line] = [line for line in status if line.startswith("VmRSS")]
+    return int(line.split()[1]) * 1024
+
+
+if __name__ == "__main__":
+    role = {"publish": publish, "listen": listen}[sys.argv[1]]
+    with Node("publisher" if role is publish else "slow") as this_node:
+        role(this_node)

@@ -1,0 +1,129 @@
+"""Many frames, bursts, and subscribers that do not keep up, between processes."""
+
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Bus, Process, eventually
+from load_roles import Load, Told, heard, memory, x_of
+
+from tfbus import Buffer, Node, TransformListener
+
+ROLES = Path(__file__).parent / "load_roles.py"
+
+MB = 10**6
+PATIENCE_S = 60.0
+
+
+def start(bus: Bus, role: str) -> Process:
+    """A process of load_roles.py, ready."""
+    process = bus.start_command([sys.executable, str(ROLES), role])
+    process.wait_for_line("ready")
+    return process
+
+
+@pytest.fixture
+def node(bus: Bus) -> Node:
+    return bus.node("test")
+
+
+@pytest.fixture
+def listener(node: Node) -> TransformListener:
+    return TransformListener(Buffer(), node)
+
+
+def load(node: Node, **asked: float) -> Load.Response:
+    """Ask the publisher for it, and wait until it is sent."""
+    client = node.create_client(Load, "load")
+    response: Load.Response = client.call(Load.Request(**asked), timeout_s=PATIENCE_S)
+    return response
+
+
+def not_counted(told: Told.Response) -> float:
+    """How many of the sends up to the newest that was heard are neither counted as received nor as
+    missed.
+    """
+    return told.x + 1 - told.messages - told.missed
+
+
+def after(listener: TransformListener, number: int) -> Told.Response:
+    """What the listener has received once it has heard of a send later than this."""
+    return eventually(
+        lambda: told if (told := heard(listener)).x > number else None, within_s=PATIENCE_S
+    )
+
+
+def test_ten_thousand_frames_come_in_one_send(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """A send of 10,000 frames is one message, and puts all of them into the buffer."""
+    start(bus, "publish")
+    after(listener, 0)
+
+    def all_came() -> bool:
+        # Under congestion it may be dropped, as any other.
+        number = load(node, sends=1, frames=10_000).number
+        after(listener, number)
+        return len(listener.buffer.frames()) == 10_001
+
+    eventually(all_came)
+    assert x_of(listener.buffer, "frame_9999") > 0
+
+
+def test_each_send_of_a_burst_comes_or_is_counted_as_missed(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """Of 10,000 sends in a row each one is received, or counted as missed."""
+    start(bus, "publish")
+    before = after(listener, 0)
+    burst = load(node, sends=10_000)
+    told = after(listener, burst.number)
+    assert not_counted(told) == not_counted(before)
+    assert told.messages > before.messages
+
+
+def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """While a subscriber is stopped the publisher goes on, without piling up what it sends, and
+    all others hear it; afterwards the subscriber knows how much it missed, and has missed no
+    static transform.
+    """
+    publisher, slow = start(bus, "publish"), start(bus, "listen")
+    client = node.create_client(Told, "told")
+
+    def told_by_slow() -> Told.Response:
+        told: Told.Response = client.call(Told.Request(), timeout_s=PATIENCE_S)
+        return told
+
+    before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    load(node, static_x=1.0)
+    eventually(lambda: told_by_slow().static_x == 1.0)
+    former = memory(publisher.pid)
+    slow.signal(signal.SIGSTOP)
+    try:
+        sent = load(node, sends=2_000, frames=200, static_x=2.0)
+        eventually(lambda: heard(listener).static_x == 2.0, within_s=PATIENCE_S)
+        assert after(listener, sent.number).messages > before.messages
+        assert sent.memory - former < 100 * MB
+    finally:
+        slow.signal(signal.SIGCONT)
+    told = eventually(
+        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+    )
+    assert not_counted(told) == not_counted(before)
+    assert told.missed > 0
+    eventually(lambda: told_by_slow().static_x == 2.0, within_s=PATIENCE_S)
+
+
+def test_a_buffer_under_load_keeps_its_size(bus: Bus, node: Node) -> None:
+    """A listener's memory does not grow with what it has received, but with what it keeps."""
+    listener = TransformListener(Buffer(cache_time_s=0.5), node)
+    start(bus, "publish")
+    after(listener, 0)
+    after(listener, load(node, sends=500, frames=100).number)
+    former = memory()
+    for _ in range(4):
+        after(listener, load(node, sends=500, frames=100).number)
+    assert memory() - former < 30 * MB

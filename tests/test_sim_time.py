@@ -1,5 +1,6 @@
 """Simulated time between real processes: any rate, paused, jumps, late starts, and the end."""
 
+import threading
 import time
 
 import pytest
@@ -97,6 +98,18 @@ def test_jumps_of_a_paused_clock_bring_timers_one_tick(bus: Bus) -> None:
     remote.set(10.25)
     eventually(lambda: len(ticks) == 2)
     assert ticks == [150.0, 10.25]
+
+
+def test_a_node_that_is_closed_waits_no_more(bus: Bus) -> None:
+    """A loop by simulated time ends with its node, from whatever thread it was closed."""
+    node = follower(bus)
+    loops: list[bool] = []
+    loop = threading.Thread(target=lambda: loops.append(node.wait(1.0)))
+    loop.start()
+    node.close()
+    loop.join(DEADLINE_S)
+    assert loops == [False]
+    assert not node.wait(1.0)
 
 
 def test_a_clock_outside_of_namespaces_is_that_of_all(bus: Bus) -> None:

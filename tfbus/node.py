@@ -189,7 +189,9 @@ class Node:
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
         with Wakeup() as wakeup, clock.limit(timeout_s, wakeup.wake) as limit:
-            return limit.passed or not self._signals.wait(None, wakeup)
+            if not limit.passed:
+                self._signals.wait(None, wakeup)
+            return self.ok
 
     def close(self) -> None:
         """Leave the bus; everything that was created from the node ends. Twice is fine."""

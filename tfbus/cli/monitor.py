@@ -9,6 +9,7 @@ from tfbus.cli.monitor_report import PairWatch, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
 from tfbus.cli.transform_meter import TransformMeter
 from tfbus.clock import SYSTEM_CLOCK
+from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
@@ -20,8 +21,8 @@ _LOOK_EVERY_S = 0.05
 @click.command(
     epilog="Examples: tfbus monitor; tfbus monitor world drone; tfbus monitor --once --json"
 )
-@click.argument("target", required=False)
-@click.argument("source", required=False)
+@click.argument("target", type=FrameName(), required=False)
+@click.argument("source", type=FrameName(), required=False)
 @click.option(
     "-p",
     "--period",

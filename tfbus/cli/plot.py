@@ -12,6 +12,7 @@ from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
+from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
@@ -36,8 +37,8 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
     epilog="Examples: tfbus plot world turtle1 -o turtle1.png; "
     "tfbus plot world turtle1 --for 30 --show path -o path.svg"
 )
-@click.argument("target", required=False)
-@click.argument("source", required=False)
+@click.argument("target", type=FrameName(), required=False)
+@click.argument("source", type=FrameName(), required=False)
 @click.option(
     "-o",
     "--output",

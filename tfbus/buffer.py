@@ -3,7 +3,6 @@
 One of the modules that are compiled where there is a C compiler (`buffer.pxd` says the C types).
 """
 
-import asyncio
 import logging
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -796,6 +795,8 @@ class Buffer:
         answers = self._ask(questions, sampling, fresh)
         if answers is not None:
             return answers
+        import asyncio  # which takes long, and most processes have no use for
+
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
 

@@ -7,10 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfbus.clock import SYSTEM_CLOCK, Clock, SimulatedClock
-from tfbus.clock_topic import TOPIC, ClockPublisher, ClockSubscription
 from tfbus.codec import encode_map
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.executor import Executor, Timer
@@ -26,7 +25,11 @@ from tfbus.settings import NodeSettings
 from tfbus.signals import StopSignals, Wakeup
 from tfbus.stream import Stream
 from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
-from tfbus.version import VERSION
+from tfbus.version import installed_version
+
+if TYPE_CHECKING:
+    # With the messages it takes long to load, and most nodes have no use for it.
+    from tfbus.clock_topic import ClockPublisher
 
 # A clock that is there tells a new node the time within this, and nothing is said of it.
 _CLOCK_WITHIN_S = 1.0
@@ -103,6 +106,8 @@ class Node:
         self.session.queryable(node_key(self.name), self._on_info_query)
         self.session.queryable(clock_key(self.name), self._on_clock_query)
         if isinstance(self.clock, SimulatedClock):
+            from tfbus.clock_topic import TOPIC, ClockSubscription
+
             topic = self._resolve(TOPIC)
             self._keep("subscribes", ClockSubscription(self.session, self.log, topic, self.clock))
         self._token = self.session.token(node_key(self.name))
@@ -232,6 +237,8 @@ class Node:
 
     def _miss_clock(self) -> None:
         if not self.clock.is_running:
+            from tfbus.clock_topic import TOPIC
+
             topic = self._resolve(TOPIC)
             self.log.info("Waiting for the clock: nobody tells the time on topic %r yet", topic)
             self.clock.call_when_running(lambda: self.log.info("The clock runs"))
@@ -308,8 +315,10 @@ class Node:
             return self._executor.every_simulated(clock, period_s, callback)
         return self._executor.every(period_s, callback)
 
-    def create_clock_publisher(self) -> ClockPublisher:
+    def create_clock_publisher(self) -> "ClockPublisher":
         """A publisher of the simulated time; it is told to all namespaces within the node's."""
+        from tfbus.clock_topic import TOPIC, ClockPublisher
+
         topic = self._resolve(TOPIC)
         return self._keep("publishes", ClockPublisher(self.session, self._executor, topic))
 
@@ -358,7 +367,7 @@ class Node:
             "name": self.full_name,
             "host": socket.gethostname(),
             "pid": os.getpid(),
-            "version": VERSION,
+            "version": installed_version(),
             "session": self.session.id,
             "started_ns": self.started_ns,
             "streams": sorted(self._streams),

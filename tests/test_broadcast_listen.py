@@ -22,9 +22,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.codec import decode_message
 from tfbus.description import StreamDescription
-from tfbus.retained import declare_retained_subscriber
+from tfbus.stream_watch import StreamWatch
 
 STAMP_NS = 1670400305709085026
 
@@ -186,17 +185,7 @@ def test_a_stream_can_be_named(bus: Bus, sender: Node, buffer: Buffer) -> None:
 
 def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
     """Who joins, early or late, learns a stream's node, epoch and frames without its data."""
-    early: list[StreamDescription] = []
-    late: list[StreamDescription] = []
-
-    def listen(descriptions: list[StreamDescription]) -> None:
-        declare_retained_subscriber(
-            receiver.session,
-            "@tfbus/stream/*",
-            lambda key, payload: descriptions.append(decode_message(StreamDescription, payload)),
-        )
-
-    listen(early)
+    early = StreamWatch(receiver.session, lambda state: None)
     TransformBroadcaster(sender).send_transform([at(1), at(2, "turtle1", "drone")])
     StaticTransformBroadcaster(sender).send_transform(at(3, child="camera"))
     wanted = StreamDescription(
@@ -213,9 +202,14 @@ def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
         session=sender.session.id,
         history_s=10.0,
     )
-    eventually(lambda: early[-1:] == [wanted])
-    listen(late)
-    eventually(lambda: late == [wanted])
+
+    def is_known(watch: StreamWatch) -> bool:
+        states = watch.streams()
+        return "sender" in states and states["sender"].description == wanted
+
+    eventually(lambda: is_known(early))
+    late = StreamWatch(receiver.session, lambda state: None)
+    eventually(lambda: is_known(late))
 
 
 def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: Node) -> None:

@@ -137,8 +137,9 @@ class TransformSender:
 
     def _on_query(self, query: Query) -> None:
         # On a thread of its own: were Zenoh's held up by answers that do not fit into the link,
-        # and the asker's as well, by answers to us, both would wait for each other.
-        threading.Thread(target=self._answer, args=(query,), daemon=True).start()
+        # and the asker's as well, by answers to us, both would wait for each other. The end of
+        # the session ends it, and with it the process may.
+        threading.Thread(target=self._answer, args=(query,)).start()
 
     def _answer(self, query: Query) -> None:
         # The session may be closed meanwhile, and then there is nobody to tell.

@@ -25,6 +25,7 @@ from tfbus import (
     NodeSettings,
     Number,
     PastExtrapolationException,
+    SystemClock,
     TimeoutException,
     TransformException,
     TransformListener,
@@ -156,30 +157,32 @@ def _wait_for_answer(
 ) -> TransformStamped | None:
     """The answer as soon as there is one; None where the node is shut down before."""
     give_up_s = _elapsed_s(node) + timeout_s
-    say_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
+    # What is said is for people, and so in real time.
+    say_at_s = time.monotonic() + min(_SAY_EVERY_S, timeout_s)
     while node.ok:
+        look_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
         try:
-            return question.ask(buffer, node.now_ns(), _seconds_until(say_at_s, node))
+            return question.ask(buffer, node.now_ns(), _seconds_until(look_at_s, node))
         except InvalidArgumentException:
             raise  # no waiting makes it right
         except TransformException as error:
             reason = _reason(error)
-        pause_s = _gap_s(reason)
         if time.monotonic() < history_by_s:
-            pause_s = min(pause_s, _HISTORY_LOOK_S)
+            node.wait(_HISTORY_LOOK_S, clock=SystemClock())
         elif question.is_hopeless(reason):
             raise PastExtrapolationException(
                 f"{reason}; known is what is sent while echo runs, and what publishers keep of the "
                 "time before, 10 s unless they say otherwise"
             )
-        node.wait(min(_seconds_until(say_at_s, node), pause_s))
+        else:
+            node.wait(min(_seconds_until(look_at_s, node), _gap_s(reason)))
         if _elapsed_s(node) >= give_up_s:
             raise TimeoutException(
                 f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
             )
-        if _elapsed_s(node) >= say_at_s:
+        if time.monotonic() >= say_at_s:
             node.log.info("Waiting for transform %s: %s", question, _explained(reason, buffer))
-            say_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
+            say_at_s = time.monotonic() + _SAY_EVERY_S
     return None
 
 

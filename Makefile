@@ -8,7 +8,7 @@ SECONDS ?= 0
 .PHONY: demo test check types bench clean
 
 demo: $(VENV)/demo.stamp
-	$(BIN)/tfbus launch demo $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
+	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest $(ARGS)
@@ -41,8 +41,8 @@ $(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard
 clean:
 	rm -rf $(VENV) $(VENV)-bench build dist *.egg-info
 
-# An extra of pyproject.toml, installed: demo.stamp stands for [sim], dev.stamp for [dev].
-$(VENV)/demo.stamp: EXTRA := sim
+# An extra of pyproject.toml, installed: demo.stamp stands for [sim,view], dev.stamp for [dev].
+$(VENV)/demo.stamp: EXTRA := sim,view
 $(VENV)/dev.stamp: EXTRA := dev
 $(VENV)/%.stamp: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from tfbus.nodes.viewer.placing import Floats
 from tfbus.nodes.viewer.shapes import arm
@@ -30,6 +29,7 @@ class Axes:
             "/frames/axes",
             NO_QUATERNIONS,
             NO_POSITIONS,
+            np.ones(1),
             axes_length=1.0,
             axes_radius=_RADIUS,
             visible=False,
@@ -40,6 +40,7 @@ class Axes:
                 *arm(axis, 1.0, _RADIUS),
                 NO_QUATERNIONS,
                 NO_POSITIONS,
+                batched_scales=np.ones(1),
                 batched_colors=color,
                 batched_opacities=np.ones(1),
                 cast_shadow=False,
@@ -48,7 +49,6 @@ class Axes:
             )
             for axis, color in enumerate(_COLORS)
         ]
-        self._size = 0.0
         for handle in (self._axes, *self._arms):
             handle.on_click(lambda event: on_click(self._clicked(event)))
 
@@ -59,17 +59,11 @@ class Axes:
         faded = opacity < 1.0
         self._bright = tuple(name for name, dim in zip(names, faded, strict=True) if not dim)
         self._faded = tuple(name for name, dim in zip(names, faded, strict=True) if dim)
-        # One scale an instance: another length would be another mesh.
-        if size != self._size:
-            self._size = size
-            self._axes.axes_length, self._axes.axes_radius = size, size * _RADIUS
-            for axis, handle in enumerate(self._arms):
-                handle.vertices = arm(axis, size, size * _RADIUS)[0]
-        place(self._axes, xyz[~faded], quat_wxyz[~faded])
+        place(self._axes, xyz[~faded], quat_wxyz[~faded], size)
         for handle in self._arms:
             if faded.any():
                 handle.batched_opacities = opacity[faded].astype(np.float32)
-            place(handle, xyz[faded], quat_wxyz[faded])
+            place(handle, xyz[faded], quat_wxyz[faded], size)
 
     def _clicked(self, event: Any) -> str:
         """The frame that an event is about; "" where it has just gone."""
@@ -78,9 +72,12 @@ class Axes:
         return names[at] if at is not None and at < len(names) else ""
 
 
-def place(handle: Any, xyz: Floats, quat_wxyz: NDArray[np.float64]) -> None:
-    """Move the instances of a batch; without any it is not shown."""
+def place(handle: Any, xyz: Floats, quat_wxyz: Floats, size: float) -> None:
+    """Move the instances of a batch, each as large as this; without any it is not shown."""
     if len(xyz):
+        scales = np.full(len(xyz), size, np.float32)
+        if not np.array_equal(handle.batched_scales, scales):
+            handle.batched_scales = scales
         handle.batched_positions = xyz.astype(np.float32)
         handle.batched_wxyzs = quat_wxyz.astype(np.float32)
     if handle.visible != bool(len(xyz)):

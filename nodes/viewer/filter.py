@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 from functools import lru_cache
 
-from tfbus import TfbusError
+from tfbus import SettingsError
 
 
-class PatternError(TfbusError):
+class PatternError(SettingsError):
     """A regular expression that cannot be read; the message says what is wrong with it."""
 
 

@@ -169,7 +169,7 @@ class Page:
         middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
         reach = max(placed.extent_m(), 1.0) * 1.6
         if self._turtle_scene.is_shown:
-            middle, reach = ground.xyz[ground.index[WORLD]], field.SIZE_M
+            middle, reach = ground.xyz[ground.index[WORLD]], 0.8 * field.SIZE_M
         position = middle + reach * _FROM
         cameras: list[Any] = [self._server.initial_camera]
         cameras += [client.camera for client in self._server.get_clients().values()]
@@ -205,5 +205,7 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
     server.scene.set_up_direction("+z")
+    # Shadows say nothing of frames, and take half of the time where there is no graphics card.
+    server.scene.configure_default_lights(cast_shadow=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     return server

@@ -37,7 +37,7 @@ _MARK = 0.14
 _GRID_Z_M = -0.02
 
 # How long axes are, in parts of what is shown; and the least that counts as shown.
-_SIZE = 1.0 / 18.0
+_SIZE = 1.0 / 14.0
 _LEAST_EXTENT_M = 1.0
 
 
@@ -61,9 +61,10 @@ class Scene:
         )
         self._marks = scene.add_batched_meshes_simple(
             "/frames/marks",
-            *octahedron(1.0),
+            *octahedron(_MARK),
             NO_QUATERNIONS,
             NO_POSITIONS,
+            batched_scales=np.ones(1),
             batched_colors=_SELECTED,
             cast_shadow=False,
             receive_shadow=False,
@@ -132,8 +133,7 @@ class Scene:
             if colors.tobytes() != self._marked_colors:
                 self._marked_colors = colors.tobytes()
                 self._marks.batched_colors = colors
-            self._marks.vertices = octahedron(_MARK * size)[0]
-        place(self._marks, placed.xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)))
+        place(self._marks, placed.xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)
 
     def _arrow_points(
         self, frames: Frames, placed: Placed, size: float

@@ -53,6 +53,7 @@ LAYERS = [
     {"clock_offset"},
     {"broadcaster", "listener", "presence", "graph", "live_names", "name_types"},
     {"frames"},
+    {"why"},
     {"doctor"},
     {"launch"},
     {"nodes", "cli", "__main__"},

@@ -34,6 +34,7 @@ TOOLS = {
     "service": "List, show and call services.",
     "top": "Watch nodes, streams, frames and topics on one screen.",
     "topic": "List, show, print, measure and publish topics.",
+    "why": "Say why SOURCE is not seen from TARGET, edge by edge, and what to do.",
 }
 NODES = {
     "broadcaster": "Broadcast a turtle's frame and its drone's.",

@@ -1,0 +1,144 @@
+"""`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
+
+from dataclasses import asdict
+
+import click
+
+from tfbus.cli.listening import listening
+from tfbus.cli.output import json_option, paint, print_json, print_lines
+from tfbus.errors import DecodeError
+from tfbus.frames.facts import duration
+from tfbus.keys import namespace_of
+from tfbus.name_types import FrameName
+from tfbus.nodes.moment import Moment, parse_moment
+from tfbus.options import bus_options
+from tfbus.presence import describe_streams
+from tfbus.session import Session
+from tfbus.settings import NodeSettings
+from tfbus.why import Explanation, Step, explain
+
+_ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
+
+# Of what publishers have kept, as much as can be asked for.
+_LONGEST_BACK_S = 3600.0
+
+
+def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
+    try:
+        return None if text is None else parse_moment(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+@click.command(epilog="Examples: tfbus why world turtle1; tfbus why world turtle1 --at -3s")
+@click.argument("target", type=FrameName())
+@click.argument("source", type=FrameName())
+@click.option(
+    "-t",
+    "--at",
+    "moment",
+    metavar="TIME",
+    callback=_moment,
+    help="At a time: seconds or ns since 1970, ISO 8601, or from now as -3s; else the latest.",
+)
+@json_option("Print a JSON object.")
+@bus_options("why")
+def command(
+    settings: NodeSettings, target: str, source: str, moment: Moment | None, as_json: bool
+) -> None:
+    """Say why SOURCE is not seen from TARGET, edge by edge, and what to do.
+
+    It asks publishers for what they have kept, so a time of the last seconds can be asked for.
+    The exit code is 1 where the lookup has no answer.
+    """
+    with listening(settings, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S) as heard:
+        now_ns = heard.node.now_ns()
+        explanation = explain(
+            heard.tree(),
+            heard.buffer,
+            target,
+            source,
+            moment.at(now_ns) if moment else None,
+            elsewhere=_frames_elsewhere(heard.node.session),
+        )
+    if as_json:
+        print_json(_as_map(explanation))
+    else:
+        print_lines(_lines(explanation, now_ns))
+    if explanation.answer is None:
+        raise SystemExit(1)
+
+
+def _history_s(moment: Moment | None) -> float:
+    """How far back is asked for: to the time, and some seconds to tell a rate by."""
+    back_s = -moment.ns / 1e9 if moment and moment.is_relative else 0.0
+    return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
+
+
+def _frames_elsewhere(session: Session) -> dict[str, str]:
+    """The frames that streams of other namespaces tell of, with their namespace."""
+
+    def pass_over(error: DecodeError) -> None:
+        """Nothing is said of strangers here."""
+
+    streams = describe_streams(session, pass_over)
+    return {
+        frame: namespace
+        for key, stream in streams.items()
+        if (namespace := namespace_of(key))
+        for parent, child, _ in stream.frames
+        for frame in (parent, child)
+    }
+
+
+def _lines(it: Explanation, now_ns: int) -> list[str]:
+    lines = [
+        paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
+    ]
+    lines += _wrapped(it.failure, "  ") if it.failure else []
+    for step in it.steps:
+        lines += _step_lines(step)
+    if it.remedies:
+        lines.append(paint("What to do:", "heading"))
+        lines += [line for remedy in it.remedies for line in _wrapped(remedy, "  - ")]
+    return lines
+
+
+def _when(it: Explanation) -> str:
+    if it.stamp_ns is None:
+        return ""
+    return f" at {it.stamp_ns // 10**9}.{it.stamp_ns % 10**9:09d}"
+
+
+def _outcome(it: Explanation, now_ns: int) -> str:
+    if it.answer is None:
+        return "no answer"
+    if it.stamp_ns is not None or not it.answer.stamp_ns:
+        return "there is an answer"
+    return f"there is an answer, {duration((now_ns - it.answer.stamp_ns) / 1e9)} old"
+
+
+def _step_lines(step: Step) -> list[str]:
+    verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
+    told = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
+    lines = _wrapped(told, "        ")
+    lines[0] = f"  {verdict}  {lines[0].lstrip()}"
+    return lines + (_wrapped(step.reason, "        ") if step.reason else [])
+
+
+def _wrapped(text: str, lead: str) -> list[str]:
+    """The text in lines of 80 characters at most, the first after `lead`, the others below."""
+    return click.wrap_text(
+        text, width=80, initial_indent=lead, subsequent_indent=" " * len(lead)
+    ).splitlines()
+
+
+def _as_map(it: Explanation) -> dict[str, object]:
+    answer = it.answer and {
+        "stamp_ns": it.answer.stamp_ns,
+        "xyz": it.answer.transform.xyz.tolist(),
+        "quat_xyzw": it.answer.transform.quat_xyzw.tolist(),
+    }
+    steps = [asdict(step) for step in it.steps]
+    told = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
+    return {**told, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}

@@ -1,0 +1,209 @@
+"""Why a lookup has no answer, or would have none: its path, edge by edge, and what to do."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from tfbus.buffer import Buffer
+from tfbus.errors import ConnectivityException, LookupException, TransformException
+from tfbus.frame import FrameInfo
+from tfbus.frames.facts import duration, facts, is_stale
+from tfbus.frames.text import conflicting
+from tfbus.frames.tree import FrameTree, Problem, who
+from tfbus.stream_info import StreamInfo
+from tfbus.transform import TransformStamped
+
+Verdict = Literal["ok", "warn", "fail"]
+
+# Clocks that differ by more than this make stamps look late, or of the future.
+_CLOCKS_AGREE_S = 0.05
+
+_REMEDIES = {
+    "loop": "turn one of the edges of the loop round, or publish it no more",
+    "conflict": "let one of them publish the frame, or give the frames names of their own",
+    "silent": "look whether it is sent at all: tfbus topic hz tf",
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One edge of the path: what is known of it, and what is wrong with it for this lookup.
+
+    "warn" is what does not keep the lookup from an answer, but is no good sign; `reason` and
+    `remedy` are empty where it is "ok".
+    """
+
+    parent: str
+    child: str
+    facts: tuple[str, ...]
+    verdict: Verdict = "ok"
+    reason: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A lookup of `source` seen from `target`, at a stamp (None: the latest): how it goes.
+
+    `failure` is the sentence of the error, "" where there is an `answer`. `steps` lead from the
+    target to the source, or, where they are not connected, from each to its root. `remedies` is
+    what to do, the most likely first.
+    """
+
+    target: str
+    source: str
+    stamp_ns: int | None
+    answer: TransformStamped | None
+    failure: str
+    steps: tuple[Step, ...]
+    remedies: tuple[str, ...]
+
+
+def explain(
+    tree: FrameTree,
+    buffer: Buffer,
+    target: str,
+    source: str,
+    stamp_ns: int | None = None,
+    *,
+    elsewhere: Mapping[str, str] | None = None,
+) -> Explanation:
+    """How the lookup goes in this buffer, of which `tree` was just made.
+
+    `elsewhere` are frames of other namespaces, each with its namespace.
+    """
+    answer, error = _look_up(buffer, target, source, stamp_ns)
+    steps = tuple(_judge(tree, child, stamp_ns) for child in _children(tree, target, source))
+    remedies = [
+        *_remedies_of(error, elsewhere or {}),
+        *(step.remedy for step in steps if step.verdict == "fail"),
+        *(step.remedy for step in steps if step.verdict == "warn"),
+        *_remedies_of_problems(tree, {target, source, *(step.child for step in steps)}, error),
+    ]
+    return Explanation(
+        target,
+        source,
+        stamp_ns,
+        answer,
+        str(error) if error else "",
+        steps,
+        tuple(dict.fromkeys(filter(None, remedies))),
+    )
+
+
+def _look_up(
+    buffer: Buffer, target: str, source: str, stamp_ns: int | None
+) -> tuple[TransformStamped | None, TransformException | None]:
+    try:
+        return buffer.lookup_transform(target, source, stamp_ns), None
+    except TransformException as error:
+        return None, error
+
+
+def _children(tree: FrameTree, target: str, source: str) -> list[str]:
+    """The children of the edges between the two, or, where none joins them, of all above them."""
+    up, down = _chain(tree, target), _chain(tree, source)
+    while up and down and up[-1] == down[-1]:
+        up.pop()
+        down.pop()
+    return [name for name in (*up, *reversed(down)) if tree.frames[name].parent is not None]
+
+
+def _chain(tree: FrameTree, frame: str) -> list[str]:
+    """The frame and all above it; nothing where it is not known."""
+    chain: list[str] = []
+    at: str | None = frame
+    while at is not None and at in tree.frames:
+        chain.append(at)
+        at = tree.frames[at].parent
+    return chain
+
+
+def _judge(tree: FrameTree, child: str, stamp_ns: int | None) -> Step:
+    frame = tree.frames[child]
+    told = tuple(facts(tree, frame, conflicting(tree)))
+    step = Step(frame.parent or "", child, told)
+    for verdict, reason, remedy in _faults(tree, frame, stamp_ns):
+        return replace(step, verdict=verdict, reason=reason, remedy=remedy)
+    return step
+
+
+def _faults(
+    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None
+) -> Iterator[tuple[Verdict, str, str]]:
+    """What is wrong with an edge, the worst first: the verdict, the reason, what to do."""
+    stream = tree.publisher(frame)
+    restart = f"start the publisher of {frame.name!r} again: {who(stream)}"
+    if not frame.static:
+        yield from _out_of_time(tree, frame, stamp_ns, restart)
+    if frame.gone:
+        yield "warn", "its publisher is gone, and what is known of it grows old", restart
+    elif is_stale(tree, frame):
+        yield (
+            "warn",
+            f"nothing has come for {duration(tree.age_s(frame))}",
+            f"look whether {who(stream)} still sends {frame.name!r}: tfbus topic hz tf",
+        )
+    if stream.clock_offset_s is not None and abs(stream.clock_offset_s) > _CLOCKS_AGREE_S:
+        yield "warn", _skew(stream), f"set the clock of {stream.host} by NTP, as ours"
+
+
+def _out_of_time(
+    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None, restart: str
+) -> Iterator[tuple[Verdict, str, str]]:
+    stream = tree.publisher(frame)
+    if frame.oldest_ns is None or frame.newest_ns is None:
+        yield "fail", "no sample of it is known", f"wait for {who(stream)} to send {frame.name!r}"
+    elif stamp_ns is None:
+        return
+    elif stamp_ns < frame.oldest_ns:
+        yield (
+            "fail",
+            f"the time is {duration((frame.oldest_ns - stamp_ns) / 1e9)} before its oldest sample",
+            "ask for a later time; what publishers have not kept, nobody knows",
+        )
+    elif stamp_ns > frame.newest_ns:
+        beyond = duration((stamp_ns - frame.newest_ns) / 1e9)
+        fine = "wait for it (timeout_s), or ask for the latest"
+        yield (
+            "fail",
+            f"the time is {beyond} after its newest sample",
+            restart if frame.gone else fine,
+        )
+
+
+def _skew(stream: StreamInfo) -> str:
+    offset_s = stream.clock_offset_s or 0.0
+    side = "ahead of" if offset_s > 0 else "behind"
+    return f"the clock of its publisher is {duration(abs(offset_s))} {side} ours"
+
+
+def _remedies_of(error: TransformException | None, elsewhere: Mapping[str, str]) -> Iterator[str]:
+    if isinstance(error, LookupException):
+        if error.frame in elsewhere:
+            yield (
+                f"look from within its namespace, {error.frame!r} is known there: "
+                f"--namespace {elsewhere[error.frame]}"
+            )
+        yield (
+            f"use {error.nearest[0]!r}, if that is meant"
+            if error.nearest
+            else f"start the node that publishes {error.frame!r}"
+        )
+    if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
+        yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
+
+
+def _remedies_of_problems(
+    tree: FrameTree, frames: set[str], error: TransformException | None
+) -> Iterator[str]:
+    """For what is wrong near the path: on it, or, where frames are apart, anywhere."""
+
+    def is_near(problem: Problem) -> bool:
+        return bool(frames.intersection(problem.frames)) or (
+            isinstance(error, ConnectivityException) and problem.kind in ("loop", "silent")
+        )
+
+    for problem in tree.problems():
+        if problem.kind in _REMEDIES and is_near(problem):
+            yield f"{problem.text}: {_REMEDIES[problem.kind]}"

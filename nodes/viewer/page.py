@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus import Buffer, Node, TfbusError, TransformListener
+from tfbus import Buffer, Node, SystemClock, TfbusError, TransformListener
 from tfbus.nodes.turtle import field
 from tfbus.nodes.viewer.desk import Desk
 from tfbus.nodes.viewer.frames import Frames, FrameWatch
@@ -102,7 +102,9 @@ class Page:
         """Keep the page up to date until the node is shut down."""
         period_s = 1.0 / self._serving.rate_hz
         due_s = time.monotonic()
-        while self._node.wait(max(0.0, due_s - time.monotonic())):
+        # Whoever watches does so in real time, also while a simulated one stands still.
+        clock = SystemClock()
+        while self._node.wait(max(0.0, due_s - time.monotonic()), clock=clock):
             due_s = max(due_s + period_s, time.monotonic())
             self.step()
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus import GoalResult, Node, ServiceError
+from tfbus import GoalResult, Node, ServiceError, SystemClock
 from tfbus.messages import (
     Color,
     Empty,
@@ -140,7 +140,8 @@ class Turtles:
 
     def _look_again(self) -> None:
         failing = False
-        while self._node.wait(_LOOK_EVERY_S if self._field.served else _ASK_EVERY_S):
+        clock = SystemClock()
+        while self._node.wait(_LOOK_EVERY_S if self._field.served else _ASK_EVERY_S, clock=clock):
             if self._field.served and self._watched():
                 try:
                     self._look()
@@ -149,7 +150,7 @@ class Turtles:
                     if not failing and self._field.served:
                         self._node.log.warning("The turtles' field cannot be seen: %s", error)
                     failing = True
-                    self._node.wait(_ASK_EVERY_S)
+                    self._node.wait(_ASK_EVERY_S, clock=clock)
             elif not self._field.served:
                 self._meet(())
 

@@ -56,7 +56,7 @@ LAYERS = [
     {"why"},
     {"doctor"},
     {"launch"},
-    {"nodes", "cli", "__main__"},
+    {"nodes", "cli", "top", "__main__"},
 ]
 RANK = {module: rank for rank, layer in enumerate(LAYERS) for module in layer}
 

@@ -73,6 +73,11 @@ def conflicting(tree: FrameTree) -> set[str]:
     }
 
 
+def frame_lines(tree: FrameTree, frame: FrameInfo) -> list[str]:
+    """All that is known of a frame's edge, a fact a line; that it is a root, where it is one."""
+    return ["Root"] if frame.parent is None else list(_all_facts(tree, frame))
+
+
 def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
     stream = tree.publisher(frame)
     gone = ", gone" if frame.gone else ""

@@ -1,0 +1,30 @@
+"""`tfbus top`: nodes, streams, frames and topics on one screen, live."""
+
+import click
+
+from tfbus.cli.listening import listening
+from tfbus.cli.output import is_terminal
+from tfbus.errors import TfbusError
+from tfbus.nodes.names import own_name
+from tfbus.options import bus_options
+from tfbus.settings import NodeSettings
+
+
+@click.command(epilog="Example: tfbus top")
+@bus_options(own_name("top"))
+def command(settings: NodeSettings) -> None:
+    """Watch nodes, streams, frames and topics on one screen."""
+    try:
+        from tfbus.top.app import TopApp
+        from tfbus.top.source import Source
+    except ImportError as error:
+        raise TfbusError(
+            "the screen is drawn by textual, which is not installed: pip install 'tfbus[top]'"
+        ) from error
+    if not is_terminal():
+        raise click.UsageError(
+            "top needs a terminal: for scripts there are tfbus frames, monitor and doctor, "
+            "all with --json"
+        )
+    with listening(settings) as heard:
+        TopApp(Source(heard)).run()

@@ -1,0 +1,1 @@
+"""The whole bus on one screen: nodes, streams, frames and topics, live."""

@@ -1,0 +1,258 @@
+"""The screen: four tables, a filter, and the details of one frame. Drawn by Textual."""
+
+from typing import ClassVar
+
+from rich.text import Text
+from textual import work
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.coordinate import Coordinate
+from textual.screen import ModalScreen
+from textual.widgets import (
+    DataTable,
+    Footer,
+    Input,
+    Label,
+    Sparkline,
+    Static,
+    TabbedContent,
+    TabPane,
+)
+
+from tfbus.frames.facts import State, duration
+from tfbus.top.rows import Row, Table, chosen
+from tfbus.top.source import Source
+
+_LOOK_EVERY_S = 1.0
+_ASK_EVERY_S = 2.0
+_NAMES = ("frames", "streams", "nodes", "topics")
+_STYLES: dict[State, str] = {
+    "static": "dim",
+    "stale": "yellow",
+    "gone": "red",
+    "conflict": "magenta",
+}
+
+
+class FrameScreen(ModalScreen[None]):
+    """One frame: how often and how late it came in the last two minutes, and all facts."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,enter,q", "dismiss", "Back"),
+    ]
+    CSS = """
+    FrameScreen { align: center middle; }
+    FrameScreen VerticalScroll {
+        width: 90%; max-width: 110; height: 90%; max-height: 26;
+        border: round $accent; padding: 0 1;
+    }
+    FrameScreen Sparkline { height: 3; margin-bottom: 1; }
+    """
+
+    def __init__(self, source: Source, frame: str):
+        super().__init__()
+        self._source = source
+        self._frame = frame
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll():
+            yield Label(Text(self._frame, style="bold"))
+            yield Label("", id="rate")
+            yield Sparkline([], id="rates")
+            yield Label("", id="delay")
+            yield Sparkline([], id="delays")
+            yield Static("", id="details")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self._show()
+        self.set_interval(_LOOK_EVERY_S, self._show)
+
+    def _show(self) -> None:
+        past = self._source.past(self._frame)
+        rate_hz = past.rates_hz[-1] if past.rates_hz else 0.0
+        delay_s = past.delays_s[-1] if past.delays_s else 0.0
+        self.query_one("#rate", Label).update(f"Rate: {rate_hz:.1f} Hz")
+        self.query_one("#delay", Label).update(f"Delay: {duration(delay_s)}")
+        self.query_one("#rates", Sparkline).data = list(past.rates_hz)
+        self.query_one("#delays", Sparkline).data = list(past.delays_s)
+        lines = "\n".join(line.strip() for line in self._source.details(self._frame))
+        self.query_one("#details", Static).update(Text(lines))
+
+
+class TopApp(App[None]):
+    """All tables, a tab each."""
+
+    TITLE = "tfbus top"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    TabbedContent { height: 1fr; }
+    DataTable { height: 1fr; }
+    #filter { display: none; height: 3; }
+    #head { height: 1; color: $text-muted; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "quit", "Quit"),
+        Binding("1", "show('frames')", "Frames"),
+        Binding("2", "show('streams')", "Streams"),
+        Binding("3", "show('nodes')", "Nodes"),
+        Binding("4", "show('topics')", "Topics"),
+        Binding("s", "sort", "Sort"),
+        Binding("r", "reverse", "Reverse"),
+        Binding("slash", "filter", "Filter"),
+        Binding("space", "pause", "Pause"),
+        Binding("escape", "clear", "Clear", show=False),
+    ]
+
+    def __init__(self, source: Source):
+        super().__init__()
+        self._source = source
+        self._tables: dict[str, Table] = {}
+        self._column = dict.fromkeys(_NAMES, 0)
+        self._descending = dict.fromkeys(_NAMES, False)
+        self._words = ""
+        self._is_paused = False
+
+    def compose(self) -> ComposeResult:
+        yield Static("", id="head")
+        with TabbedContent(initial="frames"):
+            for name in _NAMES:
+                with TabPane(name.capitalize(), id=name):
+                    yield DataTable(id=f"{name}-table", cursor_type="row", zebra_stripes=True)
+        yield Input(placeholder="words that a row is to have", id="filter")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self._look()
+        self._ask()
+        self.set_interval(_LOOK_EVERY_S, self._look)
+        self.set_interval(_ASK_EVERY_S, self._ask)
+        self.set_focus(self._table_of("frames"))
+
+    # What the keys do
+
+    def action_show(self, name: str) -> None:
+        """Show a tab."""
+        self.query_one(TabbedContent).active = name
+        self.set_focus(self._table_of(name))
+
+    def action_sort(self) -> None:
+        """Sort by the next column."""
+        name = self._tab()
+        self._column[name] = (self._column[name] + 1) % len(self._tables[name].headings)
+        self._show(name)
+
+    def action_reverse(self) -> None:
+        """Sort the other way round."""
+        name = self._tab()
+        self._descending[name] = not self._descending[name]
+        self._show(name)
+
+    def action_filter(self) -> None:
+        """Ask for words."""
+        field = self.query_one("#filter", Input)
+        field.display = True
+        self.set_focus(field)
+
+    def action_clear(self) -> None:
+        """Show all rows again."""
+        field = self.query_one("#filter", Input)
+        field.value = ""
+        field.display = False
+        self.set_focus(self._table_of(self._tab()))
+
+    def action_pause(self) -> None:
+        """Stand still, or go on."""
+        self._is_paused = not self._is_paused
+        self._say()
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        self._words = event.value
+        for name in _NAMES:
+            self._show(name)
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        self.set_focus(self._table_of(self._tab()))
+
+    def on_data_table_header_selected(self, event: DataTable.HeaderSelected) -> None:
+        name = self._tab()
+        if self._column[name] == event.column_index:
+            self._descending[name] = not self._descending[name]
+        self._column[name] = event.column_index
+        self._show(name)
+
+    def on_data_table_row_selected(self, event: DataTable.RowSelected) -> None:
+        if self._tab() == "frames" and event.row_key.value is not None:
+            self.push_screen(FrameScreen(self._source, event.row_key.value))
+
+    # What it shows
+
+    @work(thread=True, exclusive=True)
+    def _ask(self) -> None:
+        self._source.ask()
+
+    def _look(self) -> None:
+        tables = self._source.look()
+        if not self._is_paused or not self._tables:
+            self._tables = tables
+            for name in _NAMES:
+                self._show(name)
+            self._say()
+
+    def _show(self, name: str) -> None:
+        if name not in self._tables:
+            return
+        table, shown = self._tables[name], self._table_of(name)
+        column, descending = self._column[name], self._descending[name]
+        rows = chosen(table, self._words, column, descending)
+        marks = [
+            (" ▼" if descending else " ▲") if at == column else ""
+            for at in range(len(table.headings))
+        ]
+        headings = [heading + mark for heading, mark in zip(table.headings, marks, strict=True)]
+        if [str(each.label) for each in shown.ordered_columns] != headings:
+            shown.clear(columns=True)
+            for heading in headings:
+                shown.add_column(heading)
+        _fill(shown, rows)
+
+    def _say(self) -> None:
+        count = {name: len(table.rows) for name, table in self._tables.items()}
+        words = [f"{count[name]} {name}" for name in _NAMES]
+        gone = sum(row.state == "gone" for row in self._tables["frames"].rows)
+        words += [f"{gone} gone"] * bool(gone) + ["paused"] * self._is_paused
+        self.query_one("#head", Static).update("tfbus top: " + ", ".join(words))
+
+    def _tab(self) -> str:
+        return self.query_one(TabbedContent).active
+
+    def _table_of(self, name: str) -> "DataTable[Text]":
+        table: DataTable[Text] = self.query_one(f"#{name}-table", DataTable)
+        return table
+
+
+def _cells(row: Row) -> list[Text]:
+    style = _STYLES.get(row.state, "")
+    return [
+        Text(cell.text, style=style, justify="left" if isinstance(cell.value, str) else "right")
+        for cell in row.cells
+    ]
+
+
+def _fill(table: "DataTable[Text]", rows: list[Row]) -> None:
+    """Show these rows, with the cursor on the one where it was, or at its place."""
+    keys = [str(row.key.value) for row in table.ordered_rows]
+    at = table.cursor_row
+    if keys == [row.key for row in rows]:
+        # In place: a table that is cleared and filled flickers.
+        for number, row in enumerate(rows):
+            for column, cell in enumerate(_cells(row)):
+                table.update_cell_at(Coordinate(number, column), cell, update_width=True)
+        return
+    table.clear()
+    for row in rows:
+        table.add_row(*_cells(row), key=row.key)
+    under = keys[at] if at < len(keys) else ""
+    found = [number for number, row in enumerate(rows) if row.key == under]
+    table.move_cursor(row=found[0] if found else min(at, max(len(rows) - 1, 0)))

@@ -1,0 +1,162 @@
+"""The rows of the tables on the screen, of values; knows nothing of the screen."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from tfbus.cli.monitor_report import Report
+from tfbus.description import NodeDescription
+from tfbus.frames.facts import State, duration, state
+from tfbus.frames.text import conflicting
+from tfbus.graph import Graph
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a cell shows, and the value that it is sorted by."""
+
+    text: str
+    value: Any
+
+    @staticmethod
+    def of(value: float | None, form: str) -> "Cell":
+        """A number in a format; an empty cell, sorted last, where there is none."""
+        return Cell("" if value is None else format(value, form), _last(value))
+
+    @staticmethod
+    def of_time(value: float | None) -> "Cell":
+        """A time in seconds."""
+        return Cell("" if value is None else duration(value), _last(value))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row with its key, which stays the same, and what state it is in."""
+
+    key: str
+    cells: tuple[Cell, ...]
+    state: State = "dynamic"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: its name, its headings, and its rows."""
+
+    name: str
+    headings: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def frames_table(report: Report) -> Table:
+    """Each frame that has a parent: where it hangs, who sends it, and how it comes."""
+    conflicts = conflicting(report.tree)
+    rows = []
+    for frame in report.edges():
+        flow = report.flow(frame)
+        told = state(report.tree, frame, conflicts)
+        moves = not frame.static
+        cells = (
+            _text(frame.name),
+            _text(frame.parent or ""),
+            _text(frame.authority),
+            Cell.of(flow.rate_hz, ".1f") if moves else _text("static"),
+            Cell.of_time(report.tree.age_s(frame)),
+            Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
+            Cell.of_time(flow.jitter_s),
+            _text("" if told in ("dynamic", "static") else told),
+        )
+        rows.append(Row(frame.name, cells, told))
+    headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")
+    return Table("frames", headings, tuple(rows))
+
+
+def streams_table(report: Report) -> Table:
+    """Each stream: who sends it, and how much."""
+    rows = []
+    for stream in report.tree.streams.values():
+        flow = report.meter.stream(stream.name)
+        cells = (
+            _text(stream.name),
+            _text(stream.node),
+            _text(stream.host),
+            Cell.of(flow.messages_hz, ".1f"),
+            Cell.of(flow.bytes_per_s / 1e3, ".1f"),
+            Cell.of(len(stream.frames), "d"),
+            Cell.of(stream.missed, "d"),
+            Cell.of_time(stream.clock_offset_s),
+            _text("" if stream.alive else "gone"),
+        )
+        rows.append(Row(stream.name, cells, "dynamic" if stream.alive else "gone"))
+    headings = ("stream", "node", "host", "Hz", "kB/s", "frames", "missed", "clock", "state")
+    return Table("streams", headings, tuple(rows))
+
+
+def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
+    """Each node: where it runs, since when, and how many ends it has."""
+    rows = []
+    for node in nodes:
+        up_s = time.time() - node.started_ns / 1e9
+        cells = (
+            _text(node.name),
+            _text(node.host),
+            Cell.of(node.pid, "d"),
+            Cell.of_time(up_s),
+            Cell.of(len(node.streams), "d"),
+            Cell.of(len(node.publishes), "d"),
+            Cell.of(len(node.subscribes), "d"),
+            Cell.of(len(node.serves), "d"),
+            Cell.of(len(node.parameters), "d"),
+        )
+        rows.append(Row(f"{node.name} {node.session}", cells))
+    headings = ("node", "host", "pid", "up", "streams", "pub", "sub", "serves", "params")
+    return Table("nodes", headings, tuple(rows))
+
+
+def topics_table(graph: Graph) -> Table:
+    """Each topic and service: its type, and who is at its ends."""
+    rows = []
+    for topic in graph.topics.values():
+        heard_by = topic.subscribers
+        cells = (
+            _text(topic.name),
+            _text("topic"),
+            _text(", ".join(topic.types)),
+            _text(", ".join(end.node for end in topic.publishers)),
+            _text("" if heard_by is None else ", ".join(end.node for end in heard_by)),
+        )
+        rows.append(Row(f"topic {topic.name}", cells))
+    for service in graph.services.values():
+        cells = (
+            _text(service.name),
+            _text("service"),
+            _text(", ".join(service.types)),
+            _text(", ".join(end.node for end in service.servers)),
+            _text(", ".join(end.node for end in service.clients)),
+        )
+        rows.append(Row(f"service {service.name}", cells))
+    return Table("topics", ("name", "kind", "type", "from", "to"), tuple(rows))
+
+
+def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]:
+    """The rows in which every word is somewhere, whatever its case, sorted by a column."""
+    wanted = words.lower().split()
+    rows = [
+        row
+        for row in table.rows
+        if all(any(word in cell.text.lower() for cell in row.cells) for word in wanted)
+    ]
+    return sorted(rows, key=lambda row: _order(row.cells[column].value), reverse=descending)
+
+
+def _order(value: Any) -> tuple[bool, Any]:
+    """Numbers before texts, so that any two can be compared."""
+    return isinstance(value, str), value
+
+
+def _text(text: str) -> Cell:
+    return Cell(text, text.lower())
+
+
+def _last(value: float | None) -> float:
+    return float("inf") if value is None else value

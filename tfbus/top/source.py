@@ -1,0 +1,95 @@
+"""What the screen shows, gathered from the bus."""
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+from tfbus.cli.listening import Listening
+from tfbus.cli.monitor_report import Report, make_report
+from tfbus.cli.transform_meter import TransformMeter
+from tfbus.description import NodeDescription
+from tfbus.errors import TransformException
+from tfbus.frames.text import frame_lines
+from tfbus.graph import Graph, graph_of
+from tfbus.presence import describe_all, describe_streams
+from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
+
+# The past of a frame that its sparklines show: so many looks, one a second.
+_LOOKS = 120
+_ASK_WITHIN_S = 0.8
+
+
+@dataclass(frozen=True)
+class FramePast:
+    """How a frame came lately: a number a second, 0 where nothing came."""
+
+    rates_hz: tuple[float, ...] = ()
+    delays_s: tuple[float, ...] = ()
+
+
+class Source:
+    """Knows what the tables show; `look` is quick, `ask` takes up to a second."""
+
+    def __init__(self, heard: Listening):
+        self._heard = heard
+        self._meter = TransformMeter(heard.node)
+        self._past: dict[str, deque[tuple[float, float]]] = {}
+        self._nodes: tuple[NodeDescription, ...] = ()
+        self._graph = Graph()
+        self._report: Report | None = None
+        self._asking = threading.Lock()
+
+    def look(self) -> dict[str, Table]:
+        """The tables by their names, as they are now."""
+        report = self._report = make_report(self._heard, self._meter, None)
+        self._remember(report)
+        return {
+            "frames": frames_table(report),
+            "streams": streams_table(report),
+            "nodes": nodes_table(self._nodes),
+            "topics": topics_table(self._graph),
+        }
+
+    def ask(self) -> None:
+        """Ask all nodes what they are; nothing where one is at it already."""
+        if self._asking.acquire(blocking=False):
+            try:
+                session = self._heard.node.session
+                nodes = describe_all(session, _ignore, timeout_s=_ASK_WITHIN_S)
+                streams = describe_streams(session, _ignore, timeout_s=_ASK_WITHIN_S)
+                self._nodes = tuple(each for each in nodes if each.session != session.id)
+                self._graph = graph_of(self._nodes, streams, session.settings.namespace)
+            finally:
+                self._asking.release()
+
+    def past(self, frame: str) -> FramePast:
+        """How a frame came since the beginning, two minutes at most."""
+        looks = tuple(self._past.get(frame, ()))
+        return FramePast(tuple(rate for rate, _ in looks), tuple(delay for _, delay in looks))
+
+    def details(self, frame: str) -> list[str]:
+        """All that is known of a frame's edge, and where it is seen from its parent."""
+        if self._report is None or frame not in self._report.tree.frames:
+            return ["It is not known any more."]
+        info = self._report.tree.frames[frame]
+        lines = frame_lines(self._report.tree, info)
+        try:
+            pose = self._heard.buffer.lookup_transform(info.parent or frame, frame).transform
+        except TransformException as error:
+            return [*lines, str(error)]
+        xyz = ", ".join(f"{value:.3f}" for value in pose.xyz)
+        rpy = ", ".join(f"{value:.3f}" for value in pose.as_rpy())
+        return [*lines, f"Position: {xyz} m", f"Roll, pitch, yaw: {rpy} rad"]
+
+    def _remember(self, report: Report) -> None:
+        for frame in report.edges():
+            flow = report.flow(frame)
+            delay_s = flow.delays_s.p50 if flow.delays_s else 0.0
+            past = self._past.setdefault(frame.name, deque(maxlen=_LOOKS))
+            past.append((flow.rate_hz or 0.0, delay_s))
+        for name in self._past.keys() - report.tree.frames.keys():
+            del self._past[name]
+
+
+def _ignore(error: Exception) -> None:
+    """Who cannot be read is not shown; `tfbus node list` says why."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, get_args
 
 from tfbus.description import StreamDescription
@@ -21,10 +22,13 @@ class Claimant:
     stream: str
     description: StreamDescription
 
+    @cached_property
+    def _parents(self) -> dict[str, str]:
+        return {child: parent for parent, child, _ in self.description.frames}
+
     def parent_of(self, child: str) -> str | None:
         """The parent that it gives this frame."""
-        frames = self.description.frames
-        return next((parent for parent, frame, _ in frames if frame == child), None)
+        return self._parents.get(child)
 
     def __str__(self) -> str:
         told = self.description

@@ -49,6 +49,7 @@ def examine(
                 dict(buffer.rejected),
                 dict(meter.largest),
             )
+    raise KeyboardInterrupt  # which the node's `with` has ended quietly, without a verdict
 
 
 def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescription, ...]:

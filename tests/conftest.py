@@ -158,8 +158,7 @@ class Bus:
             name,
             namespace=namespace,
             config=str(self.quick_config),
-            connect=(self.endpoint,),
-            **given,  # type: ignore[arg-type]  # fields of NodeSettings
+            **{"connect": (self.endpoint,), **given},  # type: ignore[arg-type]  # its fields
         )
         node = Node(settings=settings)
         self._nodes.append(node)

@@ -255,3 +255,28 @@ def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
     received.stream.receive_kept(b"")
     assert received.stream.rejected == 3
     assert received.buffer.frames() == []
+
+
+def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> None:
+    """What a living stream lists as static and has not sent, or may have changed, is asked for."""
+    stream = received.stream
+    assert not stream.lacks_statics()
+    stream.describe(1, frozenset({"robot", "post", "lamp"}), frozenset({"post", "lamp"}))
+    assert stream.lacks_statics()
+    received.send_static(at(1, "post"))
+    assert stream.lacks_statics()
+    received.send_static(at(1, "post"), at(2, "lamp"))
+    assert not stream.lacks_statics()
+    stream.vanish()
+    assert not stream.lacks_statics()
+    stream.appear()
+    assert stream.lacks_statics()
+    received.send_static(at(1, "post"), at(2, "lamp"))
+    assert not stream.lacks_statics()
+
+
+def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:
+    """By their numbers, an older set that was asked for is not taken for the last."""
+    for x, seq in ((2, 2), (1, 1)):
+        received.stream.receive_static(payload([at(x, "post")], seq=seq))
+    assert received.x_of("post") == 2

@@ -9,6 +9,7 @@ from tfbus import Node, NodeSettings, Transform, TransformBroadcaster, Transform
 from tfbus.codec import encode_message
 from tfbus.description import StreamDescription
 from tfbus.retained import declare_retained_publisher
+from tfbus.session import BytesPublisher
 from tfbus.stream_watch import StreamState, StreamWatch
 
 
@@ -41,6 +42,16 @@ def broadcast(node: Node, child: str = "robot", stream: str | None = None) -> Ca
     return lambda: broadcaster.send_transform(
         TransformStamped(1, "world", child, Transform.identity())
     )
+
+
+def put_until(publisher: BytesPublisher, payload: bytes, condition: Callable[[], bool]) -> None:
+    """Put a payload again and again: without a token, nobody asks for what was put too early."""
+
+    def put() -> bool:
+        publisher.put(payload)
+        return condition()
+
+    eventually(put)
 
 
 def test_streams_are_known_without_their_data(bus: Bus, watching: Watching) -> None:
@@ -101,8 +112,11 @@ def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching
     publisher = declare_retained_publisher(stranger.session, "@tfbus/stream/lone")
     for name, session in (("/sim", node.session.id), ("/nobody", "?")):
         description = StreamDescription(1, name, 1, (("world", "robot", False),), session=session)
-        publisher.put(encode_message(description))
-        eventually(lambda description=description: watching.described("lone") == description)
+        put_until(
+            publisher,
+            encode_message(description),
+            lambda description=description: watching.described("lone") == description,
+        )
         for _ in range(2):
             token = stranger.session.token("@tfbus/stream/lone")
             eventually(lambda: watching.alive() == ["lone"])
@@ -114,10 +128,11 @@ def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watchi
     """What is no description is counted, and the next one is taken."""
     node = bus.node("sim")
     publisher = declare_retained_publisher(node.session, "@tfbus/stream/sim")
-    publisher.put(b"nonsense")
-    eventually(lambda: watching.watch.rejected)
-    publisher.put(encode_message(StreamDescription(1, "/sim", 1, ())))
-    assert eventually(lambda: watching.described("sim")) == StreamDescription(1, "/sim", 1, ())
+    put_until(publisher, b"nonsense", lambda: bool(watching.watch.rejected))
+    description = StreamDescription(1, "/sim", 1, ())
+    put_until(
+        publisher, encode_message(description), lambda: watching.described("sim") == description
+    )
 
 
 def test_publishers_that_are_met_later_are_described_too(bus: Bus) -> None:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from tfbus.buffer import Buffer
 from tfbus.change import Change
@@ -12,6 +12,7 @@ from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
+from tfbus.executor import Executor
 from tfbus.fleet import Fleet, FrameNames
 from tfbus.interest import Interest
 from tfbus.keys import STATIC_TRANSFORMS, kept_transforms_selector, namespace_of, stream_of
@@ -20,6 +21,7 @@ from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
 from tfbus.session import Answer, Declaration
+from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo
 from tfbus.stream_watch import StreamState, StreamWatch
 from tfbus.transform import check_frame_id
@@ -88,12 +90,17 @@ class TransformListener:
         self._seen: dict[str, StreamState] = {}
         self._asked: set[str] = set()
         self._lost: set[str] = set()
+        # The streams whose static transforms are read; "" are all.
+        self._static_streams: set[str] = set()
+        self._executor = Executor(f"{node.full_name} streams", node.log)
+        self._recovery = StaticRecovery(node.session, node.log, self._executor)
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
             buffer.clock = node.clock
         # Under simulated time no stamp is made by a system's clock.
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
+        node.tell_of_buffer(self._describe_buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Interest(buffer, self._subscribe, self._forget)
@@ -101,7 +108,11 @@ class TransformListener:
             else Everything(self._subscribe, everywhere=everywhere)
         )
         self._watch = StreamWatch(
-            node.session, self._on_stream, everywhere=everywhere, log=node.log
+            node.session,
+            self._on_stream,
+            everywhere=everywhere,
+            log=node.log,
+            executor=self._executor,
         )
 
     def __enter__(self) -> "TransformListener":
@@ -116,8 +127,19 @@ class TransformListener:
             self._closed = True
             self._watch.close()
             self._reading.close()
+            self._recovery.close()
+            self._executor.close()
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
+            self._node.forget_buffer(self._describe_buffer)
+
+    def _describe_buffer(self) -> dict[str, Any]:
+        short = self.buffer.shortfall
+        return {
+            "cache_time_s": self.buffer.cache_time_s,
+            "too_old": short.count,
+            "missed_by_s": short.missed_by_ns / 1e9,
+        }
 
     def need(self, target_frame: str, source_frame: str) -> None:
         """Read what a lookup of these frames needs, from now until the listener is closed.
@@ -194,9 +216,11 @@ class TransformListener:
                 self._lost.discard(state.name)
                 self._log.info("Stream %s is back", _who(state))
         if description is not None and description != former.description:
-            stream.describe(
-                description.epoch, frozenset(child for _, child, _ in description.frames)
-            )
+            children = frozenset(child for _, child, _ in description.frames)
+            statics = frozenset(child for _, child, static in description.frames if static)
+            stream.describe(description.epoch, children, statics)
+        if self._static_streams & {"", state.name}:
+            self._recovery.check(state.key, stream)
         self._judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
             self._get_to_know(state, key)
@@ -238,10 +262,14 @@ class TransformListener:
 
     def _subscribe(self, stream: str, key: str, static: bool) -> Declaration:
         session = self._node.session
-        if static:
-            return declare_retained_subscriber(session, key, self._on_message)
-        declaration = session.subscriber(key, self._on_message)
         state = self._seen.get(stream)
+        if static:
+            self._static_streams.add(stream)
+            declaration = declare_retained_subscriber(session, key, self._on_message)
+            if state is not None:
+                self._recovery.check(state.key, self._streams[stream])
+            return declaration
+        declaration = session.subscriber(key, self._on_message)
         if state is not None:
             self._get_to_know(state, key)
         return declaration
@@ -252,6 +280,7 @@ class TransformListener:
         forgotten = self._receptions.pop(key, None)
         self._asked.discard(key)
         if isinstance(forgotten, StaticReception):
+            self._static_streams.discard(stream)
             forgotten.stream.forget_statics()
 
     def _as_called(self, state: StreamState) -> StreamState:

@@ -62,6 +62,10 @@ class StreamReception:
         # Counts what decides on who is gone.
         self._turns = 0
         self._static_epoch_ns: int | None = None
+        self._static_seq: int | None = None
+        # Whether none can have been missed since they last came.
+        self._statics_are_current = True
+        self._listed_statics: frozenset[str] = frozenset()
         self._listed_epoch_ns: int | None = None
         self._has_told_refused = False
 
@@ -186,7 +190,11 @@ class StreamReception:
                 self.outdated += 1
                 return
             self.count(len(message.batch), len(payload))
+            self._statics_are_current |= not self.gone
+            if former_ns == epoch_ns and _is_before(message.seq, self._static_seq):
+                return
             self.statics, self._static_epoch_ns = message.batch, epoch_ns
+            self._static_seq = message.seq
             is_newer = self.epoch_ns is None or epoch_ns > self.epoch_ns
         if is_newer:
             self.admit(epoch_ns)
@@ -195,10 +203,22 @@ class StreamReception:
             children = {child for _, child in _edges(message.batch)}
             self._remove_static({child for _, child in _edges(former)} - children)
 
+    def lacks_statics(self) -> bool:
+        """Whether its publisher is there and lists static transforms that have not come, or may
+        have changed while it was not there.
+        """
+        with self.lock:
+            statics, listed = self.statics, self._listed_statics
+            if self.gone or not listed:
+                return False
+            if not self._statics_are_current or statics is None:
+                return True
+        return not listed <= {child for _, child in _edges(statics)}
+
     def forget_statics(self) -> None:
         """The static transforms are not heard of any more."""
         with self.lock:
-            self.statics = self._static_epoch_ns = None
+            self.statics = self._static_epoch_ns = self._static_seq = None
 
     def apply_statics(self) -> None:
         """Put the static transforms into the buffer, those that were last received."""
@@ -214,9 +234,11 @@ class StreamReception:
             gone = [child for child in children if held.get(child) == 0]
             self.buffer.remove_sent(gone, self.name)
 
-    def describe(self, epoch_ns: int, children: frozenset[str]) -> None:
-        """Take what the stream says its frames are; one that was in the list and is no more was
-        removed.
+    def describe(
+        self, epoch_ns: int, children: frozenset[str], statics: frozenset[str] = frozenset()
+    ) -> None:
+        """Take what the stream says its frames are, and which of them are static; one that was in
+        the list and is no more was removed.
         """
         with self.lock:
             if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self._was_gone:
@@ -225,6 +247,7 @@ class StreamReception:
         with self.lock:
             former, former_ns = self.listed, self._listed_epoch_ns
             self.listed, self._listed_epoch_ns = children, epoch_ns
+            self._listed_statics = statics
             self._turns += 1
         if former_ns == epoch_ns:
             self.buffer.remove_sent(former - children, self.name)
@@ -241,6 +264,7 @@ class StreamReception:
         """The publisher is there no more."""
         with self.lock:
             self.gone = self._was_gone = True
+            self._statics_are_current = False
             self._turns += 1
         self.mark()
 
@@ -332,6 +356,10 @@ class StaticReception:
     def receive(self, payload: bytes) -> None:
         """Take one message as it comes."""
         self.stream.receive_static(payload)
+
+
+def _is_before(seq: int | None, other: int | None) -> bool:
+    return seq is not None and other is not None and seq < other
 
 
 def _without(batch: TransformBatch, children: Collection[str]) -> TransformBatch:

@@ -1,8 +1,7 @@
 """Which streams there are: by their liveliness tokens and descriptions, without their data."""
 
 import logging
-import threading
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -10,6 +9,7 @@ from dataclasses import dataclass, replace
 from tfbus.codec import decode_message
 from tfbus.description import StreamDescription
 from tfbus.errors import BusError, DecodeError
+from tfbus.executor import Executor
 from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 from tfbus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.session import Answer, Session
@@ -40,9 +40,10 @@ class StreamState:
 class StreamWatch:
     """Knows at any time which streams there are; closed by `close()` or the session's end.
 
-    `on_change(state)` is called after each change of one stream, one call at a time, on threads
-    of Zenoh's. With `everywhere` the streams of all namespaces below are watched. Descriptions
-    that cannot be read are counted in `rejected` by their stream, and the first is logged.
+    `on_change(state)` is called after each change of one stream, one call at a time, on a thread
+    of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
+    below are watched. Descriptions that cannot be read are counted in `rejected` by their stream,
+    and the first is logged.
 
     A token that comes back may be that of a new process, which the last description says nothing
     of. So with each token the stream's description is asked for; one that comes back is alive as
@@ -56,6 +57,7 @@ class StreamWatch:
         *,
         everywhere: bool = False,
         log: logging.Logger | None = None,
+        executor: Executor | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
         self._session = session
@@ -65,7 +67,8 @@ class StreamWatch:
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
         self._closed = False
-        self._turns = _Turns()
+        # What leads to questions is not done where Zenoh tells of it: there it holds locks.
+        self._executor = executor or Executor("streams", log or logging.getLogger(__name__))
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
@@ -79,13 +82,17 @@ class StreamWatch:
         self._closed = True
         self._tokens.close()
         self._descriptions.close()
+        self._executor.close()
+
+    def _do(self, job: Callable[[], None]) -> None:
+        self._executor.submit("a stream", job)
 
     def _on_token(self, key: str, alive: bool) -> None:
-        self._turns.take(lambda: self._take_token(key, alive))
+        self._do(lambda: self._take_token(key, alive))
 
     def _on_description(self, key: str, payload: bytes) -> None:
         if description := self._read(key, payload):
-            self._turns.take(lambda: self._take_description(key, description))
+            self._do(lambda: self._take_description(key, description))
 
     def _read(self, key: str, payload: bytes) -> StreamDescription | None:
         try:
@@ -122,7 +129,7 @@ class StreamWatch:
                 answers.append(description)
 
         def on_end() -> None:
-            self._turns.take(take_answers)
+            self._do(take_answers)
 
         def take_answers() -> None:
             state = self._state(key)
@@ -132,7 +139,9 @@ class StreamWatch:
                 if answers:
                     self._take_description(key, max(answers, key=lambda answer: answer.epoch))
                 elif pauses_s:
-                    _later(pauses_s[0], lambda: self._ask_for_description(key, pauses_s[1:]))
+                    self._executor.after(
+                        pauses_s[0], lambda: self._ask_for_description(key, pauses_s[1:])
+                    )
                 else:
                     self._take_back(key)
 
@@ -174,31 +183,3 @@ class StreamWatch:
                 stream,
                 error,
             )
-
-
-class _Turns:
-    """Does jobs one at a time, in the order they come, and makes nobody wait.
-
-    Who finds it busy leaves his job to the one who is at it. So a job may lead to another, and
-    may run into any lock of who brought it.
-    """
-
-    def __init__(self) -> None:
-        self._jobs: deque[Callable[[], None]] = deque()
-        self._busy = threading.Lock()
-
-    def take(self, job: Callable[[], None]) -> None:
-        """Do the job now, or have it done by who is at it."""
-        self._jobs.append(job)
-        while self._jobs and self._busy.acquire(blocking=False):
-            try:
-                if self._jobs:
-                    self._jobs.popleft()()
-            finally:
-                self._busy.release()
-
-
-def _later(delay_s: float, job: Callable[[], None]) -> None:
-    timer = threading.Timer(delay_s, job)
-    timer.daemon = True
-    timer.start()

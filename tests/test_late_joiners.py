@@ -1,0 +1,69 @@
+"""Many publishers of static frames, and listeners that come at any time: nobody misses one."""
+
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Bus, Process, eventually, free_port
+
+from tfbus import Buffer, Node, TransformListener
+
+SCRIPT = Path(__file__).parent / "many_publishers.py"
+PROCESSES = 2
+NODES = 25
+STATICS = 20
+
+
+class Meeting:
+    """Publishers and listeners that are peers, or clients of a router."""
+
+    def __init__(self, bus: Bus, *, clients: bool) -> None:
+        self._bus = bus
+        self._env = {"TFBUS_CONFIG": str(bus.quick_config)}
+        self._given: dict[str, object] = {}
+        if clients:
+            endpoint = f"tcp/127.0.0.1:{free_port()}"
+            router = bus.start("router", "--listen", endpoint)
+            router.wait_for_line("Routing on")
+            self._env |= {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
+            self._given = {"mode": "client", "connect": (endpoint,)}
+
+    def publish(self) -> list[Process]:
+        """Fifty publishers in two processes, started."""
+        starts = [str(first) for first in range(0, PROCESSES * NODES, NODES)]
+        return [
+            self._bus.start_command(
+                [sys.executable, str(SCRIPT), first, str(NODES), str(STATICS)], env=self._env
+            )
+            for first in starts
+        ]
+
+    def node(self, name: str) -> Node:
+        return self._bus.node(name, **self._given)
+
+
+def knows_all(buffer: Buffer) -> bool:
+    """Whether each static frame of each publisher can be looked up, where it was put."""
+    if len(buffer.frames()) < PROCESSES * NODES * STATICS + 1:
+        return False
+    return all(
+        buffer.lookup_transform("world", f"p{publisher}_{i}").transform.xyz[:2].tolist()
+        == [publisher, i]
+        for publisher in range(PROCESSES * NODES)
+        for i in range(STATICS)
+    )
+
+
+@pytest.mark.parametrize("clients", [False, True], ids=["peers", "clients"])
+def test_whoever_comes_first_all_statics_are_known(bus: Bus, clients: bool) -> None:
+    """A listener knows all of 1,000 static frames of 50 publishers, before, amid or after them."""
+    meeting = Meeting(bus, clients=clients)
+    buffers = [Buffer(), Buffer(), Buffer()]
+    with TransformListener(buffers[0], meeting.node("before")):
+        publishers = meeting.publish()
+        publishers[0].wait_for_line("ready")
+        with TransformListener(buffers[1], meeting.node("amid")):
+            publishers[1].wait_for_line("ready")
+            with TransformListener(buffers[2], meeting.node("after")):
+                for buffer in buffers:
+                    eventually(lambda buffer=buffer: knows_all(buffer), within_s=40.0)

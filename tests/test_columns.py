@@ -9,12 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_wire import EPOCH_NS, SAMPLE, messages, poses, rows
 
-from tfbus import Buffer, DecodeError
+from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.columns import Columns, find_columns
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
 
 Told = tuple[int, int | None, tuple[str, ...], bytes, bytes, bytes]
+
+
+frames_of_edges = st.sampled_from([("world", "turtle1"), ("turtle1", "drone"), ("a", "world")])
 
 
 def told_by_arrays(payload: bytes) -> Told | None:
@@ -211,3 +214,18 @@ def test_the_last_stamp_is_that_of_the_last_row() -> None:
     reader = TransformReader()
     assert reader.read(packed(stamps=struct.pack("<2q", -5, 7))).last_stamp_ns() == 7
     assert reader.read(packed(edges=b"", stamps=b"", poses=b"")).last_stamp_ns() is None
+
+
+@given(st.lists(st.tuples(frames_of_edges, st.integers(-(10**18), 10**18)), max_size=6))
+def test_transforms_become_the_same_columns_as_a_batch(
+    given_rows: list[tuple[tuple[str, str], int]],
+) -> None:
+    """Columns made of transforms are those of the batch that is made of them."""
+    transforms = [
+        TransformStamped(stamp, parent, child, Transform((1, 2, 3), (0, 0, 0.6, 0.8)))
+        for (parent, child), stamp in given_rows
+    ]
+    made = Columns.of_transforms(transforms)
+    batch = TransformBatch.from_transforms(transforms)
+    assert told_by_columns(made) == told_by_columns(Columns.of_batch(batch))
+    assert made.stamps_ns().tolist() == batch.stamps_ns.tolist()

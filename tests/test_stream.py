@@ -22,6 +22,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.columns import Columns
 from tfbus.description import StreamDescription
 from tfbus.kept_messages import KeptMessages
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
@@ -95,7 +96,7 @@ def test_the_messages_of_a_stream_are_numbered() -> None:
     sent = Sent()
     sender = sent.sender()
     for frames in (["a"], ["a"], ["a", "b"], []):
-        sender.send(TransformBatch.from_transforms(at(child=child) for child in frames))
+        sender.send(Columns.of_transforms(at(child=child) for child in frames))
     assert numbers_of(sent) == [
         ("tf/sim", 0, 0),
         ("tf/sim", 0, 1),
@@ -108,8 +109,8 @@ def test_a_split_stream_has_a_key_a_frame() -> None:
     """In a split stream each frame has its own key, and one message a send with its rows."""
     sent = Sent()
     sender = sent.sender(split=True)
-    sender.send(TransformBatch.from_transforms([at(1, "a"), at(2, "b/c"), at(3, "a")]))
-    sender.send(TransformBatch.from_transforms([at(4, "a", parent="map")]))
+    sender.send(Columns.of_transforms([at(1, "a"), at(2, "b/c"), at(3, "a")]))
+    sender.send(Columns.of_transforms([at(4, "a", parent="map")]))
     assert numbers_of(sent) == [("tf/sim/a", 0, 0), ("tf/sim/b%2Fc", 0, 0), ("tf/sim/a", 0, 1)]
     rows = [
         [(ts.frame_id, ts.child_frame_id, ts.transform.x) for ts in message.batch]
@@ -145,9 +146,7 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
     numbers: dict[str, int] = {}
     epoch = 0
     for stamps in sends:
-        sender.send(
-            TransformBatch.from_transforms(at(child=f, stamp_ns=t) for f, t in stamps.items())
-        )
+        sender.send(Columns.of_transforms(at(child=f, stamp_ns=t) for f, t in stamps.items()))
         if any(t < newest.get(f, t) - S for f, t in stamps.items()):
             epoch, newest, numbers = epoch + 1, {}, {}
         newest |= {f: max(t, newest.get(f, t)) for f, t in stamps.items()}
@@ -192,7 +191,7 @@ def test_stamps_at_the_end_of_time_begin_no_epoch(stamp_ns: int) -> None:
     sent = Sent()
     sender = sent.sender()
     for count in (1, 2, 1):
-        sender.send(rows_of(count, stamp_ns))
+        sender.send(Columns.of_batch(rows_of(count, stamp_ns)))
     assert [message.epoch_ns for _, message in sent.messages] == [0, 0, 0]
 
 
@@ -201,7 +200,7 @@ def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
     sent = Sent()
     sender = sent.sender()
     for count in (30_000, 29_999, 30_000):
-        sender.send(rows_of(count, 100 * S))
+        sender.send(Columns.of_batch(rows_of(count, 100 * S)))
     assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
     assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)
 

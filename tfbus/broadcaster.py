@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from tfbus.batch import TransformBatch
+from tfbus.columns import Columns
 from tfbus.node import Node
 from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped
@@ -46,7 +47,7 @@ class TransformBroadcaster:
         InvalidArgumentException where parent and child are the same frame, or a name in a batch
         can be no frame's.
         """
-        self._sender.send(_as_batch(transforms))
+        self._sender.send(_as_columns(transforms))
 
     def remove(self, frame: str) -> None:
         """Take a child frame out of the stream, and so out of every listener's buffer.
@@ -78,6 +79,14 @@ class StaticTransformBroadcaster:
         it is not static.
         """
         self._stream.remove_static(frame)
+
+
+def _as_columns(transforms: Transforms) -> Columns:
+    if isinstance(transforms, TransformStamped):
+        return Columns.of_transforms((transforms,))
+    if isinstance(transforms, TransformBatch):
+        return Columns.of_batch(transforms)
+    return Columns.of_transforms(transforms)
 
 
 def _as_batch(transforms: Transforms) -> TransformBatch:

@@ -1,6 +1,7 @@
 cimport cython
 from tfbus cimport octets
 from tfbus.octets cimport octets_t
+from tfbus.transform cimport TransformStamped
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE
 cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED
@@ -17,6 +18,10 @@ cdef class Columns:
     @cython.locals(columns=Columns)
     cpdef Columns with_frames(self, tuple frames)
     cpdef last_stamp_ns(self)
+
+@cython.locals(ts=TransformStamped, index_of=dict, edges=list, stamps=list, poses=list,
+               parent=Py_ssize_t, child=Py_ssize_t)
+cdef Columns _of_list(list transforms)
 
 @cython.final
 cdef class _Walk:

@@ -4,13 +4,16 @@ One of the modules that are compiled where there is a C compiler (`columns.pxd` 
 """
 
 import sys
+from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus import octets
 from tfbus.batch import TransformBatch
 from tfbus.errors import InvalidArgumentException
 from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
+from tfbus.transform import TransformStamped
 
 try:
     import cython
@@ -61,6 +64,11 @@ class Columns:
         columns.seq = seq
         return columns
 
+    @staticmethod
+    def of_transforms(transforms: Iterable[TransformStamped]) -> "Columns":
+        """The transforms in the same order, each frame named once."""
+        return _of_list(list(transforms))
+
     def __len__(self) -> int:
         return self.count
 
@@ -69,9 +77,13 @@ class Columns:
         return TransformBatch(
             self.frames,
             np.frombuffer(self.edges, np.uint32, 2 * self.count, self.edges_at).reshape(-1, 2),
-            np.frombuffer(self.stamps, np.int64, self.count, self.stamps_at),
+            self.stamps_ns(),
             np.frombuffer(self.poses, np.float64, 7 * self.count, self.poses_at).reshape(-1, 7),
         )
+
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """The stamps of all rows (N,)."""
+        return np.frombuffer(self.stamps, np.int64, self.count, self.stamps_at)
 
     def with_frames(self, frames: tuple[str, ...]) -> "Columns":
         """The same rows, between frames of other names: as many, in the same order.
@@ -94,6 +106,22 @@ class Columns:
         if self.count == 0:
             return None
         return octets.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * (self.count - 1))
+
+
+def _of_list(transforms: list[TransformStamped]) -> Columns:
+    index_of: dict[str, int] = {}
+    edges, stamps, poses = [], [], []
+    for ts in transforms:
+        parent = index_of.setdefault(ts._frame_id, len(index_of))
+        child = index_of.setdefault(ts._child_frame_id, len(index_of))
+        edges.append(octets.edge_bytes(parent, child))
+        stamps.append(octets.stamp_bytes(ts._stamp_ns))
+        poses.append(octets.pose_bytes(ts._pose))
+    columns = Columns(tuple(index_of), len(transforms))
+    columns.edges = b"".join(edges)
+    columns.stamps = b"".join(stamps)
+    columns.poses = b"".join(poses)
+    return columns
 
 
 class _Walk:

@@ -38,7 +38,7 @@ class NewestStamps:
         none of them is noted.
         """
         if len(rows) == 1:
-            return self._note_one(int(rows[0]), int(stamps_ns[0]))
+            return self.note_one(int(rows[0]), int(stamps_ns[0]))
         too_old = stamps_ns < self._newest[rows] - MOST_BACK_NS
         if np.count_nonzero(too_old):
             return int(too_old.argmax())
@@ -61,7 +61,8 @@ class NewestStamps:
         """Know no stamps; the rows stay what they are."""
         self._newest[:] = _NEVER
 
-    def _note_one(self, row: int, stamp_ns: int) -> int | None:
+    def note_one(self, row: int, stamp_ns: int) -> int | None:
+        """As `note` of one row, in a fraction of the time."""
         newest_ns = self._one[row]
         if stamp_ns < newest_ns - MOST_BACK_NS:
             return 0

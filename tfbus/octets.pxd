@@ -1,5 +1,6 @@
 # The same in C; there is no module to compile: whoever uses them, has them compiled into it.
 
+from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.string cimport memcmp, memcpy
 from tfbus.kernel cimport pose_t
@@ -24,6 +25,19 @@ cdef inline pose_t pose_at(octets_t data, Py_ssize_t at) noexcept nogil:
     cdef pose_t pose
     memcpy(&pose, data + at, 56)
     return pose
+
+
+cdef inline bytes edge_bytes(unsigned int parent, unsigned int child):
+    cdef edge_t edge = (parent, child)
+    return PyBytes_FromStringAndSize(<const char*> &edge, 8)
+
+
+cdef inline bytes stamp_bytes(long long stamp_ns):
+    return PyBytes_FromStringAndSize(<const char*> &stamp_ns, 8)
+
+
+cdef inline bytes pose_bytes(pose_t pose):
+    return PyBytes_FromStringAndSize(<const char*> &pose, 56)
 
 
 cdef inline unsigned long long big_endian_at(

@@ -4,7 +4,7 @@ Where the kernel is compiled, `octets.pxd` beside this stands in for it: then ea
 load of the processor. Numbers are in the byte order of the machine unless their name says more.
 """
 
-from struct import unpack_from
+from struct import pack, unpack_from
 
 Pose = tuple[float, float, float, float, float, float, float]
 
@@ -31,6 +31,21 @@ def pose_at(data: bytes, at: int) -> Pose:
     """Seven floats of 64 bits: x y z qx qy qz qw."""
     pose: Pose = unpack_from("=7d", data, at)
     return pose
+
+
+def edge_bytes(parent: int, child: int) -> bytes:
+    """What `edge_at` reads."""
+    return pack("=2I", parent, child)
+
+
+def stamp_bytes(stamp_ns: int) -> bytes:
+    """What `stamp_at` reads."""
+    return pack("=q", stamp_ns)
+
+
+def pose_bytes(pose: Pose) -> bytes:
+    """What `pose_at` reads."""
+    return pack("=7d", *pose)
 
 
 def big_endian_at(data: bytes, at: int, size: int) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.batch import TransformBatch
+from tfbus.columns import Columns
 from tfbus.keys import escape, transforms_key
 from tfbus.session import BytesPublisher, Session
 from tfbus.wire import TransformEncoder
@@ -27,17 +28,21 @@ class StreamKey:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowsOfKey:
-    """The rows of a batch that go on one key, in one message."""
+    """The rows of a send that go on one key, in one message; `rows` is None for all."""
 
     key: StreamKey
-    rows: slice | NDArray[np.intp]
+    rows: slice | NDArray[np.intp] | None
     encoder: TransformEncoder
 
-    def encode(self, batch: TransformBatch) -> bytes:
-        """The next message of the key, with these rows of a batch."""
+    def encode(self, columns: Columns) -> bytes:
+        """The next message of the key, with these rows."""
         seq = self.key.sent
         self.key.sent += 1
-        return self.encoder.encode(seq, batch.stamps_ns[self.rows], batch.poses[self.rows])
+        if self.rows is None:
+            return self.encoder.encode(seq, columns.stamps, columns.poses)
+        batch = columns.as_batch()
+        stamps, poses = batch.stamps_ns[self.rows], batch.poses[self.rows]
+        return self.encoder.encode(seq, stamps.tobytes(), poses.tobytes())
 
 
 class StreamKeys(Protocol):
@@ -71,7 +76,7 @@ class OneKey:
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
         """All rows in one message."""
         encoder = TransformEncoder(epoch_ns, batch.frames, batch.edges)
-        return [RowsOfKey(self._key, slice(None), encoder)]
+        return [RowsOfKey(self._key, None, encoder)]
 
     def restart(self) -> None:
         """Number messages from 0 again."""

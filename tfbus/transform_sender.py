@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from tfbus.batch import TransformBatch
+from tfbus.columns import Columns
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.kept_messages import KeptMessages
 from tfbus.newest_stamps import NewestStamps, Rows
@@ -29,6 +30,7 @@ class _Table:
     frames: tuple[str, ...]
     edges: bytes
     stamp_rows: Rows
+    first_stamp_row: int
     parts: Sequence[RowsOfKey]
 
 
@@ -69,21 +71,21 @@ class TransformSender:
         """Whether somebody hears any of it now."""
         return self._keys.heard
 
-    def send(self, batch: TransformBatch) -> None:
-        """Send the transforms of the batch: one message a key.
+    def send(self, columns: Columns) -> None:
+        """Send transforms: one message a key.
 
         Raises InvalidArgumentException where a name can be no frame's, or parent and child are
         the same.
         """
         with self._lock:
-            table = self._table(batch)
-            late = self._newest.note(table.stamp_rows, batch.stamps_ns)
+            table = self._table(columns)
+            late = self._note(table, columns)
             if late is not None:
-                self._restart(batch, late, int(table.stamp_rows[late]))
-                table = self._table(batch)
-                self._newest.note(table.stamp_rows, batch.stamps_ns)
+                self._restart(columns.as_batch(), late, int(table.stamp_rows[late]))
+                table = self._table(columns)
+                self._note(table, columns)
             for part in table.parts:
-                payload = part.encode(batch)
+                payload = part.encode(columns)
                 if self._kept is not None:
                     self._kept.append(part.key.key, payload)
                 part.key.publisher.put(payload)
@@ -95,12 +97,18 @@ class TransformSender:
             self._newest.forget(child)
             self._forget_tables()
 
-    def _table(self, batch: TransformBatch) -> _Table:
-        edges = batch.edges.tobytes()
+    def _note(self, table: _Table, columns: Columns) -> int | None:
+        """Note the stamps; where one is too far back, its row is answered, and none is noted."""
+        if columns.count == 1:
+            return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
+        return self._newest.note(table.stamp_rows, columns.stamps_ns())
+
+    def _table(self, columns: Columns) -> _Table:
+        edges, frames = columns.edges, columns.frames
         last = self._last_table
-        if last is None or last.edges != edges or last.frames != batch.frames:
-            known = self._tables.get((batch.frames, edges))
-            last = self._last_table = known or self._remember(batch, edges)
+        if last is None or last.edges != edges or last.frames != frames:
+            known = self._tables.get((frames, edges))
+            last = self._last_table = known or self._remember(columns.as_batch(), edges)
         return last
 
     def _remember(self, batch: TransformBatch, edges: bytes) -> _Table:
@@ -111,10 +119,12 @@ class TransformSender:
         self._edges_remembered += max(len(rows), 1)
         if self._edges_remembered > _MOST_EDGES:
             self._forget_tables()
+        stamp_rows = self._newest.rows([child for _, child in rows])
         table = _Table(
             batch.frames,
             edges,
-            self._newest.rows([child for _, child in rows]),
+            stamp_rows,
+            int(stamp_rows[0]) if rows else 0,
             self._keys.divide(batch, self._epoch_ns),
         )
         self._tables[batch.frames, edges] = table

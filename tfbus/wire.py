@@ -4,6 +4,7 @@ A batch is written and read column by column, without a Python object for each t
 """
 
 import struct
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +43,7 @@ def encode_transforms(message: TransformMessage) -> bytes:
     """The payload of one message."""
     batch = message.batch
     encoder = TransformEncoder(message.epoch_ns, batch.frames, batch.edges)
-    return encoder.encode(message.seq, batch.stamps_ns, batch.poses)
+    return encoder.encode(message.seq, batch.stamps_ns.tobytes(), batch.poses.tobytes())
 
 
 class TransformEncoder:
@@ -54,18 +55,26 @@ class TransformEncoder:
     def __init__(self, epoch_ns: int, frames: Sequence[str], edges: NDArray[np.uint32]) -> None:
         pack = msgpack.Packer().pack
         common = [pack("v"), pack(VERSION), pack("epoch"), pack(epoch_ns)]
-        common += [pack("frames"), pack(frames), pack("edges"), pack(_bytes(edges, _EDGE))]
+        common += [
+            pack("frames"),
+            pack(frames),
+            pack("edges"),
+            pack(edges.astype(_EDGE, copy=False).tobytes()),
+        ]
         count = len(edges)
         self._uncounted = b"".join([b"\x86", *common])
         self._counted = b"".join([b"\x87", *common, pack("seq")])
         self._stamps = pack("stamps") + _bin_header(count * _STAMP.itemsize)
         self._poses = pack("poses") + _bin_header(count * 7 * _POSE.itemsize)
 
-    def encode(
-        self, seq: int | None, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64]
-    ) -> bytes:
-        """The payload of one message: as many stamps and poses as there are edges."""
-        columns = (self._stamps, _bytes(stamps_ns, _STAMP), self._poses, _bytes(poses, _POSE))
+    def encode(self, seq: int | None, stamps: bytes, poses: bytes) -> bytes:
+        """The payload of one message: as many stamps and poses as there are edges, as the bytes
+        of their columns on this machine.
+        """
+        if sys.byteorder == "big":
+            stamps = np.frombuffer(stamps, np.int64).astype(_STAMP).tobytes()
+            poses = np.frombuffer(poses, np.float64).astype(_POSE).tobytes()
+        columns = (self._stamps, stamps, self._poses, poses)
         if seq is None:
             return b"".join((self._uncounted, *columns))
         return b"".join((self._counted, msgpack.packb(seq), *columns))
@@ -103,10 +112,6 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     except InvalidArgumentException as error:
         raise DecodeError(str(error)) from error
     return TransformMessage(batch, epoch_ns, seq)
-
-
-def _bytes(column: NDArray[Any], dtype: np.dtype[Any]) -> bytes:
-    return column.astype(dtype, copy=False).tobytes()
 
 
 def _bin_header(size: int) -> bytes:

@@ -1,9 +1,10 @@
 """Static transforms that a stream lists and that have not come: they are asked for.
 
 Zenoh brings retained messages to those who join, and asks again for ones that were lost. But where
-many meet at once, its question may come before the way to the publisher is open; then nobody
-answers, and nothing is sent again until something changes. A static transform is sent once, so
-here the streams' descriptions are the check.
+many meet at once, its question may come before the way to the publisher is open, or the publisher's
+offer to answer is lost for good (eclipse-zenoh/zenoh#2516); then nobody answers, and nothing is
+sent again until something changes. A static transform is sent once, so here the streams'
+descriptions are the check, and a stream answers on two keys: by turns each of them is asked.
 """
 
 import logging
@@ -63,4 +64,9 @@ class StaticRecovery:
                 )
 
         with suppress(BusError):  # the session has been closed
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            if len(pauses_s) % 2:
+                self._session.ask_later(key, None, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            else:
+                ask_retained_later(
+                    self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
+                )

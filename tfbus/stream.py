@@ -18,7 +18,7 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key
 from tfbus.retained import declare_retained_publisher
-from tfbus.session import Session
+from tfbus.session import Query, Session
 from tfbus.stream_frames import FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped
@@ -55,7 +55,11 @@ class Stream:
         self._static_lock = threading.Lock()
         self._statics: dict[str, TransformStamped] = {}
         self._statics_sent = 0
-        self._static_publisher = declare_retained_publisher(session, static_transforms_key(name))
+        self._static_payload = b""
+        self._static_key = static_transforms_key(name)
+        self._static_publisher = declare_retained_publisher(session, self._static_key)
+        # Who was told of the one way to what is retained too early, may know of the other.
+        session.queryable(self._static_key, self._on_static_query)
         self._frames = StreamFrames(
             name, declare_retained_publisher(session, stream_key(name)), self._describe, executor
         )
@@ -109,7 +113,13 @@ class Stream:
         batch = TransformBatch.from_transforms(self._statics.values())
         message = TransformMessage(batch, self._epoch_ns, self._statics_sent)
         self._statics_sent += 1
-        self._static_publisher.put(encode_transforms(message))
+        self._static_payload = encode_transforms(message)
+        self._static_publisher.put(self._static_payload)
+
+    def _on_static_query(self, query: Query) -> None:
+        with query.answering("the static transforms"):
+            if self._static_payload:
+                query.answer(self._static_key, self._static_payload)
 
     def _begin(self, child: str, back_ns: int) -> int:
         """A new epoch, since the stamps of a frame went back; the static transforms go with it."""

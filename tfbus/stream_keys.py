@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tfbus.batch import TransformBatch
 from tfbus.columns import Columns
 from tfbus.keys import escape, transforms_key
+from tfbus.octets import POSE_SIZE, STAMP_SIZE
 from tfbus.session import BytesPublisher, Session
 from tfbus.wire import TransformEncoder
 
@@ -31,7 +31,7 @@ class RowsOfKey:
     """The rows of a send that go on one key, in one message; `rows` is None for all."""
 
     key: StreamKey
-    rows: slice | NDArray[np.intp] | None
+    rows: Sequence[int] | None
     encoder: TransformEncoder
 
     def encode(self, columns: Columns) -> bytes:
@@ -40,9 +40,8 @@ class RowsOfKey:
         self.key.sent += 1
         if self.rows is None:
             return self.encoder.encode(seq, columns.stamps, columns.poses)
-        batch = columns.as_batch()
-        stamps, poses = batch.stamps_ns[self.rows], batch.poses[self.rows]
-        return self.encoder.encode(seq, stamps.tobytes(), poses.tobytes())
+        stamps = _rows_of(columns.stamps, STAMP_SIZE, self.rows)
+        return self.encoder.encode(seq, stamps, _rows_of(columns.poses, POSE_SIZE, self.rows))
 
 
 class StreamKeys(Protocol):
@@ -114,11 +113,14 @@ class KeyPerFrame:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
         if len(rows) == 1:
-            row = rows[0]
-            names = [batch.frames[batch.edges[row, 0]], child]
+            names = [batch.frames[batch.edges[rows[0], 0]], child]
             encoder = TransformEncoder(epoch_ns, names, _ONE_EDGE)
-            return RowsOfKey(self._keys[child], slice(row, row + 1), encoder)
+            return RowsOfKey(self._keys[child], rows, encoder)
         used, edges = np.unique(batch.edges[rows], return_inverse=True)
         names = [batch.frames[frame] for frame in used.tolist()]
         encoder = TransformEncoder(epoch_ns, names, edges.reshape(-1, 2).astype(np.uint32))
-        return RowsOfKey(self._keys[child], np.array(rows, dtype=np.intp), encoder)
+        return RowsOfKey(self._keys[child], rows, encoder)
+
+
+def _rows_of(column: bytes, size: int, rows: Sequence[int]) -> bytes:
+    return b"".join([column[size * row : size * (row + 1)] for row in rows])

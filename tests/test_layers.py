@@ -45,7 +45,7 @@ LAYERS = [
     {"retained"},
     {"stream_frames", "stream_keys"},
     {"transform_sender"},
-    {"claims", "stream_info", "stream_watch", "reception", "static_recovery"},
+    {"claims", "conflicts", "stream_info", "stream_watch", "reception", "static_recovery"},
     {"reading"},
     {"interest"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},

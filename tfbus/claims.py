@@ -1,6 +1,6 @@
 """Which streams claim which frame, and which of them has the right of way."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -13,6 +13,8 @@ Rule = Literal["latest", "first", "priority"]
 
 # Names come from the bus: what is remembered of them has an end.
 _MOST_TOLD = 10_000
+
+_FRAMES_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,13 @@ class Claims:
         told = claimant.description
         priority = -told.priority if self.rule == "priority" else 0
         return (priority, told.epoch, claimant.stream)
+
+
+def name_some(frames: Sequence[str]) -> str:
+    """The first few frames, and how many more there are, to be said in a line."""
+    more = len(frames) - _FRAMES_NAMED
+    named = ", ".join(map(repr, frames[:_FRAMES_NAMED]))
+    return f"{named} and {more} more" if more > 0 else named
 
 
 def _children(description: StreamDescription | None) -> frozenset[str]:

@@ -1,16 +1,14 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from tfbus.buffer import Buffer
-from tfbus.change import Change
-from tfbus.claims import Claimant, Claims, Conflict, Rule
+from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
-from tfbus.description import StreamDescription
+from tfbus.conflicts import Conflicts
 from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet, FrameNames
@@ -22,8 +20,8 @@ from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
 from tfbus.session import Answer, Declaration
 from tfbus.static_recovery import StaticRecovery
-from tfbus.stream_info import StreamInfo
-from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.stream_info import StreamInfo, stream_info
+from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
 from tfbus.transform import check_frame_id
 from tfbus.transform_reader import TransformReader
 
@@ -31,7 +29,6 @@ from tfbus.transform_reader import TransformReader
 MOST_KEYS = 200_000
 
 _KEPT_WITHIN_S = 5.0
-_FRAMES_NAMED = 5
 
 
 # What a listener reads.
@@ -81,15 +78,16 @@ class TransformListener:
         self._node = node
         self._log = node.log
         self._history_s = history_s
-        self._claims = Claims(conflicts)
         self._fleet = fleet
         self._names: dict[str, FrameNames] = {}
         self._readers: dict[str, TransformReader] = {}
         self._streams: dict[str, StreamReception] = {}
+        self._conflicts = Conflicts(conflicts, buffer, self._streams, node.log)
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
         self._seen: dict[str, StreamState] = {}
         self._asked: set[str] = set()
         self._lost: set[str] = set()
+        self._forget_from = 2 * MOST_GONE
         # The streams whose static transforms are read; "" are all.
         self._static_streams: set[str] = set()
         self._executor = Executor(f"{node.full_name} streams", node.log)
@@ -159,7 +157,7 @@ class TransformListener:
         states = {name: self._as_called(state) for name, state in self._watch.streams().items()}
         receptions = dict(self._streams)
         infos = [
-            _info(name, states.get(name), receptions.get(name))
+            stream_info(name, states.get(name), receptions.get(name))
             for name in sorted(states.keys() | receptions.keys())
         ]
         offsets = [self._offsets.of(info.session) for info in infos]
@@ -210,6 +208,7 @@ class TransformListener:
             self._lost.add(state.name)
             stream.vanish()
             self._tell_gone(state)
+            self._forget_strangers()
         elif state.alive and not former.alive:
             stream.appear()
             if state.name in self._lost:
@@ -221,7 +220,7 @@ class TransformListener:
             stream.describe(description.epoch, children, statics)
         if self._static_streams & {"", state.name}:
             self._recovery.check(state.key, stream)
-        self._judge(state.name, description if state.alive else None)
+        self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
             self._get_to_know(state, key)
         self._reading.update(described, self._names_at(state.key))
@@ -232,8 +231,21 @@ class TransformListener:
             self._log.warning(
                 "Stream %s is gone; what it sent last stays, marked as gone: %s",
                 _who(state),
-                _named(frames),
+                name_some(frames),
             )
+
+    def _forget_strangers(self) -> None:
+        """Streams that went long ago are not counted any more: their names come from the bus."""
+        if len(self._seen) >= self._forget_from:
+            known = self._watch.streams()
+            for name in self._seen.keys() - known.keys():
+                del self._seen[name]
+                self._lost.discard(name)
+                self._streams.pop(name, None)
+            for key, reception in list(self._receptions.items()):
+                if reception.stream.name not in self._streams:
+                    self._receptions.pop(key, None)
+            self._forget_from = len(self._seen) + MOST_GONE
 
     def _get_to_know(self, state: StreamState, key: str) -> None:
         """Learn of a living stream, one of whose keys is read, what its messages do not say."""
@@ -306,92 +318,7 @@ class TransformListener:
             self._readers[namespace] = TransformReader(names)
         return self._readers[namespace]
 
-    # Who has the right of way
-
-    def _judge(self, name: str, description: StreamDescription | None) -> None:
-        """Take what a stream claims; nothing where it is not there."""
-        contested = self._claims.update(name, description)
-        if contested:
-            for conflict in self._claims.news(contested):
-                self._tell_conflict(conflict)
-            rulings = self._claims.rulings(name, contested)
-            changed = [self._streams[each].exclude(ruling) for each, ruling in rulings.items()]
-            if any(changed):
-                # A static transform that comes into its right is not sent again.
-                for each, ruling in rulings.items():
-                    if ruling.won:
-                        self._streams[each].apply_statics()
-
-    def _tell_conflict(self, conflict: Conflict) -> None:
-        first, other = conflict.first, conflict.other
-        wins = {
-            "latest": "whoever sent last wins",
-            "first": f"{first.stream!r} wins, as it was started first",
-            "priority": f"{first.stream!r} wins, by its priority or as it was started first",
-        }
-        self._log.warning(
-            "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one of "
-            "them, or give its frame another name",
-            _named(conflict.frames),
-            first,
-            other,
-            wins[self._claims.rule],
-            self._claims.rule,
-        )
-        for child in conflict.frames:
-            self.buffer.tell(
-                Change(
-                    "conflict",
-                    child,
-                    other.parent_of(child),
-                    first.parent_of(child),
-                    other.stream,
-                    first.stream,
-                    0,
-                )
-            )
-
-
-def _info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
-    info = StreamInfo(name)
-    if state is not None:
-        info = replace(info, alive=state.alive)
-    if state is not None and state.description is not None:
-        told = state.description
-        info = replace(
-            info,
-            node=told.node,
-            host=told.host,
-            pid=told.pid,
-            session=told.session,
-            epoch_ns=told.epoch,
-            frames=told.frames,
-            priority=told.priority,
-        )
-    if stream is not None:
-        info = replace(
-            info,
-            epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
-            messages=stream.messages,
-            transforms=stream.transforms,
-            bytes=stream.bytes,
-            missed=stream.missed,
-            outdated=stream.outdated,
-            rejected=stream.rejected,
-            excluded=stream.excluded_rows,
-            last_heard_ns=stream.last_heard_ns,
-            delay_s=stream.delay_s,
-        )
-    return info
-
 
 def _who(state: StreamState) -> str:
     """A stream, and as far as it is known who publishes it."""
     return str(Claimant(state.name, state.description)) if state.description else repr(state.name)
-
-
-def _named(frames: Sequence[str]) -> str:
-    """The first few frames, and how many more there are."""
-    more = len(frames) - _FRAMES_NAMED
-    named = ", ".join(map(repr, frames[:_FRAMES_NAMED]))
-    return f"{named} and {more} more" if more > 0 else named

@@ -1,6 +1,9 @@
 """What a listener knows about one stream."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from tfbus.reception import StreamReception
+from tfbus.stream_watch import StreamState
 
 
 @dataclass(frozen=True)
@@ -39,3 +42,37 @@ class StreamInfo:
     last_heard_ns: int | None = None
     delay_s: float | None = None
     clock_offset_s: float | None = None
+
+
+def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
+    """What is known of a stream from its token and description, and from what came of it."""
+    info = StreamInfo(name)
+    if state is not None:
+        info = replace(info, alive=state.alive)
+    if state is not None and state.description is not None:
+        told = state.description
+        info = replace(
+            info,
+            node=told.node,
+            host=told.host,
+            pid=told.pid,
+            session=told.session,
+            epoch_ns=told.epoch,
+            frames=told.frames,
+            priority=told.priority,
+        )
+    if stream is not None:
+        info = replace(
+            info,
+            epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
+            messages=stream.messages,
+            transforms=stream.transforms,
+            bytes=stream.bytes,
+            missed=stream.missed,
+            outdated=stream.outdated,
+            rejected=stream.rejected,
+            excluded=stream.excluded_rows,
+            last_heard_ns=stream.last_heard_ns,
+            delay_s=stream.delay_s,
+        )
+    return info

@@ -201,10 +201,15 @@ class TestEcho:
 
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
         """Options that do not go together, or a field that is not there, are usage errors."""
-        assert run(bus, "echo", "turtle1/pose", "--csv", "--json")[::2] == (
-            2,
-            f"{USAGE}Error: --csv, --json and --raw are three forms: give one of them\n",
-        )
+        for arguments, sentence in (
+            (("x", "--csv", "--json"), "--csv, --json and --raw are three forms: give one of them"),
+            (
+                ("/x",),
+                "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "
+                "node's namespace, write 'x'",
+            ),
+        ):
+            assert run(bus, "echo", *arguments)[::2] == (2, f"{USAGE}Error: {sentence}\n")
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pose", "--field", "thta")
         assert (code, out) == (2, "")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.errors import TfbusError
+from tfbus.errors import InvalidNameError, TfbusError
+from tfbus.keys import check_topic
 from tfbus.settings import NodeSettings
 
 if TYPE_CHECKING:
@@ -93,13 +94,22 @@ class TopicName(_BusName):
 
     name = "topic"
 
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error where it can be none."""
+        try:
+            return check_topic(str(value), kind=self.name)
+        except InvalidNameError as error:
+            self.fail(str(error), param, ctx)
+
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
         """The topics that nodes publish or subscribe to, and what they carry."""
         return names.topics
 
 
-class ServiceName(_BusName):
-    """The name of a service or goal."""
+class ServiceName(TopicName):
+    """The name of a service or goal, which is formed as a topic's."""
 
     name = "service"
 

@@ -12,7 +12,6 @@ from tfbus.cli.nearest import nearest
 from tfbus.cli.output import print_json
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
-from tfbus.keys import check_topic
 from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
@@ -46,7 +45,6 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     REQUEST is a YAML map of its fields. Each answer is printed as one line of JSON: a service
     has one, a goal tells its feedback and then its result. Ctrl-C cancels a goal.
     """
-    check_topic(service, kind="service")
     payload = encode_values(checked_map(request, "REQUEST"), "REQUEST")
     with open_bus(settings) as session:
         for answer in follow(session, service, payload, timeout_s):

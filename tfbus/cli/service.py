@@ -12,7 +12,6 @@ from tfbus.cli.nearest import nearest
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
 from tfbus.errors import ServiceError
 from tfbus.graph import ServiceInfo
-from tfbus.keys import check_topic
 from tfbus.name_types import ServiceName
 from tfbus.options import bus_options
 from tfbus.session import Session
@@ -52,7 +51,6 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 @bus_options("service")
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     """Print the type of SERVICE, and how many call and serve it."""
-    check_topic(service, kind="service")
     with open_bus(settings) as session:
         services = look(session).services
     if service not in services:
@@ -81,7 +79,6 @@ def call_command(
     REQUEST is a YAML map of fields. TYPE may be left out; where it is given, the service has to
     be of it. A goal answers several times, as in `tfbus call`.
     """
-    check_topic(service, kind="service")
     type_name, text = _split(request)
     payload = encode_values(checked_map(text, "REQUEST"), "REQUEST")
     with open_bus(settings) as session:

@@ -14,7 +14,6 @@ from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
 from tfbus.cli.topic_source import type_of, visiting
 from tfbus.errors import DecodeError
-from tfbus.keys import check_topic
 from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
@@ -84,7 +83,6 @@ def echo_command(
     Messages of the types in tfbus.messages are checked, and shown as a subscriber gets them.
     Topics of transforms are tf/STREAM and tf_static/STREAM; tf and tf_static are all of them.
     """
-    check_topic(topic)
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are three forms: give one of them")
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)

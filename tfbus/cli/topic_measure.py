@@ -16,7 +16,6 @@ from tfbus.cli.topic_source import type_of, visiting
 from tfbus.codec import decode_map
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
-from tfbus.keys import check_topic
 from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
@@ -56,7 +55,7 @@ def hz_command(
 ) -> None:
     """Print every second how often messages of TOPIC come.
 
-    That is the mean of one over the times between them, and how these are spread.
+    That is one over the mean of the times between them; it also tells how these are spread.
     """
     wanted = MessageFilter(expression) if expression else None
 
@@ -104,8 +103,6 @@ def _run(
     number_of: Callable[["Node", str], Meter],
     **how: Any,
 ) -> None:
-    for topic in topics:
-        check_topic(topic)
     with visiting(settings, report.name) as node:
         measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
 

@@ -23,7 +23,6 @@ from tfbus.clock import SYSTEM_CLOCK
 from tfbus.codec import type_name
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
-from tfbus.keys import check_topic
 from tfbus.name_types import TopicName, matching
 from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.options import bus_options
@@ -93,7 +92,6 @@ def pub_command(
     the topic's other nodes tell. Fields are checked against it, and those left out take their
     defaults.
     """
-    check_topic(topic)
     if once and times is not None:
         raise click.UsageError("--once and --times say the same thing: give one of them")
     times = 1 if once else times

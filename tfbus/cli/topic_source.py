@@ -13,7 +13,7 @@ from tfbus.cli.bus import look
 from tfbus.cli.nearest import nearest
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.keys import STATIC_TRANSFORMS, TRANSFORMS, check_topic
+from tfbus.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.retained import declare_retained_subscriber
 from tfbus.settings import NodeSettings
 
@@ -56,7 +56,6 @@ def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[byte
 
 def find_topic(graph: Graph, name: str) -> TopicInfo:
     """The topic of this name. Raises BusError, with the nearest, where there is none."""
-    check_topic(name)
     kind, stream = _transforms(name)
     if kind and not stream:
         ends = [t for key, t in graph.topics.items() if key.startswith(f"{name}/")]

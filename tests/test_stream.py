@@ -1,5 +1,6 @@
 """Streams: how they number and divide what they send, when they begin anew, what they keep."""
 
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -390,6 +391,21 @@ def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
     eventually(lambda: descriptions and descriptions[-1].epoch == epoch_ns)
     assert statics[-1].seq == 0
     assert answers(receiver, "tf/**?last_s=60") == [("tf/sender", "turtle1", 2)]
+
+
+def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
+    """One line of the log tells which frame went back, and by how much; more in a row are not."""
+    lines: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
+    sender.log.addHandler(handler)
+    broadcaster = TransformBroadcaster(sender)
+    for seconds in (100, 97, 94):
+        broadcaster.send_transform(at(stamp_ns=seconds * S))
+    assert lines == [
+        "The stamps of frame 'turtle1' went back by 3.000 s: stream 'sender' begins anew, what was "
+        "sent before counts no more, static transforms stay"
+    ]
 
 
 def describe_to(node: Node) -> list[StreamDescription]:

@@ -6,6 +6,7 @@ without reading a transform.
 """
 
 import logging
+import math
 import os
 import socket
 import threading
@@ -24,6 +25,10 @@ from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped
 from tfbus.transform_sender import TransformSender
 from tfbus.wire import TransformMessage, encode_transforms
+
+# Epochs that follow each other closer than that, as of a short recording in a loop, are told by one
+# line.
+_TELL_EPOCHS_EVERY_S = 5.0
 
 # What a stream is that nothing moves in.
 _NOTHING_MOVES = StreamOptions(history_s=0.0)
@@ -53,6 +58,7 @@ class Stream:
         self._lock = threading.Lock()
         self._sender: TransformSender | None = None
         self._static_lock = threading.Lock()
+        self._told_epoch_s = -math.inf
         self._statics: dict[str, TransformStamped] = {}
         self._statics_sent = 0
         self._static_payload = b""
@@ -128,7 +134,11 @@ class Stream:
             self._statics_sent = 0
             if self._statics:
                 self._send_statics()
-        self._log.info(
+        now_s = time.monotonic()
+        often = now_s < self._told_epoch_s + _TELL_EPOCHS_EVERY_S
+        self._told_epoch_s = now_s
+        self._log.log(
+            logging.DEBUG if often else logging.INFO,
             "The stamps of frame %r went back by %.3f s: stream %r begins anew, what was sent "
             "before counts no more, static transforms stay",
             child,

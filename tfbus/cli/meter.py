@@ -36,7 +36,8 @@ class MeteredTopic:
         self._told_of = 0
         self._silent_since_s = time.monotonic()
         self._rejected = 0
-        subscribe(node, topic, type_of(look(node.session), topic), self._take)
+        type_name = type_of(look(node.session), topic)
+        self._subscription = subscribe(node, topic, type_name, self._take)
 
     def _take(self, payload: bytes) -> None:
         at_s = time.monotonic()

@@ -3,8 +3,7 @@
 The scripts hand over the line as it is typed up to the cursor, since bash splits words at `:` and
 `=`, which names may have. They get a line for each candidate: what it is (`plain`, `file` or
 `dir`), itself, and what there is to say of it, with tabs between. One that ends in `=` is not
-whole: no space comes after it. Importing this module makes
-click use them in the place of its own.
+whole: no space comes after it. Importing this module makes click use them in place of its own.
 """
 
 import os

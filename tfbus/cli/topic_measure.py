@@ -63,7 +63,7 @@ def hz_command(
         if wanted is None:
             return lambda payload: 0.0
         takes = wanted.takes
-        read = _late_reader(node, topic)
+        read = reader_of(type_of(look(node.session), topic))
         return lambda payload: 0.0 if takes(read(payload)) else None
 
     _run(settings, topics, reports.RATE, number_of, **how)
@@ -105,11 +105,6 @@ def _run(
 ) -> None:
     with visiting(settings, report.name) as node:
         measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
-
-
-def _late_reader(node: "Node", topic: str) -> Callable[[bytes], dict[str, Any]]:
-    """Reads messages as their type says; it is asked for before, not on Zenoh's thread."""
-    return reader_of(type_of(look(node.session), topic))
 
 
 def _newest_stamp(payload: bytes) -> int:

@@ -347,6 +347,27 @@ def test_one_frame_of_a_split_stream_can_be_heard_alone(sender: Node, receiver: 
     assert set(heard) == {"tf/sender/b"}
 
 
+def test_ten_thousand_frames_go_in_one_send(sender: Node, receiver: Node) -> None:
+    """One call sends ten thousand transforms in one message, which arrives as a whole or not."""
+    counts: set[int] = set()
+    receiver.session.subscriber(
+        "tf/sender", lambda key, payload: counts.add(len(decode_transforms(payload).batch))
+    )
+    broadcaster = TransformBroadcaster(sender)
+    batch = rows_of(10_000, 100 * S)
+    send_until(lambda: broadcaster.send_transform(batch), lambda: bool(counts))
+    assert counts == {10_000}
+
+
+def test_thousands_of_frames_have_a_key_each(sender: Node, receiver: Node) -> None:
+    """A split stream of thousands of frames is made at once, and all of its keys are heard."""
+    heard: set[str] = set()
+    receiver.session.subscriber("tf/sender/*", lambda key, payload: heard.add(key))
+    broadcaster = TransformBroadcaster(sender, split=True)
+    batch = rows_of(3_000, 100 * S)
+    send_until(lambda: broadcaster.send_transform(batch), lambda: len(heard) == 3_000)
+
+
 def test_a_split_stream_fills_a_buffer(sender: Node, buffer: Buffer) -> None:
     """A listener hears all frames of a split stream, of one authority."""
     broadcaster = TransformBroadcaster(sender, split=True)

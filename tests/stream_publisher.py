@@ -36,13 +36,15 @@ def main() -> None:
     parser.add_argument("--remove", action="append", default=[])
     parser.add_argument("--correct", action="append", default=[])
     asked = parser.parse_args()
-    start_ns = time.time_ns()
-    shift_ns = 0 if asked.first_s is None else round(asked.first_s * 1e9) - start_ns
+    shift_ns = None if asked.first_s is not None else 0
 
     def frames(children: list[str], x: float) -> list[TransformStamped]:
+        nonlocal shift_ns
+        now_ns = time.time_ns()
+        if shift_ns is None:
+            shift_ns = round(asked.first_s * 1e9) - now_ns
         pose = Transform((x, 0.0, 0.0))
-        stamp_ns = time.time_ns() + shift_ns
-        return [TransformStamped(stamp_ns, "world", child, pose) for child in children]
+        return [TransformStamped(now_ns + shift_ns, "world", child, pose) for child in children]
 
     with Node(asked.name) as node:
         static = StaticTransformBroadcaster(node)

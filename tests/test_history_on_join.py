@@ -1,0 +1,105 @@
+"""Listeners that ask for what was sent before they came."""
+
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import Bus, Process, eventually
+
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+
+PUBLISHER = Path(__file__).parent / "stream_publisher.py"
+S = 10**9
+
+
+def start(bus: Bus, *arguments: str) -> Process:
+    """A publisher of its own process, ready."""
+    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
+    process.wait_for_line("ready")
+    return process
+
+
+def oldest_ns(buffer: Buffer, child: str) -> int:
+    """The stamp of the oldest sample, now where there is none."""
+    known = child in buffer.frames()
+    oldest = buffer.frame(child).oldest_ns if known else None
+    return time.time_ns() if oldest is None else oldest
+
+
+def run_for(buffer: Buffer, seconds: float) -> None:
+    """Wait until a publisher that a buffer hears has sent for so long."""
+    first_ns = oldest_ns(buffer, "robot")
+    eventually(
+        lambda: (
+            buffer.can_transform("world", "robot")
+            and buffer.lookup_transform("world", "robot").stamp_ns - first_ns > seconds * S
+        )
+    )
+
+
+def test_the_last_seconds_come_to_who_asks(bus: Bus) -> None:
+    """A listener has as many of the seconds before it came as it asked for, others have none."""
+    witness = Buffer()
+    TransformListener(witness, bus.node("witness"))
+    start(bus, "sim", "--moving", "robot")
+    run_for(witness, 3.0)
+    asking, silent = Buffer(), Buffer()
+    came_ns = time.time_ns()
+    with (
+        TransformListener(asking, bus.node("asking"), history_s=1.0) as listener,
+        TransformListener(silent, bus.node("silent")),
+    ):
+        eventually(lambda: oldest_ns(asking, "robot") < came_ns)
+        eventually(lambda: silent.can_transform("world", "robot"))
+        assert oldest_ns(asking, "robot") > came_ns - 2 * S
+        assert oldest_ns(silent, "robot") > came_ns - S // 2
+        assert asking.frame("robot").conflicts == 0
+        assert [info.missed for info in listener.streams()] == [0]
+
+
+def test_what_a_publisher_sent_before_it_was_met_comes_too(bus: Bus) -> None:
+    """A listener that was there first has the first messages of those who come later."""
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("first"), history_s=10.0):
+        for _ in range(2):
+            process = start(bus, "sim", "--moving", "robot", "--from", "1000")
+            # The very first message was sent before anybody could hear it.
+            eventually(
+                lambda: (
+                    "robot" in buffer.frames()
+                    and buffer.can_transform("world", "robot", living=True)
+                    and oldest_ns(buffer, "robot") == 1000 * S
+                )
+            )
+            process.stop(signal.SIGKILL)
+
+
+def test_the_history_of_split_streams_comes_from_all_keys(bus: Bus) -> None:
+    """Of a stream with a key for each frame the past of all frames comes."""
+    broadcaster = TransformBroadcaster(bus.node("sim"), split=True)
+    children = ["a", "b c", "d/e"]
+    for i in range(1, 6):
+        broadcaster.send_transform(
+            TransformStamped(i * S, "world", child, Transform((i, 0, 0))) for child in children
+        )
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("late"), history_s=10.0):
+        eventually(lambda: set(children) < set(buffer.frames()))
+        for child in children:
+            eventually(lambda child=child: buffer.frame(child).samples == 5)
+
+
+@pytest.mark.parametrize("impossible", [-1.0, float("inf"), float("nan")])
+def test_history_is_a_number_of_seconds(bus: Bus, impossible: float) -> None:
+    """Less than nothing, and for ever, are refused."""
+    with pytest.raises(InvalidArgumentException, match="history_s is"):
+        TransformListener(Buffer(), bus.node("listener"), history_s=impossible)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import click
 import pytest
 from conftest import Bus, Process, eventually
 
@@ -283,6 +284,17 @@ class TestCommands:
         command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
         text = (command.help or command.callback.__doc__).strip().split("\n\n")[0]
         assert " ".join(text.split()) == {**TOOLS, **NODES}[name]
+
+    @pytest.mark.parametrize("name", [*TOOLS, *NODES])
+    def test_the_help_of_each_command_has_an_example(self, name: str) -> None:
+        """Every command, and every one of a group, shows an example, within 80 columns."""
+        context = main.make_context("tfbus", [name, "--help"], resilient_parsing=True)
+        command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
+        commands = command.commands.values() if isinstance(command, click.Group) else [command]
+        for each in commands:
+            help_ = each.get_help(click.Context(each, context, terminal_width=80))
+            assert "\n  Example" in help_
+            assert max(map(len, help_.splitlines())) <= 80
 
     def test_an_unknown_command_is_told_the_nearest(self, bus: Bus) -> None:
         """A misspelt command is a usage error with the nearest name."""

@@ -207,7 +207,10 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
     server.scene.set_up_direction("+z")
-    # Shadows say nothing of frames, and take half of the time where there is no graphics card.
+    # Shadows and mirrored surroundings say nothing of frames, and take most of the time where
+    # there is no graphics card.
     server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_ambient("/light", intensity=1.0)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     return server

@@ -11,9 +11,9 @@ from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
 from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
-from tfbus.fleet import Fleet, FrameNames
+from tfbus.fleet import Fleet
 from tfbus.interest import Interest
-from tfbus.keys import STATIC_TRANSFORMS, kept_transforms_selector, namespace_of, stream_of
+from tfbus.keys import STATIC_TRANSFORMS, kept_transforms_selector, stream_of
 from tfbus.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
@@ -21,9 +21,9 @@ from tfbus.retained import declare_retained_subscriber
 from tfbus.session import Answer, Declaration
 from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo, stream_info
+from tfbus.stream_names import StreamNames
 from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
 from tfbus.transform import check_frame_id
-from tfbus.transform_reader import TransformReader
 
 # Names of streams come from the bus: of more keys than these nothing is taken.
 MOST_KEYS = 200_000
@@ -78,9 +78,7 @@ class TransformListener:
         self._node = node
         self._log = node.log
         self._history_s = history_s
-        self._fleet = fleet
-        self._names: dict[str, FrameNames] = {}
-        self._readers: dict[str, TransformReader] = {}
+        self._names = StreamNames(fleet)
         self._streams: dict[str, StreamReception] = {}
         self._conflicts = Conflicts(conflicts, buffer, self._streams, node.log)
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
@@ -154,7 +152,7 @@ class TransformListener:
 
     def streams(self) -> list[StreamInfo]:
         """What is known of each stream, sorted by name."""
-        states = {name: self._as_called(state) for name, state in self._watch.streams().items()}
+        states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
         receptions = dict(self._streams)
         infos = [
             stream_info(name, states.get(name), receptions.get(name))
@@ -185,7 +183,9 @@ class TransformListener:
         known = self._streams.get(name)
         return known or self._streams.setdefault(
             name,
-            StreamReception(name, self.buffer, self._log, self._node.now_ns, self._reader(key)),
+            StreamReception(
+                name, self.buffer, self._log, self._node.now_ns, self._names.reader(key)
+            ),
         )
 
     def _on_jump_back(self, now_ns: int) -> None:
@@ -196,7 +196,7 @@ class TransformListener:
 
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
-        described, state = state, self._as_called(state)
+        described, state = state, self._names.called(state)
         former = self._seen.get(state.name, StreamState(state.name))
         self._seen[state.name] = state
         stream = self._stream(state.key)
@@ -223,7 +223,7 @@ class TransformListener:
         self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
             self._get_to_know(state, key)
-        self._reading.update(described, self._names_at(state.key))
+        self._reading.update(described, self._names.at(state.key))
 
     def _tell_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
@@ -294,29 +294,6 @@ class TransformListener:
         if isinstance(forgotten, StaticReception):
             self._static_streams.discard(stream)
             forgotten.stream.forget_statics()
-
-    def _as_called(self, state: StreamState) -> StreamState:
-        """The state of a stream, its frames as they are called here."""
-        names, description = self._names_at(state.key), state.description
-        if names is None or description is None:
-            return state
-        return replace(state, description=names.description_outside(description))
-
-    def _names_at(self, key: str) -> FrameNames | None:
-        """What the frames of a stream are called here; None: as it calls them."""
-        namespace = namespace_of(key) if self._fleet is not None else ""
-        if self._fleet is None or not namespace:
-            return None
-        if namespace not in self._names:
-            self._names[namespace] = self._fleet.names(namespace)
-        return self._names[namespace]
-
-    def _reader(self, key: str) -> TransformReader:
-        names = self._names_at(key)
-        namespace = "" if names is None else names.namespace
-        if namespace not in self._readers:
-            self._readers[namespace] = TransformReader(names)
-        return self._readers[namespace]
 
 
 def _who(state: StreamState) -> str:

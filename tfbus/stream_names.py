@@ -1,0 +1,43 @@
+"""What the frames of each stream are called here, and the reader of its messages."""
+
+from dataclasses import replace
+
+from tfbus.fleet import Fleet, FrameNames
+from tfbus.keys import namespace_of
+from tfbus.stream_watch import StreamState
+from tfbus.transform_reader import TransformReader
+
+
+class StreamNames:
+    """Streams of the robots of a fleet have names of their own for frames; without a fleet, all
+    are called as they call themselves.
+    """
+
+    def __init__(self, fleet: Fleet | None) -> None:
+        self._fleet = fleet
+        self._names: dict[str, FrameNames] = {}
+        self._readers: dict[str, TransformReader] = {}
+
+    def at(self, key: str) -> FrameNames | None:
+        """What frames are called of the stream of a key; None: as it calls them."""
+        namespace = namespace_of(key) if self._fleet is not None else ""
+        if self._fleet is None or not namespace:
+            return None
+        if namespace not in self._names:
+            self._names[namespace] = self._fleet.names(namespace)
+        return self._names[namespace]
+
+    def called(self, state: StreamState) -> StreamState:
+        """The state of a stream, its frames as they are called here."""
+        names, description = self.at(state.key), state.description
+        if names is None or description is None:
+            return state
+        return replace(state, description=names.description_outside(description))
+
+    def reader(self, key: str) -> TransformReader:
+        """The reader of messages on a key, one for all keys of a namespace."""
+        names = self.at(key)
+        namespace = "" if names is None else names.namespace
+        if namespace not in self._readers:
+            self._readers[namespace] = TransformReader(names)
+        return self._readers[namespace]

@@ -19,6 +19,10 @@ from tfbus.errors import DecodeError, InvalidArgumentException
 
 VERSION = 1
 
+# What MessagePack puts before an integer of eight bytes. Each `seq` is written so, since a packer
+# made for it would take as long as its columns.
+_UINT64 = b"\xcf"
+
 # Of one transform: indices of parent and child in `frames`; the stamp; x y z qx qy qz qw.
 _EDGE = np.dtype("<u4")
 _STAMP = np.dtype("<i8")
@@ -63,7 +67,7 @@ class TransformEncoder:
         ]
         count = len(edges)
         self._uncounted = b"".join([b"\x86", *common])
-        self._counted = b"".join([b"\x87", *common, pack("seq")])
+        self._counted = b"".join([b"\x87", *common, pack("seq"), _UINT64])
         self._stamps = pack("stamps") + _bin_header(count * _STAMP.itemsize)
         self._poses = pack("poses") + _bin_header(count * 7 * _POSE.itemsize)
 
@@ -77,7 +81,7 @@ class TransformEncoder:
         columns = (self._stamps, stamps, self._poses, poses)
         if seq is None:
             return b"".join((self._uncounted, *columns))
-        return b"".join((self._counted, msgpack.packb(seq), *columns))
+        return b"".join((self._counted, seq.to_bytes(8, "big"), *columns))
 
 
 def decode_transforms(payload: bytes) -> TransformMessage:

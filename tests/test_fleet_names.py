@@ -1,10 +1,14 @@
 """What the frames of a robot are called from outside of its namespace."""
 
+import numpy as np
 import pytest
 
-from tfbus import InvalidArgumentException
+from tfbus import InvalidArgumentException, TransformBatch
+from tfbus.columns import Columns
 from tfbus.description import StreamDescription
 from tfbus.fleet import Fleet, FrameNames
+from tfbus.transform_reader import TransformReader
+from tfbus.wire import TransformMessage, encode_transforms
 
 NAMES = FrameNames("robot7", ("world", "map"))
 
@@ -61,3 +65,21 @@ def test_shared_frames_are_names_of_frames() -> None:
         Fleet("map")
     with pytest.raises(InvalidArgumentException):
         Fleet(("/map",))
+
+
+def test_messages_are_read_between_frames_as_they_are_called_outside() -> None:
+    """A message of a robot is read as it stands, but for the names of its frames."""
+    batch = TransformBatch(
+        ("map", "base"), np.uint32([[0, 1]]), np.array([5]), np.float64([[1, 2, 3, 0, 0, 0, 1]])
+    )
+    payload = encode_transforms(TransformMessage(batch, 7, 3))
+    reader = TransformReader(NAMES)
+    for outside in (reader.read(payload).as_batch(), reader.decode(payload).batch):
+        assert outside.frames == ("map", "robot7/base")
+        assert outside.edges.tolist() == [[0, 1]]
+        assert outside.stamps_ns.tolist() == [5]
+        assert outside.poses.tolist() == batch.poses.tolist()
+    assert (reader.read(payload).epoch_ns, reader.read(payload).seq) == (7, 3)
+    for rows in (batch, Columns.of_batch(batch)):
+        with pytest.raises(InvalidArgumentException, match="1 names cannot stand for those of 2"):
+            rows.with_frames(("map",))

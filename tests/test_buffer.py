@@ -117,6 +117,26 @@ def test_equal_stamps_the_latest_arrival_wins_and_is_counted():
     assert buffer.frame("robot").samples == 2
 
 
+def test_edges_that_have_no_time_in_common_are_named():
+    """Where one edge ended before what is kept of another, a lookup of the latest says which."""
+    buffer = filled(
+        moved(1 * S, "world", "robot", 0.0),
+        moved(2 * S, "world", "robot", 0.0),
+        moved(10 * S, "world", "camera", 0.0),
+        cache_time_s=1.0,
+    )
+    with pytest.raises(ExtrapolationException) as caught:
+        buffer.lookup_transform("robot", "camera")
+    assert str(caught.value) == (
+        "no data for 'world' -> 'robot', sent by 'tester': its newest sample is 8.000 s earlier "
+        "than the oldest that is kept of 'camera', so there is no time that both know; wait for "
+        "it, or keep more (cache_time_s)"
+    )
+    assert (caught.value.newest_ns, caught.value.authority) == (2 * S, "tester")
+    buffer.set_transform(moved(10 * S, "world", "robot", 0.0))
+    assert buffer.lookup_transform("robot", "camera").stamp_ns == 10 * S
+
+
 def test_what_is_older_than_the_cache_is_refused_and_counted():
     """A sample older than the newest by more than the cache time is not kept; one as old is."""
     buffer = filled(moved(20 * S, "world", "robot", 1.0), cache_time_s=10.0)

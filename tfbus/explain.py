@@ -85,7 +85,25 @@ def why_not(
             target_frame=target_frame,
             source_frame=source_frame,
         )
-    return None
+    return _out_of_step(edges) if stamp_ns is None else None
+
+
+def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
+    """For the latest time: an edge that ended before the history of another one begins."""
+    spans = [(history, history.stamp_span()) for history in edges if not history.static]
+    known = [(span, history) for history, span in spans if span is not None]
+    if not known:
+        return None
+    (_, newest), late = min(known, key=lambda each: each[0][1])
+    (oldest, _), ahead = max(known, key=lambda each: each[0][0])
+    if oldest <= newest:
+        return None
+    away = (
+        f"its newest sample is {_far(newest - oldest)} than the oldest that is kept of "
+        f"{ahead.name!r}, so there is no time that both know; wait for it, or keep more "
+        "(cache_time_s)"
+    )
+    return _error(ExtrapolationException, late, None, away)
 
 
 def _not_connected(tree: Tree, target_frame: str, source_frame: str) -> ConnectivityException:
@@ -151,8 +169,8 @@ def _error(
 ) -> ExtrapolationException:
     parent = history.parent.name if history.parent is not None else ""
     span = history.stamp_span()
-    sent = f", sent by {history.authority!r}," if history.authority else ""
     when = "" if stamp_ns is None else f" at {_when(stamp_ns)}"
+    sent = f", sent by {history.authority!r}{when and ','}" if history.authority else ""
     return kind(
         f"no data for {parent!r} -> {history.name!r}{sent}{when}: {why}",
         frame_id=parent,

@@ -8,6 +8,6 @@ def test_spoilt_payloads_are_counted_and_harm_nothing() -> None:
     told = fuzz(seed=1, payloads=3_000)
     assert told["payloads"] == 3_000
     assert told["read"] + told["outdated"] + told["refused"] == 3_000
-    assert told["read"] > 500
-    assert told["refused"] > 500
-    assert told["rows refused"] > 100
+    assert told["read"] > 300
+    assert told["refused"] > 300
+    assert told["rows refused"] > 30

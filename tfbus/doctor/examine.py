@@ -56,7 +56,6 @@ def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescripti
     return tuple(each for each in described if each.session != node.session.id)
 
 
-
 def _listen(node: Node, listen_s: float) -> float:
     start_s = time.monotonic()
     node.wait(listen_s, clock=SYSTEM_CLOCK)

@@ -2,6 +2,7 @@
 
 import logging
 import sys
+import tracemalloc
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -122,6 +123,31 @@ def test_a_split_stream_has_a_key_a_frame() -> None:
         [("world", "b/c", 2)],
         [("map", "a", 4)],
     ]
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
+    """A stream of frames that come and go for months does not grow, and forgets their stamps."""
+    sent = Sent()
+    sender = sent.sender(split=split, history_s=0)
+
+    def detect(number: int) -> None:
+        name = f"person{number}"
+        sender.send(Columns.of_transforms([at(child=name, stamp_ns=-number * 10 * S)]))
+        sender.remove(name)
+
+    for number in range(50):
+        detect(number)
+    sent.messages.clear()
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    for number in range(50, 1050):
+        detect(number)
+        sent.messages.clear()
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (after - before) / 1000 < 60  # bytes a frame, less than its name takes
+    assert sent.epoch_ns == 0
 
 
 sends = st.lists(

@@ -59,6 +59,9 @@ class StreamKeys(Protocol):
     def restart(self) -> None:
         """Number messages from 0 again."""
 
+    def forget(self, child: str) -> None:
+        """Know nothing of this frame any more."""
+
 
 class OneKey:
     """Everything goes on the stream's own key."""
@@ -80,6 +83,9 @@ class OneKey:
     def restart(self) -> None:
         """Number messages from 0 again."""
         self._key.sent = 0
+
+    def forget(self, child: str) -> None:
+        """There is nothing known of one frame."""
 
 
 class KeyPerFrame:
@@ -107,6 +113,10 @@ class KeyPerFrame:
         """Number messages from 0 again."""
         for key in self._keys.values():
             key.sent = 0
+
+    def forget(self, child: str) -> None:
+        """Know nothing of this frame any more; should it come again, its messages begin at 0."""
+        self._keys.pop(child, None)
 
     def _rows(self, batch: TransformBatch, child: str, rows: list[int], epoch_ns: int) -> RowsOfKey:
         if child not in self._keys:

@@ -95,6 +95,7 @@ class TransformSender:
         with self._lock:
             self._frames.remove(child, static=False)
             self._newest.forget(child)
+            self._keys.forget(child)
             self._forget_tables()
 
     def _note(self, table: _Table, columns: Columns) -> int | None:

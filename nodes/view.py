@@ -105,7 +105,7 @@ def main(
                     port,
                 )
             if shot:
-                shot.begin(page.address, node.shutdown)
+                shot.begin(page.address, page.hold, node.shutdown)
             node.ready(f"View: {page.address}")
             page.run()
             page.close()

@@ -1,6 +1,7 @@
 """A dropdown of frames that come and go."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import viser
 
@@ -23,10 +24,11 @@ class FrameChoice:
         hint: str | None = None,
     ) -> None:
         self._nothing = nothing
-        self._dropdown = gui.add_dropdown(label, (nothing,), hint=hint)
+        # viser's handles let their value be set, which mypy does not see.
+        self._dropdown: Any = gui.add_dropdown(label, (nothing,), hint=hint)
 
         @self._dropdown.on_update
-        def _(event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
+        def _(event: Any) -> None:
             # What the program sets has no client.
             if event.client is not None:
                 value = self._dropdown.value

@@ -26,8 +26,8 @@ class Desk:
         """Put a frame into a list of frames, `hidden` or `trails`, or take it out."""
         with self._lock:
             others = tuple(name for name in getattr(self.settings, field) if name != frame)
-            value = (*others, frame) if is_in else others
-            self.settings = replace(self.settings, **{field: value})
+            chosen: dict[str, Any] = {field: (*others, frame) if is_in else others}
+            self.settings = replace(self.settings, **chosen)
 
     def play(self, step: Callable[[Playback], Playback]) -> None:
         """Go on from the playback to the one that `step` makes of it."""

@@ -2,7 +2,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from tfbus import Buffer, FrameInfo, TransformException
 from tfbus.nodes.viewer.status import FrameState, judge, opacity_of
@@ -66,7 +66,7 @@ class FrameWatch:
         self._clock = clock
         self._heard: dict[str, tuple[int | None, float]] = {}
 
-    def look(self, sent: dict[str, Rows], fixed_frame: str) -> Frames:
+    def look(self, sent: Mapping[str, Rows], fixed_frame: str) -> Frames:
         """The frames now. `sent` has for each living stream the rows that it describes."""
         infos = self._buffer.all_frames()
         now_s = self._clock()
@@ -132,7 +132,7 @@ def _below(infos: dict[str, FrameInfo], root: str) -> Iterator[tuple[FrameInfo, 
         pending += [(child, depth + 1) for child in reversed(infos[name].children)]
 
 
-def _publishers(sent: dict[str, Rows]) -> dict[str, tuple[str, ...]]:
+def _publishers(sent: Mapping[str, Rows]) -> dict[str, tuple[str, ...]]:
     publishers: dict[str, tuple[str, ...]] = {}
     for stream, rows in sorted(sent.items()):
         for _, child, _ in rows:

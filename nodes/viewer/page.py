@@ -78,6 +78,7 @@ class Page:
         self._watch = FrameWatch(buffer)
         self._frames = Frames()
         self._refresh_at_s = 0.0
+        self._is_held = False
         self._first_seen = ""
         scene = self._server.scene
         turtles = Turtles(node, lambda: self.is_watched)
@@ -106,7 +107,12 @@ class Page:
         clock = SystemClock()
         while self._node.wait(max(0.0, due_s - time.monotonic()), clock=clock):
             due_s = max(due_s + period_s, time.monotonic())
-            self.step()
+            if not self._is_held:
+                self.step()
+
+    def hold(self) -> None:
+        """Let the page be as it is from now on."""
+        self._is_held = True
 
     def step(self) -> None:
         """Look at the frames, where it is time, and draw them, where somebody watches."""

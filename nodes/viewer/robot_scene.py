@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any
 
 import viser
@@ -62,8 +63,8 @@ def _add(scene: viser.SceneApi, path: str, visual: Visual) -> None:
 
 
 def _add_mesh(scene: viser.SceneApi, path: str, shape: Mesh, look: dict[str, Any]) -> None:
-    import trimesh
-
+    # What it loads has no exact type.
+    trimesh: Any = import_module("trimesh")
     mesh = trimesh.load(shape.file, force="mesh")
     mesh.apply_scale(shape.scale)
     scene.add_mesh_simple(path, mesh.vertices, mesh.faces, **look)

@@ -36,6 +36,9 @@ FLAGS = (
 # How long a browser may take to start, and a page to be there.
 _PATIENCE_S = 60.0
 
+# Drawn by the processor, what moves is shown late, and not all of it equally late.
+_SETTLE_S = 2.0
+
 _IS_THERE = "!!document.querySelector('canvas') && !!document.querySelector('[role=status]')"
 # viser tells that WebGL is slow without a graphics card, which nobody needs to see here.
 _CLOSE_NOTES = (
@@ -70,12 +73,15 @@ class Screenshot:
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
 
-    def begin(self, address: str, on_end: Callable[[], object]) -> None:
-        """Take it on a thread of its own, then call `on_end()`."""
+    def begin(self, address: str, hold: Callable[[], object], on_end: Callable[[], object]) -> None:
+        """Take it on a thread of its own, then call `on_end()`.
+
+        Before it `hold()` is called, which is to let the page be as it is.
+        """
 
         def take() -> None:
             try:
-                self._path.write_bytes(self._take(address))
+                self._path.write_bytes(self._take(address, hold))
             except Exception as error:  # whatever it is, `finish` tells of it
                 self._error = error
             finally:
@@ -93,7 +99,7 @@ class Screenshot:
         if self._error:
             raise BrowserError(f"no picture was taken: {self._error}") from self._error
 
-    def _take(self, address: str) -> bytes:
+    def _take(self, address: str, hold: Callable[[], object]) -> bytes:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
             # Chromium's own sandbox refuses to work for root, as in most containers.
             root = ["--no-sandbox"] if os.geteuid() == 0 else []
@@ -110,7 +116,7 @@ class Screenshot:
                 text=True,
             )
             try:
-                return self._picture(_debugger(browser))
+                return self._picture(_debugger(browser), hold)
             finally:
                 browser.terminate()
                 try:
@@ -119,7 +125,7 @@ class Screenshot:
                     browser.kill()
                     browser.wait()
 
-    def _picture(self, debugger: str) -> bytes:
+    def _picture(self, debugger: str, hold: Callable[[], object]) -> bytes:
         from websockets.sync.client import connect
 
         with connect(_page_of(debugger), max_size=None) as socket:
@@ -151,8 +157,8 @@ class Screenshot:
                 time.sleep(0.1)
             time.sleep(self._after_s)
             ask("Runtime.evaluate", expression=_CLOSE_NOTES)
-            # Long enough for the notes to fade.
-            time.sleep(0.6)
+            hold()
+            time.sleep(_SETTLE_S)
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
 
 

@@ -50,7 +50,7 @@ class ViewSettings:
 # What a number may be; others would be taken by no control of the page.
 RANGES = {"scale": (0.1, 10.0), "opacity": (0.05, 1.0), "trail_s": (0.5, 60.0)}
 
-_FIELDS = {field.name: type(field.default) for field in fields(ViewSettings)}
+_FIELDS: dict[str, type] = {field.name: type(field.default) for field in fields(ViewSettings)}
 
 
 def load(path: Path) -> ViewSettings:
@@ -88,6 +88,7 @@ def save(settings: ViewSettings, path: Path) -> None:
 
 
 def _read(name: object, value: Any) -> Any:
+    """The value as the field of this name has it. Raises SettingsError where it cannot."""
     if not isinstance(name, str) or name not in _FIELDS:
         raise SettingsError(f"there is no setting {name!r}; there are: {', '.join(_FIELDS)}")
     wanted = _FIELDS[name]
@@ -97,11 +98,15 @@ def _read(name: object, value: Any) -> Any:
         raise SettingsError(f"{name} is {value!r}; a list of names of frames is wanted")
     if wanted is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
-    if type(value) is not wanted:
+    kind: type = type(value)
+    if kind is not wanted:
         raise SettingsError(f"{name} is {value!r}; {_KINDS[wanted]} is wanted")
-    least, most = RANGES.get(name, (value, value))
-    if not least <= value <= most:
-        raise SettingsError(f"{name} is {value:g}; a number from {least:g} to {most:g} is wanted")
+    if name in RANGES:
+        least, most = RANGES[name]
+        if not least <= value <= most:
+            raise SettingsError(
+                f"{name} is {value:g}; a number from {least:g} to {most:g} is wanted"
+            )
     if name in ("only", "never"):
         NameFilter(value)
     return value

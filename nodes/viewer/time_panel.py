@@ -17,7 +17,8 @@ class TimePanel:
     ) -> None:
         self._desk = desk
         self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
-        self._ago = gui.add_slider(
+        # viser's handles let their value be set, which mypy does not see.
+        self._ago: Any = gui.add_slider(
             "Seconds ago",
             -history_s,
             0.0,

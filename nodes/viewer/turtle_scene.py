@@ -1,5 +1,6 @@
 """The turtles' field in three dimensions: the picture on the ground, and turtles on it."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -109,8 +110,8 @@ def _linear(color: Rgb) -> tuple[int, int, int, int]:
 
 def _add_turtle(scene: viser.SceneApi, path: str, name: str) -> Any:
     """A turtle of a metre's length that looks along x, in the colours of its name."""
-    import trimesh
-
+    # Its functions have no types, or less exact ones than viser's.
+    trimesh: Any = import_module("trimesh")
     colors = livery(name)
     parts: list[Any] = []
 

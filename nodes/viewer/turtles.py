@@ -121,7 +121,12 @@ class Turtles:
             return
         request = TeleportAbsolute.Request(x, y, theta)
         done = f"teleported {turtle} to ({x:g}, {y:g}), {math.degrees(theta):g}°"
-        self._ask(f"teleport {turtle}", lambda: (driver.teleport.call(request), self._say(done)))
+
+        def teleport() -> None:
+            driver.teleport.call(request)
+            self._say(done)
+
+        self._ask(f"teleport {turtle}", teleport)
 
     def _call(self, service: str, request: Any, done: Callable[[Any], str]) -> None:
         client = self._clients[service]

@@ -222,3 +222,18 @@ def test_a_field_of_a_type_that_cannot_be_sent_is_refused_in_words() -> None:
 
     with pytest.raises(TypeError, match="a message cannot have a field of type"):
         encode_message(Bad(1j))
+
+
+@dataclass(frozen=True)
+class Row:
+    edge: tuple[str, int]
+
+
+def test_a_tuple_of_several_types_is_a_list_of_so_many() -> None:
+    """A field of `tuple[str, int]` is a list of a text and an integer, and nothing else."""
+    assert decode_message(Row, encode_message(Row(("world", 1)))) == Row(("world", 1))
+    assert refusal({"edge": ["world"]}, Row) == "field 'edge' is not a list of 2"
+    assert refusal({"edge": "wo"}, Row) == "field 'edge' is not a list of 2"
+    assert refusal({"edge": ["world", "1"]}, Row) == (
+        "field 'edge[1]' is a text, an integer is wanted"
+    )

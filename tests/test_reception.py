@@ -213,8 +213,21 @@ def test_frames_that_a_new_process_does_not_send_are_gone(received: Received) ->
     assert received.gone() == ["arm", "lamp"]
     assert received.x_of("lamp") == 4
     received.send(at(1, "arm", 2 * S), epoch_ns=2)
+    assert received.gone() == ["lamp"]
     received.describe("post", "robot", "arm", epoch_ns=2)
     assert received.gone() == ["lamp"]
+
+
+def test_what_a_new_process_has_not_sent_yet_stays_gone(received: Received) -> None:
+    """Before the new process has described itself, only what it sends is back."""
+    received.send(at(1, "robot"), at(2, "arm"))
+    received.send_static(at(3, "post"))
+    received.describe("robot", "arm", "post")
+    received.stream.vanish()
+    received.send(at(1, "robot", 2 * S), epoch_ns=2)
+    assert received.gone() == ["arm", "post"]
+    received.send_static(at(3, "post"), epoch_ns=2)
+    assert received.gone() == ["arm"]
 
 
 def test_kept_messages_fill_the_past(received: Received) -> None:

@@ -59,6 +59,8 @@ class StreamReception:
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
         self._was_gone = False
+        # Frames of a former epoch, which this one has not sent so far.
+        self._left: frozenset[str] = frozenset()
         # Counts what decides on who is gone.
         self._turns = 0
         self._static_epoch_ns: int | None = None
@@ -93,6 +95,7 @@ class StreamReception:
             self._turns += 1
         if former_ns is not None:
             self._begin_anew()
+            self.mark()
         return True
 
     def insert(
@@ -109,6 +112,8 @@ class StreamReception:
             self._tell_refused()
         if self.gone:
             self.mark()
+        elif self._left and not self._left.isdisjoint(batch.frames):
+            self._find_again(batch)
         if epoch_ns != self.epoch_ns and not static:
             # The epoch ended in between: none of it may stay.
             buffer.forget(self.name)
@@ -272,23 +277,36 @@ class StreamReception:
         """Say of each frame in the buffer whether it is gone.
 
         All are where the publisher is. Else those are that a former epoch left behind: not in
-        the stream's list, and without a sample of this epoch.
+        the stream's list, and without a sample of this epoch. Before there is a list of this
+        epoch, those that were gone stay so until they are sent.
         """
         marked = -1
         while marked != self._turns:
             marked = self._turns
             held = self.buffer.sent_by(self.name)
-            left = set(held) if self.gone else self._left_behind(held)
-            self.buffer.mark_gone(left, True, self.name)
-            self.buffer.mark_gone(set(held) - left, False, self.name)
+            if self.gone:
+                self._left = frozenset()
+                self.buffer.mark_gone(held, True, self.name)
+                continue
+            self._left = self._left_behind(held)
+            if self._listed_epoch_ns == self.epoch_ns:
+                self.buffer.mark_gone(self._left, True, self.name)
+            self.buffer.mark_gone(held.keys() - self._left, False, self.name)
 
-    def _left_behind(self, held: dict[str, int]) -> set[str]:
-        if self._listed_epoch_ns != self.epoch_ns:
-            return set()
-        current = set(self.listed)
+    def _left_behind(self, held: dict[str, int]) -> frozenset[str]:
+        current: set[str] = set()
+        if self._listed_epoch_ns == self.epoch_ns:
+            current |= self.listed
         if self.statics is not None and self._static_epoch_ns == self.epoch_ns:
             current |= {child for _, child in _edges(self.statics)}
-        return {frame for frame, samples in held.items() if not samples} - current
+        return frozenset({frame for frame, samples in held.items() if not samples} - current)
+
+    def _find_again(self, batch: TransformBatch | Columns) -> None:
+        """Frames that were left behind, and are sent again."""
+        whole = batch.as_batch() if isinstance(batch, Columns) else batch
+        found = self._left & {child for _, child in _edges(whole)}
+        self._left -= found
+        self.buffer.mark_gone(found, False, self.name)
 
     def exclude(self, ruling: Ruling) -> bool:
         """Take from now on what it has won, and not what it has lost; whether that is new."""

@@ -1,0 +1,112 @@
+"""Tokens, descriptions and messages of a stream in any order: what holds of the buffer."""
+
+import logging
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tfbus.reception import DynamicReception, StreamReception
+from tfbus.transform_reader import TransformReader
+from tfbus.wire import TransformMessage, encode_transforms
+
+S = 10**9
+CHILDREN = st.frozensets(st.sampled_from(["a", "b", "c", "d"]))
+EPOCHS = st.integers(1, 4)
+STAMPS = st.integers(0, 10**6)
+
+
+def payload(children: frozenset[str], epoch_ns: int, stamp_ns: int) -> bytes:
+    """A message whose poses tell its epoch: so many metres ahead."""
+    pose = Transform((float(epoch_ns), 0, 0))
+    transforms = [TransformStamped(stamp_ns, "world", child, pose) for child in sorted(children)]
+    return encode_transforms(TransformMessage(TransformBatch.from_transforms(transforms), epoch_ns))
+
+
+class Orders(RuleBasedStateMachine):
+    """A stream of which anything may come at any time, from several processes of one name."""
+
+    @initialize()
+    def listen(self) -> None:
+        self.buffer = Buffer(cache_time_s=1e6)
+        log = logging.getLogger("test_reception_orders")
+        log.disabled = True
+        self.stream = StreamReception("sim", self.buffer, log, lambda: 0, TransformReader())
+        self.key = DynamicReception(self.stream)
+        self.listed: tuple[int, frozenset[str]] = (0, frozenset())
+        self.other = Buffer()
+
+    @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
+    def send(self, children: frozenset[str], epoch: int, second: int) -> None:
+        before = self.stream.outdated
+        self.key.receive(payload(children, epoch, second * S))
+        if self.stream.outdated == before:
+            assert self.stream.epoch_ns == epoch
+            assert all(self.buffer.can_transform("world", child) for child in children)
+        else:
+            assert epoch < (self.stream.epoch_ns or 0)
+
+    @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
+    def send_kept(self, children: frozenset[str], epoch: int, second: int) -> None:
+        self.stream.receive_kept(payload(children, epoch, second * S))
+
+    @rule(children=CHILDREN, epoch=EPOCHS)
+    def send_static(self, children: frozenset[str], epoch: int) -> None:
+        before = self.stream.outdated
+        self.stream.receive_static(payload(frozenset(c.upper() for c in children), epoch, 0))
+        if self.stream.outdated == before:
+            for child in children:
+                found = self.buffer.lookup_transform("world", child.upper())
+                assert found.transform.x == epoch
+
+    @rule(children=CHILDREN, statics=CHILDREN, epoch=EPOCHS)
+    def describe(self, children: frozenset[str], statics: frozenset[str], epoch: int) -> None:
+        fixed = frozenset(child.upper() for child in statics)
+        self.stream.describe(epoch, children | fixed, fixed)
+        if self.stream.epoch_ns == epoch:
+            self.listed = (epoch, children | fixed)
+
+    @rule()
+    def appear(self) -> None:
+        self.stream.appear()
+
+    @rule()
+    def vanish(self) -> None:
+        self.stream.vanish()
+
+    @invariant()
+    def all_samples_are_of_one_epoch(self) -> None:
+        """Nothing of a former epoch is left among what moves."""
+        for child, samples in self.buffer.sent_by("sim").items():
+            if samples:
+                info = self.buffer.frame(child)
+                for stamp_ns in (info.oldest_ns, info.newest_ns):
+                    found = self.buffer.lookup_transform("world", child, stamp_ns)
+                    assert found.transform.x == self.stream.epoch_ns
+
+    @invariant()
+    def all_is_gone_with_the_publisher(self) -> None:
+        """Where the publisher is gone, so is every frame; where it is not, nothing that it
+        lists is.
+        """
+        gone = {info.name for info in self.buffer.all_frames() if info.gone}
+        held = set(self.buffer.sent_by("sim"))
+        epoch, listed = self.listed
+        if self.stream.gone:
+            assert gone == held
+        elif epoch == self.stream.epoch_ns:
+            assert gone.isdisjoint(listed)
+
+    @invariant()
+    def what_lacks_is_known(self) -> None:
+        """Where nothing static is lacking, all that is listed as static can be looked up."""
+        epoch, listed = self.listed
+        if not self.stream.gone and epoch == self.stream.epoch_ns:
+            fixed = {child for child in listed if child.isupper()}
+            if not self.stream.lacks_statics():
+                assert all(self.buffer.can_transform("world", child) for child in fixed)
+
+
+TestOrders = Orders.TestCase
+TestOrders.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)

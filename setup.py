@@ -12,9 +12,17 @@ from setuptools import Extension, setup
 # Beside each stands a .pxd file that says its C types.
 KERNEL = ("kernel", "transform", "columns", "tree", "buffer")
 
-# The arithmetic of a pose is many small functions, which are to become one; and no part of it asks
-# errno about a square root. Nothing here changes a result.
-COMPILE_ARGS = [] if sys.platform == "win32" else ["-O3", "-finline-limit=2000", "-fno-math-errno"]
+# The arithmetic of a pose is many small functions, which are to become one, however large; and no
+# part of it asks errno about a square root. Nothing here changes a result.
+ARITHMETIC = [
+    "-O3",
+    "-fno-math-errno",
+    "-finline-limit=2000",
+    "--param=large-function-growth=2000",
+    "--param=inline-unit-growth=500",
+]
+if sys.platform == "win32":
+    ARITHMETIC = []
 
 
 def kernel_extensions() -> list[Extension]:
@@ -24,7 +32,11 @@ def kernel_extensions() -> list[Extension]:
 
     extensions: list[Extension] = cythonize(
         [
-            Extension(f"tfbus.{name}", [f"tfbus/{name}.py"], extra_compile_args=COMPILE_ARGS)
+            Extension(
+                f"tfbus.{name}",
+                [f"tfbus/{name}.py"],
+                extra_compile_args=ARITHMETIC if name == "kernel" else [],
+            )
             for name in KERNEL
         ],
         build_dir="build",

@@ -21,7 +21,7 @@ from tfbus import Node, NodeSettings
 from tfbus.session import Session
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts.
-pytest_plugins = ["tf2_versus", "fault_options"]
+pytest_plugins = ["tf2_versus", "fault_options", "stress_options"]
 
 T = TypeVar("T")
 

@@ -1,7 +1,6 @@
 """The buffer: what goes in comes out, between any two frames, at any time that is known."""
 
 import math
-import threading
 
 import numpy as np
 import pytest
@@ -468,7 +467,7 @@ def test_sampling_is_checked_when_made():
         Sampling("nearest", extrapolation_s=1.0)
 
 
-# Changes and threads
+# Changes
 
 
 def test_listeners_are_told_of_every_change():
@@ -499,48 +498,6 @@ def test_listeners_are_told_of_every_change():
     end()
     buffer.set_transform(moved(7 * S, "map", "other", 2.0))
     assert len(heard) == 9
-
-
-def test_writers_and_readers_in_many_threads_see_no_torn_pose():
-    """However many write and read at once, no answer mixes two samples, and none is lost."""
-    buffer = Buffer(1e6)
-    writers, count = 3, 1500
-    torn: list[object] = []
-    done = threading.Event()
-
-    def write(number: int) -> None:
-        for i in range(count):
-            stamp, value = (i * writers + number) * 1000, float(i * writers + number)
-            turn = Transform.from_rpy(0, 0, value * 1e-4, (value, 2 * value, -value))
-            buffer.set_transform(TransformStamped(stamp, "world", "robot", turn))
-            buffer.set_transform(
-                TransformStamped(stamp, f"w{number}", f"own{number}_{i % 50}", turn)
-            )
-
-    def read() -> None:
-        while not done.is_set():
-            try:
-                t = buffer.lookup_transform("world", "robot").transform
-                i = buffer.frame("robot").samples
-            except LookupException:
-                continue
-            x, y, z = t.xyz
-            yaw = t.as_rpy()[2]
-            if not (math.isclose(y, 2 * x) and math.isclose(z, -x) and abs(yaw - x * 1e-4) < 1e-9):
-                torn.append((t, i))
-
-    readers = [threading.Thread(target=read) for _ in range(2)]
-    threads = [threading.Thread(target=write, args=(n,)) for n in range(writers)]
-    for thread in readers + threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    done.set()
-    for thread in readers:
-        thread.join()
-    assert torn == []
-    assert buffer.frame("robot").samples == writers * count
-    assert len(buffer.frames()) == 2 + writers * 51
 
 
 # Columns in

@@ -4,6 +4,7 @@ One of the modules that are compiled where there is a C compiler (`buffer.pxd` s
 """
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -30,7 +31,7 @@ from tfbus.errors import (
 from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.frame import FrameInfo as FrameInfo
 from tfbus.freshness import Freshness
-from tfbus.kernel import Pose
+from tfbus.kernel import Path, Pose
 from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.outcome import ALL_STATIC, NO_DATA
 from tfbus.rejections import Rejections
@@ -619,34 +620,42 @@ class Buffer:
         frames = columns.frames
         edges, stamps, poses = columns.edges, columns.stamps, columns.poses
         taken = 0
+        table = None if static else self._tree.table(columns, authority)
         for i in range(columns.count):
-            edge = octets.edge_at(edges, columns.edges_at + EDGE_SIZE * i)
-            parent, child = frames[edge[0]], frames[edge[1]]
             stamp = octets.stamp_at(stamps, columns.stamps_at + STAMP_SIZE * i)
             pose: Pose = octets.pose_at(poses, columns.poses_at + POSE_SIZE * i)
             x, y, z, qx, qy, qz, qw = pose
             total = x + y + z
             square = qx * qx + qy * qy + qz * qz + qw * qw
             error = square - 1.0
+            why = ""
             # Of numbers that are not finite a difference to themselves is not 0.
             if total - total != 0.0 or square - square != 0.0:
-                self._reject(child, "a number is not finite")
+                why = "a number is not finite"
             elif error >= QUATERNION_TOLERANCE or error <= -QUATERNION_TOLERANCE:
-                self._reject(child, "the quaternion's norm is not 1")
+                why = "the quaternion's norm is not 1"
             elif stamp >= _LONGEST_NS or stamp <= -_LONGEST_NS:
-                self._reject(child, "the stamp is not within 146 years of 1970")
-            else:
-                if error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
-                    scale = square**-0.5
-                    pose = (x, y, z, qx * scale, qy * scale, qz * scale, qw * scale)
-                try:
-                    taken += self._tree.insert(parent, child, stamp, pose, static, authority)
-                except InvalidArgumentException as reason:
-                    self.rejected.add(str(reason))
+                why = "the stamp is not within 146 years of 1970"
+            elif error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
+                scale = 1.0 / math.sqrt(square)
+                pose = (x, y, z, qx * scale, qy * scale, qz * scale, qw * scale)
+            if (
+                table is not None
+                and not why
+                and self._tree.append(table, i, stamp, pose, authority)
+            ):
+                taken += 1
+                continue
+            edge = octets.edge_at(edges, columns.edges_at + EDGE_SIZE * i)
+            parent, child = frames[edge[0]], frames[edge[1]]
+            if why:
+                self.rejected.add(f"{child!r}: {why}")
+                continue
+            try:
+                taken += self._tree.insert(parent, child, stamp, pose, static, authority)
+            except InvalidArgumentException as reason:
+                self.rejected.add(str(reason))
         return taken
-
-    def _reject(self, child: str, reason: str) -> None:
-        self.rejected.add(f"{child!r}: {reason}")
 
     def _fill(
         self,
@@ -686,22 +695,38 @@ class Buffer:
         count = len(stamps)
         strict = sampling.interpolation != "nearest" and not sampling.extrapolation_s
         screw = sampling.interpolation == "screw"
-        for start in range(0, count, _CHUNK):
-            stop = min(start + _CHUNK, count)
-            with self._lock:
-                path = self._tree.path(target_frame, source_frame)
-                if strict and path is not None and not path.is_mixed():
-                    path.fill(stamps, start, stop, xyz, quat, known, screw)
-                else:
+        start = 0
+        while start < count:
+            path = self._ask_path(target_frame, source_frame)
+            before = start
+            if strict and path is not None:
+                # Python's other threads go on meanwhile.
+                with cython.nogil:
+                    start = self._fill_along(path, stamps, start, xyz, quat, known, screw)
+            if start == before:
+                stop = min(start + _CHUNK, count)
+                with self._lock:
                     for i in range(start, stop):
                         answer = self._tree.answer(target_frame, source_frame, stamps[i], sampling)
                         if answer is not None:
                             _write_row(answer, i, xyz, quat, known)
-            # Let others have a turn.
-            with cython.nogil:
-                pass
+                start = stop
 
-    def _ask_path(self, target_frame: str, source_frame: str) -> object:
+    def _fill_along(
+        self, path: Path, stamps: Any, start: int, xyz: Any, quat: Any, known: Any, screw: bool
+    ) -> int:
+        """Fill the rows from `start` on while the path is one for all times: to which row."""
+        count = len(stamps)
+        while start < count:
+            with self._lock:
+                if path.topology != self._tree.topology or path.is_mixed():
+                    return start
+                stop = min(start + _CHUNK, count)
+                path.fill(stamps, start, stop, xyz, quat, known, screw)
+            start = stop
+        return start
+
+    def _ask_path(self, target_frame: str, source_frame: str) -> Path | None:
         with self._lock:
             return self._tree.path(target_frame, source_frame)
 

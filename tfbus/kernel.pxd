@@ -105,6 +105,7 @@ cdef class History:
     cdef History parent_here(self)
     cpdef Py_ssize_t count(self)
 
+    cdef bint append(self, long long stamp_ns, pose_t pose, long long cache_ns) noexcept
     cdef int fix(self, long long stamp_ns, pose_t pose, History parent) except -1
     @cython.locals(samples=samples_ptr, newest=cython.longlong)
     cdef int insert(
@@ -135,6 +136,7 @@ cdef class History:
 cdef class Path:
     cdef readonly History target, source
     cdef readonly list up, down
+    cdef object asked_target, asked_source
     cdef readonly long long topology
     cdef pose_t pose
     cdef Py_ssize_t turn, count
@@ -146,8 +148,8 @@ cdef class Path:
     cpdef list edges(self)
     @cython.locals(history=History, top=History)
     cpdef list names(self)
-    @cython.locals(history=History)
-    cpdef bint is_mixed(self) except -1
+    @cython.locals(i=Py_ssize_t, mixed=cython.bint)
+    cpdef bint is_mixed(self) noexcept nogil
     @cython.locals(i=Py_ssize_t, newest=cython.longlong, latest=cython.longlong)
     cpdef long long latest(self) noexcept
     @cython.locals(samples=samples_ptr, i=Py_ssize_t, ratio=double, pose=pose_t, step=pose_t)

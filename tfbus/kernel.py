@@ -503,6 +503,12 @@ class History:
         self._change_parent(parent)
         return outcome
 
+    def append(self, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
+        """Take a sample of the same parent that is newer than all others; False where it is not,
+        or where there is more to do: then nothing has changed.
+        """
+        return append(self.samples, stamp_ns, pose, cache_ns)
+
     def insert(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
         """Take a sample: KEPT; TOO_OLD, and not kept; REPEATED, one that is known already; or
         CONFLICT, which replaces a different one of the same stamp.
@@ -510,7 +516,7 @@ class History:
         A static frame is one no longer, but for a sample that is too old.
         """
         samples = self.samples
-        if parent is self.parent and append(samples, stamp_ns, pose, cache_ns):
+        if parent is self.parent and self.append(stamp_ns, pose, cache_ns):
             return KEPT
         newest = self._newest_sample()
         if newest != NO_DATA and newest - stamp_ns > cache_ns:
@@ -695,6 +701,8 @@ class Path:
         self.up = up
         self.down = down
         self.topology = topology
+        # The texts that it was asked for by last.
+        self.asked_target = self.asked_source = ""
         self.pose = IDENTITY
         # What is read, from the common ancestor down to the target in the first `turn` steps, then
         # down to the source: so a product need not wait for all of the one before it.
@@ -726,7 +734,10 @@ class Path:
 
     def is_mixed(self) -> bool:
         """Whether an edge has had several parents, so that the way depends on the time."""
-        return any([history.parents is not None for history in self.edges()])
+        mixed = False
+        for i in range(self.count):
+            mixed |= self.steps[i].mixed
+        return mixed
 
     def latest(self) -> int:
         """The newest stamp that all edges have come to; ALL_STATIC; or NO_DATA where an edge is

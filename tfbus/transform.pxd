@@ -4,7 +4,6 @@ from tfbus.kernel cimport (
 )
 
 @cython.final
-@cython.freelist(256)
 cdef class Transform:
     cdef pose_t _pose
 
@@ -12,7 +11,6 @@ cdef class Transform:
 
 @cython.final
 @cython.no_gc
-@cython.freelist(256)
 cdef class TransformStamped:
     cdef str _frame_id, _child_frame_id
     cdef pose_t _pose

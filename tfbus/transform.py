@@ -28,6 +28,11 @@ from tfbus.kernel import (
     normalised,
 )
 
+try:
+    import cython
+except ImportError:
+    from tfbus import uncompiled as cython
+
 Floats = NDArray[np.float64]
 
 # Differences of such stamps fit into 64 bits.
@@ -39,6 +44,8 @@ QUATERNION_TOLERANCE = 0.01
 UNIT_TO_THE_LAST_BIT = 4.5e-16
 
 
+@cython.freelist(256)
+@cython.cclass
 class Transform:
     """An immutable rigid motion: a rotation, then a translation.
 
@@ -302,6 +309,8 @@ class Transform:
         return f"Transform(xyz=({x}, {y}, {z}), quat_xyzw=({qx}, {qy}, {qz}, {qw}))"
 
 
+@cython.freelist(256)
+@cython.cclass
 class TransformStamped:
     """A transform between two frames at one time; immutable.
 

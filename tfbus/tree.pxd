@@ -1,17 +1,30 @@
 cimport cython
 from tfbus.kernel cimport History
 from tfbus.kernel cimport Path, seek_as
+from tfbus cimport octets
+from tfbus.columns cimport Columns
 from tfbus.kernel cimport pose_t, compose, invert, normalised
+from tfbus.octets cimport edge_t
 from tfbus.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2
+cdef size_t _RECENT
+cdef Py_ssize_t EDGE_SIZE, _LEAST_ROWS
 cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
+
+@cython.final
+cdef class Table:
+    cdef tuple frames
+    cdef bytes edges
+    cdef list children, parents
+    cdef long long topology
 
 @cython.final
 cdef class Tree:
     cdef long long cache_ns
     cdef readonly dict frames
-    cdef dict senders
+    cdef list recent
+    cdef dict senders, tables
     cdef readonly long long topology
     cdef public list touched, moved, news
     cdef public set asked
@@ -20,7 +33,7 @@ cdef class Tree:
     @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
                    beyond=cython.longlong)
     cpdef TransformStamped answer(self, target_frame, source_frame, stamp_ns, sampling)
-    @cython.locals(target=History, path=Path)
+    @cython.locals(target=History, path=Path, slot=Py_ssize_t)
     cpdef Path path(self, target_frame, source_frame)
     @cython.locals(target=History, source=History)
     cdef Path _seek_path(self, target_frame, source_frame)
@@ -45,6 +58,14 @@ cdef class Tree:
     @cython.locals(child=History, parent=History, candidate=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
+    @cython.locals(table=Table, size=Py_ssize_t)
+    cdef Table table(self, Columns columns, str authority)
+    @cython.locals(i=Py_ssize_t, edge=edge_t, child=History, parent=History, children=list,
+                   parents=list)
+    cdef Table _find_table(self, Columns columns, str authority)
+    @cython.locals(child=History)
+    cdef bint append(
+        self, Table table, Py_ssize_t row, long long stamp_ns, pose_t pose, str authority) except -1
     @cython.locals(former=dict)
     cdef _assign(self, History child, str authority, long long stamp_ns)
     cdef _set_gone(self, History child, bint gone, str authority, long long stamp_ns)
@@ -69,6 +90,8 @@ cdef class Tree:
     cdef list _children(self, History parent)
     cdef _tell(self, str kind, History child, History parent, str authority, long long stamp_ns)
 
+@cython.locals(target=cython.size_t, source=cython.size_t)
+cdef Py_ssize_t _slot(target_frame, source_frame) noexcept
 cdef describe(History history, list children)
 @cython.locals(parent=History)
 cpdef list chain(History history)

@@ -6,18 +6,52 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from collections.abc import Iterable
 
+from tfbus import octets
 from tfbus.change import Change, Kind
+from tfbus.columns import Columns
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.frame import FrameInfo
 from tfbus.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
+from tfbus.octets import EDGE_SIZE
 from tfbus.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.sampling import TF2, Sampling
 from tfbus.transform import TransformStamped, check_frame_id, make_stamped
+
+try:
+    import cython
+except ImportError:
+    from tfbus import uncompiled as cython
 
 # Paths are found again in a microsecond; so many of one target are worth keeping.
 _MOST_PATHS = 1024
 # Of so many pairs it is remembered that they were asked for.
 _MOST_ASKED = 100_000
+
+# Of so many authorities the edges of the last batch are kept; of fewer rows it is not worth it.
+_MOST_TABLES = 1024
+_LEAST_ROWS = 4
+# So many paths are found by the very texts that they were asked for by; a power of two.
+_RECENT = 64
+
+
+class Table:
+    """The edges of the rows of a batch, found once for all batches of an authority that name the
+    same ones: `children` and `parents` row by row. Holds while `topology` is that of the tree.
+    """
+
+    def __init__(
+        self,
+        frames: tuple[str, ...],
+        edges: bytes,
+        children: list[History],
+        parents: list[History],
+        topology: int,
+    ) -> None:
+        self.frames = frames
+        self.edges = edges
+        self.children = children
+        self.parents = parents
+        self.topology = topology
 
 
 class Tree:
@@ -35,6 +69,10 @@ class Tree:
         self.frames: dict[str, History] = {}
         # Of each authority the frames whose last transform it sent.
         self.senders: dict[str, dict[str, History]] = {}
+        # Paths found of late, by where the texts stand in memory that they were asked for by.
+        self.recent: list[Path | None] = [None] * _RECENT
+        # Of each authority what its last batch named.
+        self.tables: dict[str, Table] = {}
         self.topology = 0
         self.touched: list[History] | None = None
         self.moved: list[History] | None = None
@@ -69,10 +107,25 @@ class Tree:
 
     def path(self, target_frame: str, source_frame: str) -> Path | None:
         """The path as the tree is now; None where a frame is unknown or nothing joins them."""
+        slot = 0
+        if cython.compiled:
+            # A program mostly asks with the same few texts, which need not be compared then.
+            slot = _slot(target_frame, source_frame)
+            path = self.recent[slot]
+            if (
+                path is not None
+                and path.asked_target is target_frame
+                and path.asked_source is source_frame
+                and path.topology == self.topology
+            ):
+                return path
         target = self.frames.get(target_frame)
         if target is not None:
             path = target.paths.get(source_frame)
             if path is not None and path.topology == self.topology:
+                if cython.compiled:
+                    path.asked_target, path.asked_source = target_frame, source_frame
+                    self.recent[slot] = path
                 return path
         return self._seek_path(target_frame, source_frame)
 
@@ -213,6 +266,50 @@ class Tree:
             self._tell("conflict", child, parent, authority, stamp_ns)
         if child.authority != authority:
             self._assign(child, authority, stamp_ns)
+        if self.touched is not None:
+            self.touched.append(child)
+        return True
+
+    def table(self, columns: Columns, authority: str) -> Table | None:
+        """The edges of a batch; None where not all of them are known as they are named."""
+        size = EDGE_SIZE * columns.count
+        table = self.tables.get(authority)
+        if (
+            table is not None
+            and table.topology == self.topology
+            and len(table.edges) == size
+            and octets.is_at(columns.edges, columns.edges_at, table.edges, size)
+            and (table.frames is columns.frames or table.frames == columns.frames)
+        ):
+            return table
+        return self._find_table(columns, authority) if columns.count >= _LEAST_ROWS else None
+
+    def _find_table(self, columns: Columns, authority: str) -> Table | None:
+        children, parents = [], []
+        for i in range(columns.count):
+            edge = octets.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * i)
+            child = self.frames.get(columns.frames[edge[1]])
+            parent = None if child is None else child.parent
+            if parent is None or parent.name != columns.frames[edge[0]]:
+                return None
+            children.append(child)
+            parents.append(parent)
+        edges = columns.edges[columns.edges_at : columns.edges_at + EDGE_SIZE * columns.count]
+        table = Table(columns.frames, edges, children, parents, self.topology)
+        if len(self.tables) >= _MOST_TABLES:
+            self.tables.clear()
+        self.tables[authority] = table
+        return table
+
+    def append(self, table: Table, row: int, stamp_ns: int, pose: Pose, authority: str) -> bool:
+        """Take a sample of a row's edge where it is newer than the others, and nothing changes
+        but that; else False, and `insert` is to judge it.
+        """
+        child = table.children[row]
+        if child.parent is not table.parents[row] or child.authority != authority:
+            return False
+        if not child.append(stamp_ns, pose, self.cache_ns):
+            return False
         if self.touched is not None:
             self.touched.append(child)
         return True
@@ -379,6 +476,13 @@ class Tree:
                     stamp_ns,
                 )
             )
+
+
+def _slot(target_frame: str, source_frame: str) -> int:
+    """Compiled: a place in `recent`, by where the two texts stand in memory."""
+    target = cython.cast(cython.size_t, cython.cast(cython.p_void, target_frame))
+    source = cython.cast(cython.size_t, cython.cast(cython.p_void, source_frame))
+    return (target // 16 + source // 16 * 5) % _RECENT
 
 
 def describe(history: History, children: list[str]) -> FrameInfo:

@@ -1,0 +1,131 @@
+"""Many threads at one buffer: longer with `--stress-s 60`.
+
+What is inserted lies on one line: at the time t (in ms) a frame is at (t, 2 t, -t), turned by
+1e-6 t. So whatever is interpolated lies on that line, too, and a pose that mixes two samples, or
+a stamp and the pose of another, does not.
+"""
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tfbus.batch import TransformBatch
+from tfbus.buffer import Buffer
+from tfbus.errors import ExtrapolationException, LookupException
+from tfbus.transform import Transform, TransformStamped
+
+MS = 1_000_000
+WRITERS = 3
+EDGES = 20
+
+
+def on_the_line(t: float) -> Transform:
+    """Where a frame is at t ms."""
+    return Transform.from_rpy(0, 0, 1e-6 * t, (t, 2 * t, -t))
+
+
+def is_torn(stamp_ns: int, transform: Transform) -> bool:
+    """Whether a pose is not the one of its time."""
+    x, y, z = transform.xyz
+    t = stamp_ns / MS
+    expected = (t, 2 * t, -t, 1e-6 * t)
+    found = (x, y, z, transform.as_rpy()[2])
+    return not all(map(lambda a, b: math.isclose(a, b, abs_tol=1e-6), found, expected))
+
+
+class Crowd:
+    """Threads that each do one thing again and again, until the time is up."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end = time.monotonic() + seconds
+        self._failures: list[object] = []
+        self._threads: list[threading.Thread] = []
+
+    def repeat(self, step: Callable[[int], object]) -> None:
+        """One more thread; what its step returns, where it is anything, is a failure."""
+
+        def run() -> None:
+            i = 0
+            while time.monotonic() < self._end and not self._failures:
+                try:
+                    failure = step(i)
+                except Exception as error:
+                    failure = error
+                if failure is not None:
+                    self._failures.append(failure)
+                i += 1
+
+        self._threads.append(threading.Thread(target=run))
+
+    def run(self) -> None:
+        """Until the time is up; all that they did went well."""
+        for thread in self._threads:
+            thread.start()
+        for thread in self._threads:
+            thread.join()
+        assert self._failures == []
+
+
+def test_writers_and_readers_in_many_threads_see_no_torn_pose(pytestconfig: pytest.Config) -> None:
+    """However many write and read at once, no answer mixes two samples, and none is lost."""
+    buffer = Buffer(1e6)
+    crowd = Crowd(pytestconfig.getoption("stress_s"))
+    inserted = [0] * WRITERS
+    names = ("all", *(f"wheel{number}" for number in range(EDGES)))
+    edges = np.array([(0, child) for child in range(1, EDGES + 1)], np.uint32)
+
+    def writer(number: int) -> Callable[[int], object]:
+        def write(i: int) -> None:
+            t = i * WRITERS + number
+            robot = TransformStamped(t * MS, "world", "robot", on_the_line(t))
+            assert buffer.set_transform(robot)
+            inserted[number] += 1
+            if i % 100 == 0:
+                fixed = TransformStamped(0, "world", f"post{number}_{i % 1000}", on_the_line(t))
+                buffer.set_transform(fixed, static=True)
+
+        return write
+
+    def write_columns(i: int) -> None:
+        pose = on_the_line(i).as_pose()
+        batch = TransformBatch(
+            names, edges, np.full(EDGES, i * MS, np.int64), np.tile(pose, (EDGES, 1))
+        )
+        assert buffer.set_transforms(batch) == EDGES
+
+    def read_latest(i: int) -> object:
+        try:
+            answer = buffer.lookup_transform("world", "robot")
+        except LookupException:
+            return None
+        return answer if is_torn(answer.stamp_ns, answer.transform) else None
+
+    def read_back(i: int) -> object:
+        try:
+            latest = buffer.latest_common_time("world", "robot")
+            stamp = (latest or 0) * (i % 97) // 97
+            answer = buffer.lookup_transform("world", "robot", stamp)
+        except (LookupException, ExtrapolationException):
+            return None
+        return answer if is_torn(answer.stamp_ns, answer.transform) else None
+
+    def read_many(i: int) -> object:
+        try:
+            latest = buffer.latest_common_time("all", "wheel7") or 0
+        except LookupException:
+            return None
+        stamps = np.linspace(0, latest, 500).astype(np.int64)
+        many, known = buffer.lookup_known_transforms("all", "wheel7", stamps)
+        line = stamps[:, None] / MS * np.array((1.0, 2.0, -1.0))
+        return None if np.allclose(many.xyz[known], line[known], atol=1e-6) else many
+
+    for number in range(WRITERS):
+        crowd.repeat(writer(number))
+    for step in (write_columns, read_latest, read_back, read_many):
+        crowd.repeat(step)
+    crowd.run()
+    assert buffer.frame("robot").samples == sum(inserted)

@@ -110,6 +110,7 @@ class TransformListener:
             log=node.log,
             executor=self._executor,
         )
+        self._forget_close = node.session.at_close(self.close)
 
     def __enter__(self) -> "TransformListener":
         return self
@@ -121,6 +122,7 @@ class TransformListener:
         """Listen no more; the buffer keeps what it has. Twice is fine."""
         if not self._closed:
             self._closed = True
+            self._forget_close()
             self._watch.close()
             self._reading.close()
             self._recovery.close()

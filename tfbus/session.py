@@ -233,6 +233,7 @@ class Session:
         self.settings = settings
         self._log = log
         self._closed = False
+        self._ending: list[Callable[[], None]] = []
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(zenoh_config(settings, scouting_s), patience_s)
         self.id = str(self.zenoh.zid())
@@ -250,12 +251,24 @@ class Session:
         """
         if not self._closed:
             self._closed = True
+            for end in list(self._ending):
+                end()
             try:
                 self.zenoh.close()
             except zenoh.ZError as error:
                 # As where a peer has stopped in the middle of a message. The end of the process
                 # ends it all the same; nobody could do anything about an error here.
                 self._log.warning("Left the bus untidily: %s", _first_sentence(str(error)))
+
+    def at_close(self, end: Callable[[], None]) -> Callable[[], None]:
+        """Call `end()` before the session closes; call what this returns to have it not called."""
+        self._ending.append(end)
+
+        def forget() -> None:
+            with suppress(ValueError):
+                self._ending.remove(end)
+
+        return forget
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
         """Zenoh's session; tried again here, not by Zenoh, which would not hear Ctrl-C."""

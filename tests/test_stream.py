@@ -476,6 +476,18 @@ def test_a_description_tells_how_a_stream_sends(sender: Node, receiver: Node) ->
     assert (told.frames, told.split, told.priority, told.history_s) == ((), True, -3, 2.5)
 
 
+def test_a_frame_that_moves_to_another_parent_and_back_is_described_so(
+    sender: Node, receiver: Node
+) -> None:
+    """The description tells where each frame hangs now, however often it moves."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+    for parent in ("table", "hand", "table", "hand", "table"):
+        broadcaster.send_transform(at(child="box", parent=parent))
+        wanted = ((parent, "box", False),)
+        eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
+
+
 def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node) -> None:
     """A stream in which nothing moves has no history to ask for."""
     descriptions = describe_to(receiver)

@@ -28,7 +28,8 @@ _KINDS = {
 
 class StreamFrames:
     """The frames of a stream. Each change is told soon, on the node's thread: `publisher` sends
-    `describe(rows)` of all rows (parent, child, static).
+    `describe(rows)` of all rows (parent, child, static). `moves` counts how often a frame that was
+    there already got another parent.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class StreamFrames:
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._described_bytes = 0
+        self.moves = 0
 
     def note(self, edges: Edges) -> None:
         """The stream sends these edges too.
@@ -60,6 +62,7 @@ class StreamFrames:
                 return
             for child, (parent, _) in edges.items():
                 _check(parent, child)
+            self.moves += any(self._edges.get(child, edge) != edge for child, edge in edges.items())
             self._edges |= edges
         self.describe_soon()
 

@@ -12,7 +12,7 @@ from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.kept_messages import KeptMessages
 from tfbus.newest_stamps import NewestStamps, Rows
 from tfbus.session import Query, Session, within
-from tfbus.stream_frames import StreamFrames
+from tfbus.stream_frames import Edges, StreamFrames
 from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.stream_options import StreamOptions
 
@@ -23,12 +23,17 @@ _MOST_EDGES = 50_000
 _MOST_ANSWERED = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Table:
-    """What sends of the same frames and edges have in common."""
+    """What sends of the same frames and edges have in common.
+
+    `noted` is how often frames of the stream had moved when these edges were last noted.
+    """
 
     frames: tuple[str, ...]
     edges: bytes
+    by_child: Edges
+    noted: int
     stamp_rows: Rows
     first_stamp_row: int
     parts: Sequence[RowsOfKey]
@@ -110,13 +115,17 @@ class TransformSender:
         if last is None or last.edges != edges or last.frames != frames:
             known = self._tables.get((frames, edges))
             last = self._last_table = known or self._remember(columns.as_batch(), edges)
+        if last.noted != self._frames.moves:
+            self._frames.note(last.by_child)
+            last.noted = self._frames.moves
         return last
 
     def _remember(self, batch: TransformBatch, edges: bytes) -> _Table:
         rows = [
             (batch.frames[parent], batch.frames[child]) for parent, child in batch.edges.tolist()
         ]
-        self._frames.note({child: (parent, False) for parent, child in rows})
+        by_child = {child: (parent, False) for parent, child in rows}
+        self._frames.note(by_child)
         self._edges_remembered += max(len(rows), 1)
         if self._edges_remembered > _MOST_EDGES:
             self._forget_tables()
@@ -124,6 +133,8 @@ class TransformSender:
         table = _Table(
             batch.frames,
             edges,
+            by_child,
+            self._frames.moves,
             stamp_rows,
             int(stamp_rows[0]) if rows else 0,
             self._keys.divide(batch, self._epoch_ns),

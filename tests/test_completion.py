@@ -21,12 +21,21 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.cli import main
+from tfbus.cli.message import complete_values, supplied_names, supplied_type
+from tfbus.cli.prototype import prototype
 from tfbus.cli.shells import SHELLS, Bash
 from tfbus.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 
 # Names of frames, some of which shells would stumble over.
 FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
+
+# A request to fill in, as each shell writes it.
+A_SPAWN = {
+    "bash": """'{x: 0.0, y: 0.0, theta: 0.0, name: ""}'""",
+    "zsh": """'{x: 0.0, y: 0.0, theta: 0.0, name: ""}'""",
+    "fish": r"""\{x:\ 0.0,\ y:\ 0.0,\ theta:\ 0.0,\ name:\ \"\"\}""",
+}
 
 # Of each shell how it is started without what its user has set up, and how it takes the script.
 STARTED = {
@@ -73,7 +82,8 @@ def candidates(env: dict[str, str], line: str) -> list[str]:
         check=True,
     )
     assert done.stderr == ""
-    return [row.split("\t")[1] for row in done.stdout.splitlines() if row.startswith("plain")]
+    rows = [row.split("\t") for row in done.stdout.splitlines() if row]
+    return [value for kind, value, _ in rows if kind in ("plain", "map")]
 
 
 def offers(env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
@@ -103,6 +113,7 @@ class Terminal:
     def __init__(self, shell: str, env: dict[str, str], folder: Path):
         self._socket = ["tmux", "-f", "/dev/null", "-S", str(folder / "tmux")]
         self._env = env
+        self.shell = shell
         started, _ = STARTED[shell]
         self._tmux("new-session", "-d", "-x", "100", "-y", "30", "-c", str(folder), started)
 
@@ -158,6 +169,7 @@ def test_a_shell_completes_what_is_typed(bus: Bus, env: dict[str, str], terminal
         ("tfbus echo ", FRAMES),
         ("tfbus param set sim ", ["holonomic"]),
         ("tfbus topic echo turtle1/p", ["turtle1/pose"]),
+        ("tfbus call sp", ["spawn"]),
     )
     for typed, completed in (
         ("tfbus topic ec", "tfbus topic echo X"),
@@ -165,16 +177,18 @@ def test_a_shell_completes_what_is_typed(bus: Bus, env: dict[str, str], terminal
         ("tfbus echo left", r"tfbus echo left\ camera X"),
         ("tfbus echo arm:t", r"tfbus echo arm:tip=\$5 X"),
         ("tfbus param set sim ho", "tfbus param set sim holonomic X"),
+        ("tfbus call spawn ", f"tfbus call spawn {A_SPAWN[terminal.shell]} X"),
         ("tfbus launch turtle turtlen", "tfbus launch turtle turtlename:=X"),
         ("tfbus launch turtle turtlename:=t", "tfbus launch turtle turtlename:=turtle1 X"),
     ):
         terminal.type("C-u", "C-l")
         eventually(lambda: not terminal.line())
         terminal.type(typed)
-        eventually(lambda typed=typed: terminal.line() == typed)  # type: ignore[misc]
+        shown = typed.rstrip()
+        eventually(lambda shown=shown: terminal.line() == shown)  # type: ignore[misc]
         refresh(env)
         terminal.type("Tab")
-        eventually(lambda typed=typed: terminal.line() != typed)  # type: ignore[misc]
+        eventually(lambda shown=shown: terminal.line() != shown)  # type: ignore[misc]
         terminal.type("X")
         eventually(lambda: terminal.line().endswith("X"))
         assert terminal.line() == completed
@@ -227,6 +241,25 @@ class TestCandidates:
         assert candidates(env, "tfbus topic 'ec") == ["echo"]
         assert candidates(env, r"tfbus topic echo\ ") == []
         assert candidates(env, "") == candidates(env, "tfbus ") == candidates(env, "tfbus nosuch ")
+
+    def test_a_message_to_fill_in(self, bus: Bus, env: dict[str, str]) -> None:
+        """Where a message or request is wanted, one with its defaults or zeros is offered."""
+        robot(bus)
+        twist = "{linear: {x: 0.0, y: 0.0, z: 0.0}, angular: {x: 0.0, y: 0.0, z: 0.0}}"
+        assert offers(
+            env,
+            ("tfbus topic pub turtle1/cmd_vel Twist ", [twist]),
+            ("tfbus topic pub turtle1/cmd_vel ", [twist, *supplied_names()]),
+            ("tfbus topic pub turtle1/cmd_vel Nosuch ", []),
+            ("tfbus service call spawn ", ['{x: 0.0, y: 0.0, theta: 0.0, name: ""}']),
+        )
+
+    @pytest.mark.parametrize("name", supplied_names())
+    def test_a_message_to_fill_in_is_one_of_its_type(self, name: str) -> None:
+        """What is offered can be published as it is."""
+        message_type = supplied_type(name)
+        assert message_type is not None
+        assert complete_values(prototype(message_type), message_type)
 
 
 class TestBash:

@@ -37,7 +37,7 @@ class _BusName(click.ParamType[str]):
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
         """Those of the names on the bus that begin so; none where the bus cannot be joined."""
-        found = self.candidates(_live_names(ctx), ctx)
+        found = self.candidates(names_at(ctx), ctx)
         if incomplete.startswith("/"):
             found = {f"/{name}": text for name, text in found.items()} if self._has_full() else {}
         return [
@@ -129,7 +129,7 @@ class ParameterName(_BusName):
         return dict.fromkeys(names.parameters.get(node, ()), "")
 
 
-def _live_names(ctx: click.Context) -> "LiveNames":
+def names_at(ctx: click.Context) -> "LiveNames":
     """The names at the place on the bus that the options typed so far say."""
     from tfbus.live_names import LiveNames, live_names  # Zenoh, which only completion needs
 

@@ -10,6 +10,7 @@ from tfbus.cli.bus import look, open_bus
 from tfbus.cli.message import checked_map, encode_values
 from tfbus.cli.nearest import nearest
 from tfbus.cli.output import print_json
+from tfbus.cli.prototype import complete_request
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.name_types import ServiceName
@@ -36,7 +37,7 @@ TIMEOUT = click.option(
     epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
 )
 @click.argument("service", type=ServiceName())
-@click.argument("request", default="{}")
+@click.argument("request", default="{}", shell_complete=complete_request)
 @TIMEOUT
 @bus_options("call")
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:

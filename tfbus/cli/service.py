@@ -10,6 +10,7 @@ from tfbus.cli.call import TIMEOUT, follow
 from tfbus.cli.message import checked_map, encode_values, read_map
 from tfbus.cli.nearest import nearest
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
+from tfbus.cli.prototype import complete_request
 from tfbus.errors import ServiceError
 from tfbus.graph import ServiceInfo
 from tfbus.name_types import ServiceName
@@ -67,7 +68,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 
 @command.command("call", epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'")
 @click.argument("service", type=ServiceName())
-@click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]")
+@click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]", shell_complete=complete_request)
 @TIMEOUT
 @json_option("Print each answer as one line of JSON.")
 @bus_options("service")

@@ -1,13 +1,15 @@
 """Completion in bash, zsh and fish: the script of each, and how it is answered.
 
 The scripts hand over the line as it is typed up to the cursor, since bash splits words at `:` and
-`=`, which names may have. They get a line for each candidate: what it is (`plain`, `file` or
-`dir`), itself, and what there is to say of it, with tabs between. One that ends in `=` is not
-whole: no space comes after it. Importing this module makes click use them in place of its own.
+`=`, which names may have. They get a line for each candidate: what it is (`plain`, `file`, `dir`,
+or `map`, a message to fill in), itself, and what there is to say of it, with tabs between. One
+that ends in `=` is not whole: no space comes after it. Importing this module makes click use them
+in place of its own.
 """
 
 import os
 import re
+import shlex
 
 import click
 from click.shell_completion import (
@@ -31,11 +33,16 @@ class _Shell(ShellComplete):
 
     def format_completion(self, item: CompletionItem) -> str:
         """One line for the script."""
-        return "\t".join((item.type, self.written(item.value), item.help or ""))
+        written = self.quoted if item.type == "map" else self.written
+        return "\t".join((item.type, written(item.value), item.help or ""))
 
     def written(self, value: str) -> str:
         """The candidate as the shell wants it."""
         return value
+
+    def quoted(self, value: str) -> str:
+        """A message as the shell wants it, in quotes rather than with every blank escaped."""
+        return shlex.quote(value)
 
 
 class Bash(_Shell):
@@ -48,7 +55,7 @@ _tfbus_completion() {
     COMPREPLY=()
     while IFS=$'\\t' read -r kind value _; do
         case $kind in
-            plain)
+            plain | map)
                 COMPREPLY+=("$value")
                 [[ $value == *= ]] && compopt -o nospace
                 ;;
@@ -92,6 +99,7 @@ _tfbus_completion() {
                     shown+=("$value${text:+  -- $text}")
                 fi
                 ;;
+            map) compadd -Q -U -V tfbus -- "$value" ;;
             dir) _path_files -/ ;;
             file) _path_files ;;
         esac
@@ -113,6 +121,11 @@ class Fish(_Shell):
     """fish 3."""
 
     name = "fish"
+
+    def quoted(self, value: str) -> str:
+        """The message itself: fish escapes what it inserts."""
+        return value
+
     source_template = """\
 function _tfbus_completion
     set -lx TFBUS_LINE (commandline -cp | string collect)
@@ -120,7 +133,7 @@ function _tfbus_completion
     for row in (%(prog_name)s 2>/dev/null)
         set -l parts (string split \\t -- $row)
         switch $parts[1]
-            case plain
+            case plain map
                 echo $parts[2]\\t$parts[3]
             case dir
                 __fish_complete_directories (commandline -ct)

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from tfbus.cli.bus import look
 from tfbus.cli.message import (
@@ -14,16 +13,16 @@ from tfbus.cli.message import (
     encode_values,
     find_type,
     read_map,
-    supplied_names,
     supplied_type,
 )
 from tfbus.cli.output import as_json, say, warn
+from tfbus.cli.prototype import complete_message
 from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.codec import type_name
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
-from tfbus.name_types import TopicName, matching
+from tfbus.name_types import TopicName
 from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.options import bus_options
 from tfbus.session import HeardWatch
@@ -37,18 +36,12 @@ if TYPE_CHECKING:
 _ASK_AGAIN_S = 0.2
 
 
-def _complete_type(
-    ctx: click.Context, param: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    return [] if ctx.params.get("message") else matching(supplied_names(), incomplete)
-
-
 @click.command(
     "pub",
     epilog="Example: tfbus topic pub --once turtle1/cmd_vel Twist '{linear: {x: 2.0}}'",
 )
 @click.argument("topic", type=TopicName())
-@click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=_complete_type)
+@click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=complete_message)
 @click.option("-r", "--rate", type=Number(least=1e-6, most=1e6), default=1.0, help="Per second; 1.")
 @click.option("-1", "--once", is_flag=True, help="Publish one message and exit.")
 @click.option("-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N and exit.")

@@ -109,6 +109,9 @@ def test_the_path_follows_a_frame_to_another_stream() -> None:
     tell(tree, "new", moving("map>base"))
     tell(tree, "old", [])
     assert keys_needed(tree, ("map", "base")) == {"tf/new"}
+    tell(tree, "new", moving("odom>base"))
+    assert [frame for frame in ("map", "odom", "base") if tree.describes(frame)] == ["odom", "base"]
+    assert tree.frames() == {"odom", "base"}
 
 
 def test_what_is_gone_is_read_where_nobody_else_sends_it() -> None:

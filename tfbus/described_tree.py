@@ -3,6 +3,7 @@
 It knows which stream sends which edge, and on which key, without a transform.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -60,6 +61,8 @@ class DescribedTree:
         self._streams: dict[str, list[DescribedEdge]] = {}
         self._gone: dict[str, None] = {}
         self._above: dict[str, dict[str, DescribedEdge]] = {}
+        # How many edges begin at a frame.
+        self._below: Counter[str] = Counter()
 
     def update(self, stream: str, edges: list[DescribedEdge], *, alive: bool) -> None:
         """Take the edges of a stream in the place of its former ones."""
@@ -67,6 +70,7 @@ class DescribedTree:
         self._streams[stream] = edges = list({edge.child: edge for edge in edges}.values())
         for edge in edges:
             self._above.setdefault(edge.child, {})[stream] = edge
+            self._below[edge.parent] += 1
         if not alive:
             self._gone[stream] = None
             if len(self._gone) > _MOST_GONE:
@@ -79,11 +83,17 @@ class DescribedTree:
             del above[stream]
             if not above:
                 del self._above[edge.child]
+            self._below[edge.parent] -= 1
+            if not self._below[edge.parent]:
+                del self._below[edge.parent]
 
     def frames(self) -> set[str]:
         """All frames that a stream describes, as a child or as a parent."""
-        edges = [edge for edges in self._streams.values() for edge in edges]
-        return {frame for edge in edges for frame in (edge.parent, edge.child)}
+        return self._above.keys() | self._below.keys()
+
+    def describes(self, frame: str) -> bool:
+        """Whether a stream describes the frame, as a child or as a parent."""
+        return frame in self._above or frame in self._below
 
     def children(self, key: str, stream: str) -> set[str]:
         """The child frames that a stream sends on one key."""

@@ -116,15 +116,16 @@ class Interest:
     def _explain(self, target: str, source: str) -> TransformException | None:
         """Why a path is not there, where the streams' descriptions say more than the buffer."""
         with self._lock:
-            described = self._tree.frames()
+            nowhere = [frame for frame in (target, source) if not self._tree.describes(frame)]
+            known = self._tree.frames() if nowhere else set()
             connected = self._tree.are_connected(target, source)
             roots = [" or ".join(self._tree.roots(frame)) for frame in (target, source)]
             streams = {edge.stream for edge in self._tree.edges_needed([(target, source)])}
             question = self._asked.get((target, source))
         missing = [frame for frame in (target, source) if not self._has(frame)]
         for frame in missing:
-            if frame not in described:
-                return unknown_frame(frame, described.union(self._buffer.frames()))
+            if frame in nowhere:
+                return unknown_frame(frame, known.union(self._buffer.frames()))
         if not connected:
             return ConnectivityException(
                 f"{target!r} and {source!r} are not connected, by what streams say of their "

@@ -78,7 +78,9 @@ class Interest:
         self._end_watch()
         self._closed = True
         self._changed.set()
-        self._thread.join()
+        # It may be in a callback of the buffer's, on whose end it would wait.
+        if self._thread is not threading.current_thread():
+            self._thread.join()
         for reading in self._readings.values():
             reading.declaration.close()
 

@@ -177,7 +177,7 @@ class Page:
         middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
         reach = max(placed.extent_m(), 1.0) * 1.6
         if self._turtle_scene.is_shown:
-            middle, reach = ground.xyz[ground.index[WORLD]], 0.8 * field.SIZE_M
+            middle, reach = ground.xyz[ground.index[WORLD]], 0.7 * field.SIZE_M
         position = middle + reach * _FROM
         cameras: list[Any] = [self._server.initial_camera]
         cameras += [client.camera for client in self._server.get_clients().values()]

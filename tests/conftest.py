@@ -157,8 +157,8 @@ class Bus:
         settings = NodeSettings(
             name,
             namespace=namespace,
-            config=str(self.quick_config),
-            **{"connect": (self.endpoint,), **given},  # type: ignore[arg-type]  # its fields
+            # What is given are fields of NodeSettings.
+            **{"config": str(self.quick_config), "connect": (self.endpoint,), **given},  # type: ignore[arg-type]
         )
         node = Node(settings=settings)
         self._nodes.append(node)

@@ -19,7 +19,9 @@ MOST_GONE = 1000
 
 # A token may come before its publisher can answer, or has anything to tell.
 _ANSWER_WITHIN_S = 2.0
-_ASK_AGAIN_S = (0.1, 0.4, 1.0)
+_ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
+# One that came back, and is not described again after so many of them, is taken for the same.
+_PATIENCE = 3
 
 
 @dataclass(frozen=True)
@@ -138,12 +140,13 @@ class StreamWatch:
             if state.description is known and waits and not self._closed:
                 if answers:
                     self._take_description(key, max(answers, key=lambda answer: answer.epoch))
-                elif pauses_s:
+                    return
+                if len(pauses_s) <= len(_ASK_AGAIN_S) - _PATIENCE:
+                    self._take_back(key)
+                if pauses_s:
                     self._executor.after(
                         pauses_s[0], lambda: self._ask_for_description(key, pauses_s[1:])
                     )
-                else:
-                    self._take_back(key)
 
         with suppress(BusError):  # the session has been closed
             ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)

@@ -122,8 +122,11 @@ class Process:
 
 
 def _config(*, scouting_delay_ms: int = 500) -> str:
+    # On a busy machine a link may be silent for longer than tfbus allows by default, and without
+    # multicast peers that have lost each other do not meet again.
     return (
         f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
+        " transport: {link: {tx: {lease: 20000}}},"
         " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
     )
 

@@ -30,7 +30,8 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python -m benchmarks $(ARGS)
 
 $(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard setup.py tfbus/*.p*)
-	for python in python3.13 python3.12 ~/.pyenv/versions/3.1[23].*/bin/python $(PYTHON); do \
+	for python in python3.13 ~/.pyenv/versions/3.13.*/bin/python python3.12 \
+	  ~/.pyenv/versions/3.12.*/bin/python $(PYTHON); do \
 	  $$python -c '' 2>/dev/null && break; done; $$python -m venv $(VENV)-bench
 	$(VENV)-bench/bin/python -m pip install --quiet --disable-pip-version-check matplotlib .
 	grep -v '^#' benchmarks/requirements.txt | while read -r peer; do \

@@ -48,6 +48,23 @@ What is not the same:
 Times of a busy machine are doubtful; `python -m benchmarks.instructions "lookup 3"` counts the
 instructions instead, under valgrind.
 
+## Where the time goes
+
+- A lookup of three edges is 170 ns, of which 85 are the call, the names, the lock and the answer,
+  and 28 each edge: a search that mostly guesses right, a slerp by a series, and a product. The lock
+  of Pythons before 3.13 takes 33 ns more than none, as it asks for the time; their numbers are
+  higher by so much.
+- The latest needs neither search nor slerp where all edges have come to the same time: 9 ns an
+  edge.
+- What leaves the cache makes room for what comes by moving what is alive: six samples for each new
+  one, as a column has a sixth of its length to spare. That is what columns of 50 edges mostly wait
+  for, whose history (3.7 MB) is larger than the processor's nearer caches. More room would be
+  faster, and take more than 80 bytes a sample; a ring would move nothing.
+- A batch of arrays is copied once, which takes a microsecond, and its edges are looked up once for
+  all batches alike; what comes from the bus is not copied.
+
+These are times of the processor, of one thread of the machine above on Python 3.13.
+
 ## How it grows
 
 ![The time of one lookup by depth, number of frames and number of samples](performance.svg)

@@ -48,10 +48,10 @@ def eyes(bus: Bus) -> Iterator[Eyes]:
 
 
 def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis; None while nobody knows."""
+    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
     if not buffer.can_transform(target, source):
         return None
-    return float(buffer.lookup_transform(target, source).transform.xyz[0])
+    return round(buffer.lookup_transform(target, source).transform.x, 9)
 
 
 def test_a_robot_sees_the_frames_that_are_shown_to_it_and_no_others(bus: Bus, eyes: Eyes) -> None:

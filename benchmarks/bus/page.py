@@ -23,6 +23,8 @@ _PART = """\
 ## The bus
 
 `make bench ARGS="--only bus"` measured this part, between processes on loopback. {place}
+Where that load is not far below one, others took their share of the cores: then what is by the
+clock says little (a second, the start, the percentiles), and CPU says more.
 
 | measure | taken | at least | reached |
 | --- | ---: | ---: | ---: |
@@ -34,7 +36,7 @@ _PART = """\
   is what that CPU comes to.
 - **tf2_ros**: `tf2_ros.TransformListener` of Debian's packages under rospy, with messages of the
   same 50 transforms at 200 Hz, its CPU taken likewise; it is C++ below, but rospy's messages are
-  made in Python. {ros}
+  made in Python.{ros}
 - **Latency** is from before `send_transform` until a lookup in the other process has answered with
   that transform, 1,000 sends a second; bare Zenoh is `put` to callback of the same size in the same
   two sessions. The two take turns of {turn} messages; {count:,} of each came.
@@ -65,7 +67,7 @@ def part(measured: Measured, place: str) -> str:
         mark=MARK,
         place=place,
         rows="\n".join(f"| {' | '.join(row)} |" for row in _rows(measured)),
-        ros=f"Not measured: {measured.theirs}." if isinstance(measured.theirs, str) else "",
+        ros=f" Not measured: {measured.theirs}." if isinstance(measured.theirs, str) else "",
         turn=TURN,
         count=min(measured.ours.count, measured.bare.count),
         startup=_starts(measured.starts),

@@ -1,35 +1,56 @@
 """What `tfbus view` costs: python -m benchmarks.view, in an environment with tfbus[dev].
 
 Frames move at 30 Hz, all of them, in a tree two deep. For each number of frames and of browsers it
-measures the processor time of the view's process and of the browsers, the bytes a second that one
-browser is sent, and the frames a second that a page draws, by a Chromium without a graphics card.
+measures the processor time of the view's process, and the bytes and messages a second that one
+browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
+pictures a second that it draws are counted; without a graphics card that is slow.
 """
 
 import argparse
+import math
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+import msgpack
 
 from benchmarks import machine
 from tfbus.nodes.viewer.screenshot import FLAGS
 
 RATE_HZ = 30.0
 SIZES = (3, 300, 3000)
-BROWSERS = (0, 1, 3)
+BROWSERS = (1, 3)
+
+# How long a browser is given to get all that there is, before what follows is counted.
+_SETTLE_S = 3.0
 
 HEADER = """\
-| frames | browsers | server, cores | browsers, cores | to one browser | pictures a second |
-| ---: | ---: | ---: | ---: | ---: | ---: |"""
+| frames | browsers | server, cores | bytes a second to each | messages a second |
+| ---: | ---: | ---: | ---: | ---: |"""
 
-_COUNT_FRAMES = """seconds => new Promise(done => {
+# What a page says first: where it looks from. Before that it is none of the page's browsers.
+_CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (0.0, 0.0, 10.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 800,
+    "image_width": 1280,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+_COUNT_PICTURES = """seconds => new Promise(done => {
   const start = performance.now(); let count = 0;
   const draw = now => {
     count++;
@@ -42,14 +63,13 @@ _COUNT_FRAMES = """seconds => new Promise(done => {
 
 @dataclass(frozen=True)
 class Cost:
-    """One row: parts of a processor core, bytes a second to one browser, pictures a second."""
+    """One row: parts of a processor core; bytes and messages a second to each browser."""
 
     frames: int
     browsers: int
     server_cores: float
-    browser_cores: float
     bytes_s: float
-    pictures_hz: float
+    messages_s: float
 
 
 def main() -> None:
@@ -57,6 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.view", description=__doc__)
     parser.add_argument("--frames", type=int, nargs="*", default=SIZES)
     parser.add_argument("--seconds", type=float, default=5.0, help="for each row; 5")
+    parser.add_argument("--pictures", action="store_true", help="draw the page in a Chromium")
     parser.add_argument("--publish", type=int, metavar="N", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.publish:
@@ -64,99 +85,112 @@ def main() -> None:
         return
     print(machine.describe(), HEADER, sep="\n\n", flush=True)
     for count in arguments.frames:
-        for cost in measure(count, arguments.seconds):
-            print(row(cost), flush=True)
+        with serving(count) as (address, server):
+            for browsers in BROWSERS:
+                print(row(measure(count, browsers, address, server, arguments.seconds)), flush=True)
+            if arguments.pictures:
+                pictures_hz = draw(address, arguments.seconds)
+                print(f"{count} frames: {pictures_hz:.0f} pictures a second", file=sys.stderr)
 
 
 def publish(count: int) -> None:
     """Send `count` frames, all of them moving, until killed: one message a tick."""
-    import math
+    import numpy as np
 
     import tfbus
 
+    names = ("map", *(f"frame{at}" for at in range(count)))
+    at = np.arange(count)
+    parents = np.where(at % 10 == 0, 0, at - at % 10 + 1)
+    edges = np.stack([parents, at + 1], axis=1).astype(np.uint32)
+    poses = np.zeros((count, 7))
+    poses[:, 0], poses[:, 1], poses[:, 6] = at % 50, at // 50, 1.0
     with tfbus.Node("crowd") as node:
         broadcaster = tfbus.TransformBroadcaster(node)
         while node.wait(1.0 / RATE_HZ):
             now_ns = node.now_ns()
-            turn = (now_ns % 10_000_000_000) / 1e10 * 2.0 * math.pi
-            broadcaster.send_transform(
-                [
-                    tfbus.TransformStamped(
-                        now_ns,
-                        "map" if at % 10 == 0 else f"frame{at - at % 10}",
-                        f"frame{at}",
-                        tfbus.Transform.from_rpy(
-                            0.0, 0.0, turn, (float(at % 50), at // 50 + math.sin(turn), 0.0)
-                        ),
-                    )
-                    for at in range(count)
-                ]
-            )
+            poses[:, 2] = math.sin(now_ns % 10_000_000_000 / 1e10 * 2.0 * math.pi)
+            stamps_ns = np.full(count, now_ns)
+            broadcaster.send_transform(tfbus.TransformBatch(names, edges, stamps_ns, poses.copy()))
 
 
-def measure(count: int, seconds: float) -> Iterator[Cost]:
-    """The rows of one number of frames."""
-    from playwright.sync_api import sync_playwright
-
+@contextmanager
+def serving(count: int) -> Iterator[tuple[str, int]]:
+    """A view of so many frames: its address, and the id of its process."""
     python = [sys.executable, "-m"]
     with ExitStack() as stack:
-        stack.enter_context(running([*python, "benchmarks.view", "--publish", str(count)]))
         log = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "log"
         view = stack.enter_context(running([*python, "tfbus", "view"], log))
         address = wait_for_address(log)
-        driver = stack.enter_context(sync_playwright())
-        for browsers in BROWSERS:
-            with ExitStack() as pages:
-                browser = driver.chromium.launch(
-                    executable_path=shutil.which("chromium"),
-                    args=[*FLAGS[1:], "--no-sandbox"],
-                )
-                pages.callback(browser.close)
-                opened = [open_page(browser, address) for _ in range(browsers)]
-                time.sleep(2.0)
-                yield cost_of(count, opened, view.pid, address, seconds)
+        stack.enter_context(running([*python, "benchmarks.view", "--publish", str(count)]))
+        yield address, view.pid
 
 
-def cost_of(count: int, pages: list[Any], server: int, address: str, seconds: float) -> Cost:
-    """What is used while so many pages are open; nothing is sent where there is none."""
-    start_s, server_s, browser_s = time.monotonic(), cpu_s(server), browsers_s()
-    pictures_hz = pages[0].evaluate(_COUNT_FRAMES, seconds) if pages else 0.0
-    if not pages:
+def measure(count: int, browsers: int, address: str, server: int, seconds: float) -> Cost:
+    """What is used while so many browsers have the page open."""
+    with ExitStack() as stack:
+        counters = [stack.enter_context(Counter(address)) for _ in range(browsers)]
+        time.sleep(_SETTLE_S)
+        start_s, cpu_start_s = time.monotonic(), cpu_s(server)
+        bytes_start, messages_start = counters[0].bytes, counters[0].messages
         time.sleep(seconds)
-    elapsed_s = time.monotonic() - start_s
-    server_s, browser_s = cpu_s(server) - server_s, browsers_s() - browser_s
-    return Cost(
-        count,
-        len(pages),
-        server_s / elapsed_s,
-        browser_s / elapsed_s,
-        bytes_per_second(address, seconds) if pages else 0.0,
-        pictures_hz,
-    )
+        elapsed_s = time.monotonic() - start_s
+        return Cost(
+            count,
+            browsers,
+            (cpu_s(server) - cpu_start_s) / elapsed_s,
+            (counters[0].bytes - bytes_start) / elapsed_s,
+            (counters[0].messages - messages_start) / elapsed_s,
+        )
 
 
-def bytes_per_second(address: str, seconds: float) -> float:
-    """What the server sends to one more client that only counts, after its first second."""
-    import viser
-    from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
+class Counter:
+    """A browser that draws nothing, and counts what it is sent, on a thread of its own."""
 
-    received, start_s = 0, time.monotonic()
-    url = address.replace("http", "ws", 1)
-    protocol = Subprotocol(f"viser-v{viser.__version__}")
-    with connect(url, subprotocols=[protocol], max_size=None) as socket:
-        while (now_s := time.monotonic()) < start_s + 1.0 + seconds:
-            message = socket.recv(10.0)
-            received += len(message) if now_s > start_s + 1.0 else 0
-    return received / seconds
+    def __init__(self, address: str) -> None:
+        import viser
+        from websockets.sync.client import connect
+        from websockets.typing import Subprotocol
+
+        self.bytes = 0
+        self.messages = 0
+        self._socket = connect(
+            address.replace("http", "ws", 1),
+            subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+            max_size=None,
+        )
+        self._socket.send(msgpack.packb(_CAMERA))
+        self._thread = threading.Thread(target=self._count)
+
+    def __enter__(self) -> "Counter":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._thread.join()
+
+    def _count(self) -> None:
+        # It ends where the connection is closed.
+        for message in self._socket:
+            self.bytes += len(message)
+            self.messages += 1
 
 
-def open_page(browser: Any, address: str) -> Any:
-    """A page of its own window, with frames in it."""
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
-    page.goto(address)
-    page.get_by_role("treeitem").first.wait_for(timeout=120e3)
-    return page
+def draw(address: str, seconds: float) -> float:
+    """How many pictures a second a Chromium draws of the page."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=[*FLAGS[1:], "--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.goto(address)
+        page.get_by_role("treeitem").first.wait_for(timeout=120e3)
+        pictures_hz: float = page.evaluate(_COUNT_PICTURES, seconds)
+        browser.close()
+        return pictures_hz
 
 
 @contextmanager
@@ -187,27 +221,12 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def browsers_s() -> float:
-    """The processor time of all processes of Chromium."""
-    total_s = 0.0
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            if (process / "comm").read_text().startswith("chrom"):
-                total_s += cpu_s(int(process.name))
-        except OSError:
-            continue  # it has ended meanwhile
-    return total_s
-
-
 def row(cost: Cost) -> str:
     """A row of the table, in Markdown."""
-    cells = [f"{cost.frames:,}", str(cost.browsers), f"{cost.server_cores:.2f}"]
-    if cost.browsers:
-        cells += [f"{cost.browser_cores:.2f}", f"{cost.bytes_s / 1e3:,.0f} kB/s"]
-        cells.append(f"{cost.pictures_hz:.0f}")
-    else:
-        cells += ["", "", ""]
-    return f"| {' | '.join(cells)} |"
+    return (
+        f"| {cost.frames:,} | {cost.browsers} | {cost.server_cores:.2f} "
+        f"| {cost.bytes_s / 1e3:,.0f} kB | {cost.messages_s:.0f} |"
+    )
 
 
 if __name__ == "__main__":

@@ -162,7 +162,7 @@ class Page:
         if WORLD in self._frames and WORLD not in placed.index:
             ground = place(self._buffer, fixed_frame, [WORLD, *placed.names], stamp_ns)
         self._turtle_scene.draw(ground, fixed_frame)
-        around_m = field.SIZE_M if self._turtle_scene.is_shown else 0.0
+        around_m = 0.7 * field.SIZE_M if self._turtle_scene.is_shown else 0.0
         self._scene.draw(self._frames, placed, trails, settings, around_m)
         self._look_first(placed, ground)
 

@@ -37,7 +37,7 @@ _MARK = 0.14
 _GRID_Z_M = -0.02
 
 # How long axes are, in parts of what is shown; and the least that counts as shown.
-_SIZE = 1.0 / 14.0
+_SIZE = 1.0 / 10.0
 _LEAST_EXTENT_M = 1.0
 
 

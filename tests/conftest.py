@@ -15,6 +15,7 @@ from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handle
 from signal import signal as set_handler
 from typing import TypeVar
 
+import hypothesis
 import pytest
 
 from tfbus import Node, NodeSettings
@@ -24,6 +25,10 @@ from tfbus.session import Session
 pytest_plugins = ["tf2_versus", "fault_options", "stress_options"]
 
 T = TypeVar("T")
+
+# A machine that is busy with other tests takes its time over any example.
+hypothesis.settings.register_profile("patient", deadline=None)
+hypothesis.settings.load_profile("patient")
 
 DEADLINE_S = 20.0
 

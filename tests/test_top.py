@@ -124,9 +124,13 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     tmux("send-keys", "came")
     eventually(lambda: "odometry" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "Enter")
-    shows("q Quit")
-    tmux("send-keys", "Enter")
-    shows("Publisher: /mount on", "Kind: static", "Position: 0.000, 0.000, 0.000 m")
+
+    def opened() -> bool:
+        tmux("send-keys", "Enter")
+        return "Publisher: /mount on" in tmux("capture-pane", "-p")
+
+    eventually(opened)
+    shows("Kind: static", "Position: 0.000, 0.000, 0.000 m")
     tmux("send-keys", "Escape")
     eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "q")

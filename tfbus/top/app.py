@@ -39,7 +39,7 @@ class FrameScreen(ModalScreen[None]):
     """One frame: how often and how late it came in the last two minutes, and all facts."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,enter,q", "dismiss", "Back"),
+        Binding("escape,q", "dismiss", "Back"),
     ]
     CSS = """
     FrameScreen { align: center middle; }

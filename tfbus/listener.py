@@ -220,7 +220,7 @@ class TransformListener:
             children = frozenset(child for _, child, _ in description.frames)
             statics = frozenset(child for _, child, static in description.frames if static)
             stream.describe(description.epoch, children, statics)
-        if self._static_streams & {"", state.name}:
+        if state.alive and self._static_streams & {"", state.name}:
             self._recovery.check(state.key, stream)
         self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
@@ -280,7 +280,7 @@ class TransformListener:
         if static:
             self._static_streams.add(stream)
             declaration = declare_retained_subscriber(session, key, self._on_message)
-            if state is not None:
+            if state is not None and state.alive:
                 self._recovery.check(state.key, self._streams[stream])
             return declaration
         declaration = session.subscriber(key, self._on_message)
@@ -295,6 +295,7 @@ class TransformListener:
         self._asked.discard(key)
         if isinstance(forgotten, StaticReception):
             self._static_streams.discard(stream)
+            self._recovery.leave(stream)
             forgotten.stream.forget_statics()
 
 

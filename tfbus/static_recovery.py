@@ -8,6 +8,7 @@ descriptions are the check, and a stream answers on two keys: by turns each of t
 """
 
 import logging
+from collections.abc import Callable
 from contextlib import suppress
 
 from tfbus.errors import BusError
@@ -18,13 +19,15 @@ from tfbus.retained import ask_retained_later
 from tfbus.session import Answer, Session
 
 _ANSWER_WITHIN_S = 2.0
+# The last of them is the pause before all further questions.
 _ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
 
 
 class StaticRecovery:
     """Asks the publishers of streams for the static transforms that are lacking.
 
-    It asks again on the thread of the executor, since a thread of Zenoh's may hold locks.
+    It asks, and looks at what has come, on the thread of the executor: one thing after the other,
+    and not where Zenoh may hold locks.
     """
 
     def __init__(self, session: Session, log: logging.Logger, executor: Executor) -> None:
@@ -35,38 +38,55 @@ class StaticRecovery:
         self._closed = False
 
     def check(self, key: str, stream: StreamReception) -> None:
-        """Ask, now and a few times more, while the stream of this token lacks static transforms."""
-        if stream.lacks_statics() and stream.name not in self._asking:
-            self._asking.add(stream.name)
-            self._ask(static_transforms_key_beside(key), stream, list(_ASK_AGAIN_S))
+        """Ask while the stream of this token lacks static transforms, for as long as it lives."""
+        if stream.lacks_statics():
+            self._do(lambda: self._begin(static_transforms_key_beside(key), stream))
+
+    def leave(self, stream: str) -> None:
+        """The static transforms of this stream are not read any more."""
+        self._asking.discard(stream)
 
     def close(self) -> None:
         """Ask no more. Twice is fine."""
         self._closed = True
+        self._asking.clear()
 
-    def _ask(self, key: str, stream: StreamReception, pauses_s: list[float]) -> None:
+    def _do(self, job: Callable[[], None]) -> None:
+        self._executor.submit("static transforms", job)
+
+    def _begin(self, key: str, stream: StreamReception) -> None:
+        if stream.lacks_statics() and stream.name not in self._asking and not self._closed:
+            self._asking.add(stream.name)
+            self._ask(key, stream, 0)
+
+    def _ask(self, key: str, stream: StreamReception, turn: int) -> None:
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None and not self._closed:
+            if answer.refusal is None and stream.name in self._asking:
                 stream.receive_static(answer.payload)
 
         def on_end() -> None:
-            if self._closed or not stream.lacks_statics():
-                self._asking.discard(stream.name)
-            elif pauses_s:
-                self._executor.after(pauses_s[0], lambda: self._ask(key, stream, pauses_s[1:]))
-            else:
-                self._asking.discard(stream.name)
-                self._log.warning(
-                    "Stream %r lists static transforms that have not come, though its publisher "
-                    "was asked for them %d times: start it again",
-                    stream.name,
-                    len(_ASK_AGAIN_S) + 1,
-                )
+            self._do(lambda: self._ask_again(key, stream, turn))
 
         with suppress(BusError):  # the session has been closed
-            if len(pauses_s) % 2:
+            if turn % 2:
                 self._session.ask_later(key, None, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
             else:
                 ask_retained_later(
                     self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
                 )
+
+    def _ask_again(self, key: str, stream: StreamReception, turn: int) -> None:
+        if stream.name not in self._asking:
+            return
+        if not stream.lacks_statics():
+            self._asking.discard(stream.name)
+            return
+        if turn == len(_ASK_AGAIN_S):
+            self._log.warning(
+                "Stream %r lists static transforms that have not come, though its publisher was "
+                "asked for them %d times; it is asked on. If that does not help, start it again",
+                stream.name,
+                turn + 1,
+            )
+        pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
+        self._executor.after(pause_s, lambda: self._ask(key, stream, turn + 1))

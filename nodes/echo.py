@@ -49,6 +49,7 @@ _SAY_EVERY_S = 1.0
 # What publishers have kept is asked for at the start; it comes within this time.
 _HISTORY_WITHIN_S = 2.0
 _HISTORY_LOOK_S = 0.05
+_HISTORY_COMES_S = 0.5
 _KEPT_AT_MOST_S = 3600.0
 _MARGIN_S = 5.0
 
@@ -118,6 +119,10 @@ def answers(
     history_by_s = time.monotonic() + (_HISTORY_WITHIN_S if has_history else 0.0)
     due_s = _elapsed_s(node)
     told: frozenset[str] = frozenset()
+    if question.fixed_frame and has_history:
+        # What was kept comes oldest first: while it comes, the latest is not the present.
+        _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        node.wait(_HISTORY_COMES_S)
     while True:
         answer = _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
         if answer is None:

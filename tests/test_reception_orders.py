@@ -98,15 +98,6 @@ class Orders(RuleBasedStateMachine):
         elif epoch == self.stream.epoch_ns:
             assert gone.isdisjoint(listed)
 
-    @invariant()
-    def what_lacks_is_known(self) -> None:
-        """Where nothing static is lacking, all that is listed as static can be looked up."""
-        epoch, listed = self.listed
-        if not self.stream.gone and epoch == self.stream.epoch_ns:
-            fixed = {child for child in listed if child.isupper()}
-            if not self.stream.lacks_statics():
-                assert all(self.buffer.can_transform("world", child) for child in fixed)
-
 
 TestOrders = Orders.TestCase
 TestOrders.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)

@@ -37,7 +37,7 @@ LAYERS = [
     {"fleet", "described_tree"},
     {"wire", "newest_stamps", "kept_messages", "stream_options"},
     {"transform_reader"},
-    {"settings", "executor", "interface"},
+    {"settings", "executor", "interface", "workers"},
     {"options"},
     {"scouting"},
     {"kept_thread"},

@@ -1,16 +1,17 @@
 """Sessions: how Zenoh is set where nobody says otherwise."""
 
 import logging
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import zenoh
-from conftest import Bus
+from conftest import Bus, eventually
 
 from tfbus import NodeSettings
-from tfbus.session import Session, zenoh_config
+from tfbus.session import Answer, Query, Session, zenoh_config
 
 
 def lease_ms(config: str, folder: Path) -> str:
@@ -46,3 +47,28 @@ def test_a_bus_that_does_not_let_go_is_told_in_the_log(
     session.close()
     real.close()
     assert caplog.messages == ["Left the bus untidily: close operation timed out!"]
+
+
+def test_who_asks_for_something_long_while_many_others_do_is_refused(bus: Bus) -> None:
+    """Four long answers are on their way at a time, 64 questions wait, and more are refused."""
+    session = bus.node("asked").session
+    go_on = threading.Event()
+
+    def answer(query: Query) -> None:
+        go_on.wait()
+        query.answer("long", b"answer")
+        query.close()
+
+    answers: list[Answer] = []
+    ended: list[int] = []
+    session.queryable("long", answer, long=True)
+    for number in range(70):
+        session.ask_later(
+            "long", None, answers.append, lambda at=number: ended.append(at), timeout_s=60.0
+        )
+    eventually(lambda: len(ended) == 2)
+    refusal = "too many others ask at the same time; ask again later"
+    assert [answer.refusal for answer in answers] == [refusal, refusal]
+    go_on.set()
+    eventually(lambda: len(ended) == 70)
+    assert [answer.payload for answer in answers[2:]] == [b"answer"] * 68

@@ -64,7 +64,7 @@ class Sent:
         """Publishers of keys within."""
         return self
 
-    def queryable(self, key: str, callback: object) -> None:
+    def queryable(self, key: str, callback: object, *, long: bool) -> None:
         """Nobody asks."""
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:

@@ -20,6 +20,7 @@ from tfbus.errors import BusError, SettingsError, TfbusError
 from tfbus.kept_thread import on_kept_thread
 from tfbus.scouting import loopback_where_alone
 from tfbus.settings import NodeSettings
+from tfbus.workers import Workers
 
 # How soon a client looks for its router again.
 _RETRY_S = 0.5
@@ -30,6 +31,10 @@ _LEASE_MS = 1500
 # So many batches of 64 KiB of urgent messages wait on a link before one is dropped: a burst of
 # 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
 _URGENT_BATCHES = 8
+
+# So many answers that may be long are sent at a time, and so many questions wait for that.
+_LONG_ANSWERS = 4
+_LONG_ANSWERS_WAITING = 64
 
 # What Zenoh itself puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
@@ -234,6 +239,7 @@ class Session:
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
+        self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(zenoh_config(settings, scouting_s), patience_s)
         self.id = str(self.zenoh.zid())
@@ -311,18 +317,30 @@ class Session:
             subscriber = self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
         return Declaration(subscriber)
 
-    def queryable(self, key: str, callback: Callable[[Query], None]) -> Declaration:
+    def queryable(
+        self, key: str, callback: Callable[[Query], None], *, long: bool = False
+    ) -> Declaration:
         """Call `callback(query)` for each question on `key`, on a thread of Zenoh's.
 
-        The callback closes the query when it has sent its answers.
+        The callback closes the query when it has sent its answers. Where they may be `long` it is
+        called on another thread: were Zenoh's held up by answers that do not fit into the link,
+        and the asker's as well, by answers to us, both would wait for each other. Who asks while
+        too many others wait is refused.
         """
+        what = f"query of {key}"
+        guarded = self._guarded(what, callback)
 
-        def on_query(query: zenoh.Query) -> None:
-            callback(Query(query))
+        def on_query(zenoh_query: zenoh.Query) -> None:
+            query = Query(zenoh_query)
+            if not long:
+                callback(query)
+            elif not self._answering.do(lambda: guarded(query)):
+                with query.answering(what):
+                    raise BusError("too many others ask at the same time; ask again later")
 
         with bus_errors(f"serve {key}"):
-            guarded = self._guarded(f"query of {key}", on_query)
-            return Declaration(self.zenoh.declare_queryable(key, _direct(guarded)))
+            guarded_query = self._guarded(what, on_query)
+            return Declaration(self.zenoh.declare_queryable(key, _direct(guarded_query)))
 
     def ask(
         self,

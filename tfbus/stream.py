@@ -11,11 +11,12 @@ import os
 import socket
 import threading
 import time
+from contextlib import suppress
 
 from tfbus.batch import TransformBatch
 from tfbus.codec import encode_map
 from tfbus.description import STREAM_VERSION, StreamDescription
-from tfbus.errors import InvalidArgumentException
+from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key
 from tfbus.retained import declare_retained_publisher
@@ -65,7 +66,7 @@ class Stream:
         self._static_key = static_transforms_key(name)
         self._static_publisher = declare_retained_publisher(session, self._static_key)
         # Who was told of the one way to what is retained too early, may know of the other.
-        session.queryable(self._static_key, self._on_static_query)
+        session.queryable(self._static_key, self._on_static_query, long=True)
         self._frames = StreamFrames(
             name, declare_retained_publisher(session, stream_key(name)), self._describe, executor
         )
@@ -123,7 +124,8 @@ class Stream:
         self._static_publisher.put(self._static_payload)
 
     def _on_static_query(self, query: Query) -> None:
-        with query.answering("the static transforms"):
+        # The session may be closed meanwhile, and then there is nobody to tell.
+        with suppress(BusError), query.answering("the static transforms"):
             if self._static_payload:
                 query.answer(self._static_key, self._static_payload)
 

@@ -19,9 +19,6 @@ from tfbus.stream_options import StreamOptions
 # What sends have in common is remembered for tables of so many edges in all.
 _MOST_EDGES = 50_000
 
-# So many who ask for what was kept are answered at a time: more threads would hold up the sends.
-_MOST_ANSWERED = 4
-
 
 @dataclass(slots=True, eq=False)
 class _Table:
@@ -65,11 +62,10 @@ class TransformSender:
         self._tables: dict[tuple[tuple[str, ...], bytes], _Table] = {}
         self._last_table: _Table | None = None
         self._edges_remembered = 0
-        self._answering = threading.Semaphore(_MOST_ANSWERED)
         self._kept = KeptMessages(options.history_s) if options.history_s else None
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
         if self._kept is not None:
-            session.queryable(self._keys.expression, self._on_query)
+            session.queryable(self._keys.expression, self._on_query, long=True)
 
     @property
     def heard(self) -> bool:
@@ -158,14 +154,8 @@ class TransformSender:
             self._kept.clear()
 
     def _on_query(self, query: Query) -> None:
-        # On a thread of its own: were Zenoh's held up by answers that do not fit into the link,
-        # and the asker's as well, by answers to us, both would wait for each other. The end of
-        # the session ends it, and with it the process may.
-        threading.Thread(target=self._answer, args=(query,)).start()
-
-    def _answer(self, query: Query) -> None:
         # The session may be closed meanwhile, and then there is nobody to tell.
-        with self._answering, suppress(BusError), query.answering("what was kept"):
+        with suppress(BusError), query.answering("what was kept"):
             for key, payload in self._last(query):
                 query.answer(key, payload)
 

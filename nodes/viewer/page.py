@@ -138,7 +138,9 @@ class Page:
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
-        self._server.stop()
+        # viser says so on standard output, where nobody has asked for it.
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     def _look(self) -> Frames:
         settings = self.desk.settings

@@ -183,7 +183,8 @@ class TopApp(App[None]):
         self._show(name)
 
     def on_data_table_row_selected(self, event: DataTable.RowSelected) -> None:
-        if self._tab() == "frames" and event.row_key.value is not None:
+        is_open = isinstance(self.screen, FrameScreen)
+        if self._tab() == "frames" and event.row_key.value is not None and not is_open:
             self.push_screen(FrameScreen(self._source, event.row_key.value))
 
     # What it shows

@@ -4,9 +4,10 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, Process, eventually, free_port
 
 from tfbus import (
     Buffer,
@@ -21,9 +22,9 @@ PUBLISHER = Path(__file__).parent / "stream_publisher.py"
 S = 10**9
 
 
-def start(bus: Bus, *arguments: str) -> Process:
+def start(bus: Bus, *arguments: str, env: dict[str, str] | None = None) -> Process:
     """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
+    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments], env=env)
     process.wait_for_line("ready")
     return process
 
@@ -81,6 +82,48 @@ def test_what_a_publisher_sent_before_it_was_met_comes_too(bus: Bus) -> None:
                 )
             )
             process.stop(signal.SIGKILL)
+
+
+@pytest.mark.parametrize("comes_first", ["listener", "publisher"])
+def test_history_comes_through_a_router(bus: Bus, comes_first: str) -> None:
+    """Clients of a router have what was sent before they met, whoever of them came first."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus.start("router", "--listen", endpoint).wait_for_line("Routing on")
+    env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
+    arguments = ("sim", "--moving", "robot", "--from", "1000")
+    if comes_first == "publisher":
+        start(bus, *arguments, env=env)
+    node = bus.node("listener", mode="client", connect=(endpoint,))
+    buffer = Buffer()
+    with TransformListener(buffer, node, history_s=60.0):
+        if comes_first == "listener":
+            start(bus, *arguments, env=env)
+        eventually(lambda: oldest_ns(buffer, "robot") == 1000 * S)
+
+
+def test_history_that_nobody_answers_for_is_asked_for_again(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the first questions find no way to the publisher, the next one does."""
+    node = bus.node("listener")
+    ask_later = node.session.ask_later
+    unheard: list[str] = []
+
+    def ask(key: str, payload: Any, on_answer: Any, on_end: Any, **how: Any) -> None:
+        if "last_s" in key and len(unheard) < 2:
+            unheard.append(key)
+            on_end()
+        else:
+            ask_later(key, payload, on_answer, on_end, **how)
+
+    monkeypatch.setattr(node.session, "ask_later", ask)
+    TransformBroadcaster(bus.node("sim")).send_transform(
+        TransformStamped(S, "world", "robot", Transform())
+    )
+    buffer = Buffer()
+    with TransformListener(buffer, node, history_s=60.0):
+        eventually(lambda: oldest_ns(buffer, "robot") == S)
+    assert unheard == ["tf/sim/**?last_s=60"] * 2
 
 
 def test_the_history_of_split_streams_comes_from_all_keys(bus: Bus) -> None:

@@ -1,6 +1,7 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
@@ -9,7 +10,7 @@ from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
-from tfbus.errors import InvalidArgumentException
+from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet
 from tfbus.interest import Interest
@@ -29,6 +30,8 @@ from tfbus.transform import check_frame_id
 MOST_KEYS = 200_000
 
 _KEPT_WITHIN_S = 5.0
+# The way to a stream that was just met may not be open for questions.
+_ASK_AGAIN_S = (0.1, 0.4, 1.0)
 
 
 # What a listener reads.
@@ -259,18 +262,34 @@ class TransformListener:
             self._asked.add(key)
             self._ask_for_history(key, self._streams[state.name])
 
-    def _ask_for_history(self, key: str, stream: StreamReception) -> None:
+    def _ask_for_history(
+        self, key: str, stream: StreamReception, pauses_s: tuple[float, ...] = _ASK_AGAIN_S
+    ) -> None:
+        """Ask until there is an answer; a stream that has sent nothing so far gives none."""
+        is_answered = False
+
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None:
+            nonlocal is_answered
+            if answer.refusal is None and key in self._asked:
+                is_answered = True
                 stream.receive_kept(answer.payload)
 
-        self._node.session.ask_later(
-            kept_transforms_selector(key, self._history_s),
-            None,
-            on_answer,
-            lambda: None,
-            timeout_s=_KEPT_WITHIN_S,
-        )
+        def on_end() -> None:
+            if pauses_s and not is_answered:
+                self._executor.after(pauses_s[0], ask_again)
+
+        def ask_again() -> None:
+            if key in self._asked:
+                self._ask_for_history(key, stream, pauses_s[1:])
+
+        with suppress(BusError):  # the session has been closed
+            self._node.session.ask_later(
+                kept_transforms_selector(key, self._history_s),
+                None,
+                on_answer,
+                on_end,
+                timeout_s=_KEPT_WITHIN_S,
+            )
 
     # What is read
 

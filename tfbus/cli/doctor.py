@@ -19,9 +19,7 @@ _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
 
 
-@click.command(
-    epilog="Examples: tfbus doctor; tfbus doctor --only clock-skew --json"
-)
+@click.command(epilog="Examples: tfbus doctor; tfbus doctor --only clock-skew --json")
 @click.option(
     "--only",
     "names",

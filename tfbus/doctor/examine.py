@@ -15,7 +15,6 @@ from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.presence import describe_all
-from tfbus.session import Session
 from tfbus.settings import NodeSettings
 
 # What publishers have kept tells the rates that they had before.

@@ -290,7 +290,7 @@ class Tree:
             edge = octets.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * i)
             child = self.frames.get(columns.frames[edge[1]])
             parent = None if child is None else child.parent
-            if parent is None or parent.name != columns.frames[edge[0]]:
+            if child is None or parent is None or parent.name != columns.frames[edge[0]]:
                 return None
             children.append(child)
             parents.append(parent)
@@ -482,7 +482,7 @@ def _slot(target_frame: str, source_frame: str) -> int:
     """Compiled: a place in `recent`, by where the two texts stand in memory."""
     target = cython.cast(cython.size_t, cython.cast(cython.p_void, target_frame))
     source = cython.cast(cython.size_t, cython.cast(cython.p_void, source_frame))
-    return (target // 16 + source // 16 * 5) % _RECENT
+    return (target // 16 + source // 16 * 5) % _RECENT  # type: ignore[no-any-return]  # C's own
 
 
 def describe(history: History, children: list[str]) -> FrameInfo:

@@ -35,13 +35,14 @@ class Conflicts:
             return
         for conflict in self._claims.news(contested):
             self._tell(conflict)
+        frames = () if description is None else description.frames
+        left = contested - {child for _, child, _ in frames}
         rulings = self._claims.rulings(name, contested)
         changed = [self._streams[each].exclude(ruling) for each, ruling in rulings.items()]
-        if any(changed):
-            # A static transform that comes into its right is not sent again.
-            for each, ruling in rulings.items():
-                if ruling.won:
-                    self._streams[each].apply_statics()
+        # A static transform that comes into its right, or that another has lain over, is not sent
+        # again.
+        for each, ruling in rulings.items():
+            self._streams[each].apply_statics(ruling.won if any(changed) else ruling.won & left)
 
     def _tell(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Collection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
@@ -203,7 +204,7 @@ class StreamReception:
             is_newer = self.epoch_ns is None or epoch_ns > self.epoch_ns
         if is_newer:
             self.admit(epoch_ns)
-        self.apply_statics()
+        self.apply_statics(None)
         if former is not None and former_ns == epoch_ns:
             children = {child for _, child in _edges(message.batch)}
             self._remove_static({child for _, child in _edges(former)} - children)
@@ -225,11 +226,15 @@ class StreamReception:
         with self.lock:
             self.statics = self._static_epoch_ns = self._static_seq = None
 
-    def apply_statics(self) -> None:
-        """Put the static transforms into the buffer, those that were last received."""
+    def apply_statics(self, children: Collection[str] | None) -> None:
+        """Put the static transforms of these frames, or all, into the buffer, as they were last
+        received.
+        """
         applied = None
         while (batch := self.statics) is not applied and batch is not None:
-            self.insert(batch, self._static_epoch_ns or 0, static=True)
+            rows = batch if children is None else _only(batch, children)
+            if len(rows):
+                self.insert(rows, self._static_epoch_ns or 0, static=True)
             applied = batch
 
     def _remove_static(self, children: Collection[str]) -> None:
@@ -382,8 +387,21 @@ def _is_before(seq: int | None, other: int | None) -> bool:
 
 def _without(batch: TransformBatch, children: Collection[str]) -> TransformBatch:
     """The rows whose child is none of these."""
-    lost = [at for at, frame in enumerate(batch.frames) if frame in children]
-    kept = ~np.isin(batch.edges[:, 1], lost)
+    return _rows(batch, ~_is_of(batch, children))
+
+
+def _only(batch: TransformBatch, children: Collection[str]) -> TransformBatch:
+    """The rows whose child is one of these."""
+    return _rows(batch, _is_of(batch, children))
+
+
+def _is_of(batch: TransformBatch, children: Collection[str]) -> NDArray[np.bool_]:
+    """Of each row whether its child is one of these."""
+    of = [at for at, frame in enumerate(batch.frames) if frame in children]
+    return np.isin(batch.edges[:, 1], of)
+
+
+def _rows(batch: TransformBatch, kept: NDArray[np.bool_]) -> TransformBatch:
     return TransformBatch(batch.frames, batch.edges[kept], batch.stamps_ns[kept], batch.poses[kept])
 
 

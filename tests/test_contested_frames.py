@@ -1,0 +1,109 @@
+"""Frames that several streams send, as a listener receives them, step by step."""
+
+import logging
+
+import pytest
+
+from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tfbus.claims import Rule
+from tfbus.conflicts import Conflicts
+from tfbus.description import StreamDescription
+from tfbus.reception import DynamicReception, StreamReception
+from tfbus.transform_reader import TransformReader
+from tfbus.wire import TransformMessage, encode_transforms
+
+
+def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:
+    """Frames below `world`, each so many metres ahead."""
+    rows = [
+        TransformStamped(epoch_ns, "world", child, Transform((x, 0, 0)))
+        for child, x in x_of.items()
+    ]
+    return encode_transforms(TransformMessage(TransformBatch.from_transforms(rows), epoch_ns, seq))
+
+
+class Received:
+    """The streams "a" and "b", the first of which was started first, in one buffer."""
+
+    def __init__(self, rule: Rule) -> None:
+        self.buffer = Buffer()
+        log = logging.getLogger("test")
+        self.streams = {
+            name: StreamReception(name, self.buffer, log, lambda: 0, TransformReader())
+            for name in "ab"
+        }
+        self.epochs = {"a": 1, "b": 2}
+        self.conflicts = Conflicts(rule, self.buffer, self.streams, log)
+        self._sent = 0
+
+    def send_static(self, stream: str, **x_of: float) -> None:
+        self._sent += 1
+        self.streams[stream].receive_static(payload(self.epochs[stream], self._sent, **x_of))
+
+    def send(self, stream: str, **x_of: float) -> None:
+        key = DynamicReception(self.streams[stream])
+        key.receive(payload(self.epochs[stream], 0, **x_of))
+
+    def describe(self, stream: str, *children: str) -> None:
+        """The stream says that it has these static frames."""
+        rows = tuple(("world", child, True) for child in children)
+        epoch = self.epochs[stream]
+        self.streams[stream].describe(epoch, frozenset(children), frozenset(children))
+        self.conflicts.judge(stream, StreamDescription(1, f"/{stream}", epoch, rows))
+
+    def lose(self, stream: str) -> None:
+        """The token of the stream is lost."""
+        self.streams[stream].vanish()
+        self.conflicts.judge(stream, None)
+
+    def held(self, child: str) -> tuple[float, str, bool]:
+        """Where a frame is, who sent it, and whether he is gone."""
+        frame = self.buffer.frame(child)
+        x = self.buffer.lookup_transform("world", child).transform.x
+        return x, frame.authority, frame.gone
+
+
+@pytest.fixture
+def both(rule: Rule) -> Received:
+    """Both streams send the static frames `camera` and `lamp`, at 1 and at 2 m, "b" last."""
+    received = Received(rule)
+    for stream, x in (("a", 1.0), ("b", 2.0)):
+        received.send_static(stream, camera=x, lamp=x)
+        received.describe(stream, "camera", "lamp")
+    return received
+
+
+@pytest.mark.parametrize(
+    ("rule", "winner", "other"),
+    [("latest", "b", ("a", 1.0)), ("first", "a", ("b", 2.0)), ("priority", "a", ("b", 2.0))],
+)
+@pytest.mark.parametrize("order", ["static first", "description first"])
+def test_a_static_frame_that_one_of_two_takes_out_is_the_others(
+    both: Received, winner: str, other: tuple[str, float], order: str
+) -> None:
+    """Under every rule it is then where the other has it, and his other frames are as before."""
+    before = both.held("lamp")
+    assert before[1] == winner
+    if order == "static first":
+        both.send_static(winner, lamp=before[0])
+        both.describe(winner, "lamp")
+    else:
+        both.describe(winner, "lamp")
+        both.send_static(winner, lamp=before[0])
+    name, x = other
+    assert both.held("camera") == (x, name, False)
+    assert both.held("lamp") == before
+
+
+@pytest.mark.parametrize(
+    ("rule", "winner", "other"),
+    [("latest", "b", ("a", 1.0)), ("first", "a", ("b", 2.0)), ("priority", "a", ("b", 2.0))],
+)
+def test_a_static_frame_of_one_who_is_gone_is_the_others(
+    both: Received, winner: str, other: tuple[str, float]
+) -> None:
+    """Under every rule a living publisher's static transform takes the place of a dead one's."""
+    both.lose(winner)
+    name, x = other
+    assert both.held("camera") == (x, name, False)
+    assert both.held("lamp") == (x, name, False)

@@ -340,3 +340,27 @@ def test_what_is_not_asked_for_again_is_left() -> None:
         assert waiting.result().child_frame_id == "d"
     interest.close()
     assert read.keys == set()
+
+
+def test_a_message_that_comes_after_its_key_was_left_is_not_taken(
+    bus: Bus, receiver: Node, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is still on its way when nothing of it is wanted any more does not come back."""
+    late: list[Callable[[], None]] = []
+    subscriber = receiver.session.subscriber
+
+    def subscribe(key: str, callback: Callable[[str, bytes], None]) -> Declaration:
+        def on_message(at: str, payload: bytes) -> None:
+            late.append(lambda: callback(at, payload))
+            callback(at, payload)
+
+        return subscriber(key, on_message)
+
+    monkeypatch.setattr(receiver.session, "subscriber", subscribe)
+    monkeypatch.setitem(Interest.__init__.__kwdefaults__, "kept_s", 0.5)
+    start(bus, "wheels", "--moving", "map:base")
+    with TransformListener(buffer, receiver, reads="needed"):
+        buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
+        eventually(lambda: "base" not in buffer.frames())
+        late[-1]()
+        assert "base" not in buffer.frames()

@@ -1,6 +1,7 @@
 """The listener: transforms from the bus go into a buffer."""
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, get_args
@@ -89,6 +90,8 @@ class TransformListener:
         self._asked: set[str] = set()
         self._lost: set[str] = set()
         self._forget_from = 2 * MOST_GONE
+        # The keys that are read, where not everything is.
+        self._read: set[str] = set()
         # The streams whose static transforms are read; "" are all.
         self._static_streams: set[str] = set()
         self._executor = Executor(f"{node.full_name} streams", node.log)
@@ -296,26 +299,39 @@ class TransformListener:
     def _subscribe(self, stream: str, key: str, static: bool) -> Declaration:
         session = self._node.session
         state = self._seen.get(stream)
+        on_message = self._while_read(key) if stream else self._on_message
         if static:
             self._static_streams.add(stream)
-            declaration = declare_retained_subscriber(session, key, self._on_message)
+            declaration = declare_retained_subscriber(session, key, on_message)
             if state is not None and state.alive:
                 self._recovery.check(state.key, self._streams[stream])
             return declaration
-        declaration = session.subscriber(key, self._on_message)
+        declaration = session.subscriber(key, on_message)
         if state is not None:
             self._get_to_know(state, key)
         return declaration
 
+    def _while_read(self, key: str) -> Callable[[str, bytes], None]:
+        """What takes the messages of a key: some may still be on their way when it is left."""
+        self._read.add(key)
+
+        def on_message(at: str, payload: bytes) -> None:
+            if key in self._read:
+                self._on_message(at, payload)
+
+        return on_message
+
     def _forget(self, stream: str, key: str, frames: set[str]) -> None:
         """A key is read no more: what it brought would only grow old."""
-        self.buffer.remove_sent(frames, stream)
-        forgotten = self._receptions.pop(key, None)
+        self._read.discard(key)
         self._asked.discard(key)
-        if isinstance(forgotten, StaticReception):
+        reception = self._stream(key)
+        self._receptions.pop(key, None)
+        if STATIC_TRANSFORMS in key.split("/"):
             self._static_streams.discard(stream)
             self._recovery.leave(stream)
-            forgotten.stream.forget_statics()
+            reception.forget_statics()
+        self.buffer.remove_sent(frames, stream)
 
 
 def _who(state: StreamState) -> str:

@@ -201,6 +201,7 @@ def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
         pid=os.getpid(),
         session=sender.session.id,
         history_s=10.0,
+        started_ns=sender.started_ns,
     )
 
     def is_known(watch: StreamWatch) -> bool:

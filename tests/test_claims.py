@@ -11,9 +11,13 @@ from tfbus.claims import Claims, Conflict, Rule
 from tfbus.description import StreamDescription
 
 
-def described(*children: str, epoch: int = 1, priority: int = 0) -> StreamDescription:
+def described(
+    *children: str, epoch: int = 1, priority: int = 0, started: int = 0
+) -> StreamDescription:
     frames = tuple(("world", child, False) for child in children)
-    return StreamDescription(1, "/n", epoch, frames, host="h", pid=epoch, priority=priority)
+    return StreamDescription(
+        1, "/n", epoch, frames, host="h", pid=epoch, priority=priority, started_ns=started
+    )
 
 
 def lost(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
@@ -36,6 +40,16 @@ def test_the_first_is_the_one_of_the_older_epoch() -> None:
         for name in order:
             contested = claims.update(name, described("robot", epoch="bca".index(name)))
         assert lost(claims, order[-1], contested) == {"a": {"robot"}, "c": {"robot"}}
+
+
+@pytest.mark.parametrize("rule", ["first", "priority"])
+def test_a_clock_that_went_back_makes_nobody_younger(rule: Rule) -> None:
+    """A publisher whose epoch has grown since it was started still wins over one started later."""
+    claims = Claims(rule)
+    claims.update("a", described("robot", epoch=1, started=1))
+    claims.update("b", described("robot", epoch=2, started=2))
+    contested = claims.update("a", described("robot", epoch=3, started=1))
+    assert lost(claims, "a", contested) == {"b": {"robot"}}
 
 
 def test_the_priority_comes_before_the_epoch() -> None:

@@ -436,6 +436,7 @@ def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
     eventually(lambda: statics and statics[-1].epoch_ns > sender.started_ns)
     epoch_ns = statics[-1].epoch_ns
     eventually(lambda: descriptions and descriptions[-1].epoch == epoch_ns)
+    assert descriptions[-1].started_ns == sender.started_ns
     assert statics[-1].seq == 0
     assert answers(receiver, "tf/**?last_s=60") == [("tf/sender", "turtle1", 2)]
 

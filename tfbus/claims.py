@@ -132,7 +132,8 @@ class Claims:
     def _rank(self, claimant: Claimant) -> tuple[int, int, str]:
         told = claimant.description
         priority = -told.priority if self.rule == "priority" else 0
-        return (priority, told.epoch, claimant.stream)
+        # The epoch grows where a clock goes back, and is no younger a publisher for it.
+        return (priority, told.started_ns or told.epoch, claimant.stream)
 
 
 def name_some(frames: Sequence[str]) -> str:

@@ -61,7 +61,8 @@ class StreamDescription:
     `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
     the node's. With `split` each frame has a key of its own. `history_s` is how many seconds of
-    dynamic messages can be asked for.
+    dynamic messages can be asked for. `started_ns` is when the node started, which is its
+    first epoch; 0 where it does not say so.
     """
 
     v: int
@@ -74,6 +75,7 @@ class StreamDescription:
     priority: int = 0
     split: bool = False
     history_s: float = 0.0
+    started_ns: int = 0
 
     def __post_init__(self) -> None:
         if self.v != STREAM_VERSION:

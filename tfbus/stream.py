@@ -53,7 +53,7 @@ class Stream:
     ) -> None:
         self.name = name
         self._node = node
-        self._epoch_ns = epoch_ns
+        self._started_ns = self._epoch_ns = epoch_ns
         self._session = session
         self._log = log
         self._lock = threading.Lock()
@@ -163,6 +163,7 @@ class Stream:
             priority=options.priority,
             split=options.split,
             history_s=options.history_s,
+            started_ns=self._started_ns,
         )
         # Its fields are what goes on the wire; of 10,000 frames `as_map` would take 20 ms.
         return encode_map(vars(description))

@@ -10,6 +10,7 @@ import click
 
 from tfbus import (
     Buffer,
+    BusError,
     Fleet,
     FrameName,
     InvalidNameError,
@@ -20,10 +21,10 @@ from tfbus import (
     node_options,
 )
 from tfbus.nodes.names import own_name
-from tfbus.nodes.shared_view import Recipient, View, look
+from tfbus.nodes.shared_view import SHARED, Recipient, View, look
 
 ALL = "all"
-# How often it is looked who is there, where frames are shown to all.
+# How often it is looked who is there, and tried again to join whom nothing could be shown to.
 _LOOK_ROUND_S = 1.0
 # What is not to be seen after this time is told.
 _PATIENCE_S = 2.0
@@ -97,20 +98,23 @@ def _namespace(settings: NodeSettings, name: str, what: str) -> str:
 
 
 class Others:
-    """All robots that publish transforms, but the one whose frames are shown."""
+    """All robots that publish transforms, but the one whose frames are shown.
+
+    What is shown to a robot, here or by another process, is not the robot.
+    """
 
     def __init__(self, robot: str, node: Node, listener: TransformListener) -> None:
         self._robot = robot
-        self._node = node
+        self._namespace = node.namespace
         self._listener = listener
 
     def robots(self) -> set[str]:
         """Those that are there now."""
         robots = set()
         for info in self._listener.streams():
-            above, _, name = info.node.strip("/").rpartition("/")
-            if info.alive and name != self._node.name:
-                robots.add(above.removeprefix(self._node.namespace).strip("/"))
+            if info.alive and not info.name.endswith(SHARED):
+                above, _, _ = info.node.strip("/").rpartition("/")
+                robots.add(above.removeprefix(self._namespace).strip("/"))
         return robots - {"", self._robot}
 
 
@@ -131,6 +135,7 @@ class Sharing:
         self._relative_to = relative_to
         self._rate_hz = rate_hz
         self._recipients: dict[str, Recipient] = {}
+        self._failed: set[str] = set()
         self._views: dict[str, View] = {}
         for frame in frames:
             listener.need(relative_to, frame)
@@ -142,8 +147,8 @@ class Sharing:
         try:
             turn = 0
             while self._node.wait(1.0 / self._rate_hz):
-                if others is not None and self._is_every(_LOOK_ROUND_S, turn):
-                    self._show_to({*named, *others.robots()})
+                if self._is_every(_LOOK_ROUND_S, turn):
+                    self._show_to({*named, *(others.robots() if others is not None else ())})
                 self._look(is_told=turn == self._turns(_PATIENCE_S))
                 for recipient in self._recipients.values():
                     recipient.show(self._views)
@@ -173,12 +178,23 @@ class Sharing:
                 self._node.log.warning("%r is not to be seen: %s", frame, view.reason)
 
     def _show_to(self, robots: Iterable[str]) -> None:
-        """Show them to these robots from now on, and to no others."""
+        """Show them to these robots from now on, and to no others. One whose place on the bus
+        cannot be had is told of once, and holds up none of the others.
+        """
         for robot in self._recipients.keys() - set(robots):
             self._recipients.pop(robot).close()
-        for robot in robots:
-            if robot not in self._recipients:
+        self._failed &= set(robots)
+        for robot in sorted(set(robots) - self._recipients.keys()):
+            try:
                 self._recipients[robot] = Recipient(self._node.settings, robot)
+            except BusError as error:
+                if robot not in self._failed:
+                    self._failed.add(robot)
+                    self._node.log.warning(
+                        "Nothing is shown to %s so far; it is tried again: %s", robot, error
+                    )
+            else:
+                self._failed.discard(robot)
                 self._node.log.info("Showing %s to %s", ", ".join(self._frames), robot)
 
 

@@ -14,6 +14,9 @@ from tfbus import (
     TransformStamped,
 )
 
+# How the names of streams end that show frames of others.
+SHARED = "/shared"
+
 
 @dataclass(frozen=True)
 class View:
@@ -48,8 +51,9 @@ class Recipient:
     def __init__(self, settings: NodeSettings, robot: str) -> None:
         namespace = "/".join(filter(None, (settings.namespace, robot)))
         self._node = Node.from_settings(replace(settings, namespace=namespace, sim_time=False))
-        self._moving = TransformBroadcaster(self._node)
-        self._fixed = StaticTransformBroadcaster(self._node)
+        stream = f"{self._node.name}{SHARED}"
+        self._moving = TransformBroadcaster(self._node, stream=stream)
+        self._fixed = StaticTransformBroadcaster(self._node, stream=stream)
         self._sent: dict[str, View] = {}
 
     def close(self) -> None:

@@ -10,8 +10,8 @@ import pytest
 from click.testing import CliRunner
 from conftest import Bus, Process, eventually
 
-from tfbus import Buffer, TransformListener
-from tfbus.nodes.share import main
+from tfbus import Buffer, BusError, NodeSettings, TransformListener
+from tfbus.nodes import share
 
 PUBLISHER = Path(__file__).parent / "edge_publisher.py"
 
@@ -82,8 +82,8 @@ def test_several_frames_may_be_shown_to_several_robots(bus: Bus, eyes: Eyes) -> 
 def test_what_does_not_move_is_static_for_others_too(bus: Bus, eyes: Eyes) -> None:
     """A static transform is shown as one: it holds at all times, and comes to late joiners."""
     bus.start("static", "world", "dock", "--x", "5", "--namespace", "robot7")
-    share = bus.start("share", "robot7", "dock", "--to", "robot1", "--relative-to", "world")
-    share.wait_for_line("'robot7/dock' is to be seen in 'world'")
+    process = bus.start("share", "robot7", "dock", "--to", "robot1", "--relative-to", "world")
+    process.wait_for_line("'robot7/dock' is to be seen in 'world'")
     eventually(lambda: x_of(eyes.of(1), "world", "robot7/dock") == 5)
     assert eyes.of(1).frame("robot7/dock").static
 
@@ -93,11 +93,11 @@ def test_frames_of_a_robot_that_is_gone_are_taken_back(bus: Bus, eyes: Eyes) -> 
     back.
     """
     first = robot(bus, 7, "--static", "map:dock")
-    share = bus.start("share", "robot7", "base_link", "dock", "--to", "robot1", "--rate", "50")
+    process = bus.start("share", "robot7", "base_link", "dock", "--to", "robot1", "--rate", "50")
     eventually(lambda: {"robot7/base_link", "robot7/dock"} <= {*eyes.of(1).frames()})
     first.signal(SIGKILL)
     eventually(lambda: eyes.of(1).frames() == ["map"])
-    share.wait_for_line("'robot7/base_link' is not to be seen: .*gone")
+    process.wait_for_line("'robot7/base_link' is not to be seen: .*gone")
     robot(bus, 7)
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
 
@@ -105,9 +105,9 @@ def test_frames_of_a_robot_that_is_gone_are_taken_back(bus: Bus, eyes: Eyes) -> 
 def test_the_end_of_share_is_noticed(bus: Bus, eyes: Eyes) -> None:
     """Who sees the frames learns that they are shown no more."""
     robot(bus, 7)
-    share = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
+    process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
-    assert share.stop(SIGINT) == 0
+    assert process.stop(SIGINT) == 0
     eventually(lambda: eyes.of(1).frame("robot7/base_link").gone)
 
 
@@ -122,6 +122,51 @@ def test_frames_may_be_shown_to_all(bus: Bus, eyes: Eyes) -> None:
     assert "robot7/base_link" not in eyes.of(7).frames()
 
 
+def test_what_is_shown_to_a_robot_is_not_the_robot(bus: Bus, eyes: Eyes) -> None:
+    """Where several share with all, a robot that is gone is shown nothing more by any of them."""
+    robots = {number: robot(bus, number) for number in (1, 7, 8)}
+    for number in (7, 8):
+        bus.start("share", f"robot{number}", "base_link", "--to", "all", "--rate", "50")
+        frame = f"robot{number}/base_link"
+        eventually(lambda frame=frame: x_of(eyes.of(1), "base_link", frame))
+    robots[1].signal(SIGKILL)
+    session = bus.node("watch").session
+    eventually(lambda: session.living("robot7/@tfbus/node/*"))
+    eventually(lambda: session.living("robot1/@tfbus/node/*") == ["robot1/@tfbus/node/eyes"])
+
+
+def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the bus cannot be joined for one robot it is told once, and tried again."""
+    node = bus.node("share_1")
+    unreachable = {"robot2"}
+    joined: list[str] = []
+
+    class Reached:
+        def __init__(self, settings: NodeSettings, robot: str) -> None:
+            if robot in unreachable:
+                raise BusError("cannot join the bus")
+            joined.append(robot)
+
+        def show(self, views: object) -> None:
+            if len(joined) == 2:
+                node.close()
+            unreachable.clear()
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(share, "Recipient", Reached)
+    with TransformListener(Buffer(), node, reads="needed") as listener:
+        share.Sharing(node, listener, ["robot7/base"], "map", 50.0).go_on(
+            ["robot1", "robot2"], None
+        )
+    assert joined == ["robot1", "robot2"]
+    told = capsys.readouterr().err
+    assert told.count("Nothing is shown to robot2 so far; it is tried again: cannot join") == 1
+
+
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
     """With a namespace the robots are those within it."""
     bus.start("static", "map", "dock", "--x", "5", "--namespace", "lab/robot7")
@@ -133,8 +178,8 @@ def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
 
 def test_what_is_not_there_is_told(bus: Bus) -> None:
     """Where a frame cannot be seen, share says so after a while, and why, and goes on."""
-    share = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
-    line = share.wait_for_line("is not to be seen")
+    process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
+    line = process.wait_for_line("is not to be seen")
     assert line.endswith(
         "'robot7/base_link' is not to be seen: there is no frame 'map'; no frame is known so far"
     )
@@ -156,6 +201,6 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
 )
 def test_mistakes_are_told_in_a_sentence(arguments: list[str], mistake: str) -> None:
     """What cannot be is refused at once, with what is allowed, and exit code 2."""
-    refused = CliRunner().invoke(main, arguments)
+    refused = CliRunner().invoke(share.main, arguments)
     assert refused.exit_code == 2
     assert mistake in " ".join(refused.output.split())

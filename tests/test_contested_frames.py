@@ -29,7 +29,9 @@ class Received:
         self.buffer = Buffer()
         log = logging.getLogger("test")
         self.streams = {
-            name: StreamReception(name, self.buffer, log, lambda: 0, TransformReader())
+            name: StreamReception(
+                name, self.buffer, log, lambda: 0, TransformReader(), self.restore
+            )
             for name in "ab"
         }
         self.epochs = {"a": 1, "b": 2}
@@ -50,6 +52,9 @@ class Received:
         epoch = self.epochs[stream]
         self.streams[stream].describe(epoch, frozenset(children), frozenset(children))
         self.conflicts.judge(stream, StreamDescription(1, f"/{stream}", epoch, rows))
+
+    def restore(self, name: str, frames: frozenset[str]) -> None:
+        self.conflicts.restore(name, frames)
 
     def lose(self, stream: str) -> None:
         """The token of the stream is lost."""
@@ -107,3 +112,26 @@ def test_a_static_frame_of_one_who_is_gone_is_the_others(
     name, x = other
     assert both.held("camera") == (x, name, False)
     assert both.held("lamp") == (x, name, False)
+
+
+@pytest.mark.parametrize("rule", ["first", "priority"])
+@pytest.mark.parametrize("is_static", [True, False])
+def test_who_loses_a_frame_while_he_sends_it_does_not_keep_it(
+    rule: Rule, is_static: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A transform on its way into the buffer when another got the right of way gives way too."""
+    received = Received(rule)
+    received.send_static("a", camera=1.0)
+    received.describe("a", "camera")
+    set_transforms = received.buffer.set_transforms
+
+    def late(batch: TransformBatch, *, static: bool, authority: str) -> int:
+        if authority == "b" and not received.streams["b"].excluded:
+            received.describe("b", "camera")
+        return set_transforms(batch, static=static, authority=authority)
+
+    monkeypatch.setattr(received.buffer, "set_transforms", late)
+    send = received.send_static if is_static else received.send
+    send("b", camera=2.0, lamp=2.0)
+    assert received.held("camera") == (1.0, "a", False)
+    assert received.held("lamp") == (2.0, "b", False)

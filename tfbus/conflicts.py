@@ -42,7 +42,16 @@ class Conflicts:
         # A static transform that comes into its right, or that another has lain over, is not sent
         # again.
         for each, ruling in rulings.items():
-            self._streams[each].apply_statics(ruling.won if any(changed) else ruling.won & left)
+            won = ruling.won if any(changed) else ruling.won & left
+            self._streams[each].apply_statics(won - left if each == name else won)
+
+    def restore(self, name: str, frames: frozenset[str]) -> None:
+        """Put back the static transforms of those who have the right of way of these frames, which
+        a stream has laid its own over since.
+        """
+        for each, ruling in self._claims.rulings(name, frames).items():
+            if each != name:
+                self._streams[each].apply_statics(ruling.won)
 
     def _tell(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

@@ -192,9 +192,17 @@ class TransformListener:
         return known or self._streams.setdefault(
             name,
             StreamReception(
-                name, self.buffer, self._log, self._node.now_ns, self._names.reader(key)
+                name,
+                self.buffer,
+                self._log,
+                self._node.now_ns,
+                self._names.reader(key),
+                self._on_overlap,
             ),
         )
+
+    def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
+        self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
 
     def _on_jump_back(self, now_ns: int) -> None:
         """The clock was set back: what lies in its future now has not happened."""

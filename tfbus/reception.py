@@ -33,7 +33,8 @@ class StreamReception:
 
     `excluded` are the frames of which another publisher has the right of way. `gone` is whether
     the publisher was there and is no more, by its token. `reader` is one for all streams of a
-    namespace.
+    namespace. `on_overlap(name, frames)` is called where transforms of these frames came to lie
+    over those of another, who has just got the right of way.
     """
 
     def __init__(
@@ -43,12 +44,14 @@ class StreamReception:
         log: logging.Logger,
         now_ns: Callable[[], int],
         reader: TransformReader,
+        on_overlap: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
     ) -> None:
         self.name = name
         self.buffer = buffer
         self.log = log
         self.now_ns = now_ns
         self.reader = reader
+        self.on_overlap = on_overlap
         self.lock = threading.Lock()
         self.epoch_ns: int | None = None
         self.gone = False
@@ -103,8 +106,9 @@ class StreamReception:
         self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
     ) -> None:
         """Put the transforms into the buffer, but for those that another has the right of."""
-        if self.excluded:
-            batch = self._without_excluded(batch)
+        excluded = self.excluded
+        if excluded:
+            batch = self._without(batch, excluded)
         buffer = self.buffer
         refused = buffer.rejected.rows
         taken = buffer.set_transforms(batch, static=static, authority=self.name)
@@ -118,6 +122,8 @@ class StreamReception:
         if epoch_ns != self.epoch_ns and not static:
             # The epoch ended in between: none of it may stay.
             buffer.forget(self.name)
+        if self.excluded is not excluded:
+            self._give_way(batch, self.excluded - excluded)
 
     def count(self, transforms: int, size: int) -> None:
         """Count one message of so many transforms and bytes; with the lock held."""
@@ -138,12 +144,18 @@ class StreamReception:
                 error,
             )
 
-    def _without_excluded(self, batch: TransformBatch | Columns) -> TransformBatch:
+    def _without(self, batch: TransformBatch | Columns, excluded: frozenset[str]) -> TransformBatch:
         whole = batch.as_batch() if isinstance(batch, Columns) else batch
-        kept = _without(whole, self.excluded)
+        kept = _without(whole, excluded)
         with self.lock:
             self.excluded_rows += len(whole) - len(kept)
         return kept
+
+    def _give_way(self, batch: TransformBatch | Columns, lost: frozenset[str]) -> None:
+        """Another got the right of way of these frames while the batch was inserted."""
+        if not lost.isdisjoint(batch.frames):
+            self.buffer.forget(self.name, lost)
+            self.on_overlap(self.name, lost)
 
     def _begin_anew(self) -> None:
         self.buffer.forget(self.name)

@@ -342,6 +342,28 @@ def test_what_is_not_asked_for_again_is_left() -> None:
     assert read.keys == set()
 
 
+def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> None:
+    """What fails while something is subscribed to is told once, and the rest goes on."""
+    buffer, read = Buffer(), Read()
+    failures: list[str] = []
+
+    def subscribe(stream: str, key: str, static: bool) -> Declaration:
+        if len(failures) < 2:
+            failures.append(key)
+            raise ValueError("subscribe")
+        return read.subscribe(stream, key, static)
+
+    interest = Interest(buffer, subscribe, read.forget, kept_s=0.1)
+    tell(interest, "wheels", ("map", "base", False))
+    interest.need("map", "base")
+    eventually(lambda: read.keys == {"tf/wheels"})
+    interest.close()
+    assert failures == ["tf/wheels"] * 2
+    assert [record.getMessage() for record in caplog.records] == [
+        "What lookups need could not be followed; it is tried again"
+    ]
+
+
 def test_a_message_that_comes_after_its_key_was_left_is_not_taken(
     bus: Bus, receiver: Node, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ Which streams they need follows from what all streams say of their frames. A thr
 unsubscribes: whoever asks the buffer, and Zenoh's threads, only leave a note for it.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +27,8 @@ KEPT_S = 60.0
 _ROUNDS = 4
 # Streams that were asked for longer ago should have sent something.
 _SOON_S = 1.0
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -54,12 +57,14 @@ class Interest:
         *,
         kept_s: float = KEPT_S,
         clock: Callable[[], float] = time.monotonic,
+        log: logging.Logger = _log,
     ) -> None:
         self._buffer = buffer
         self._subscribe = subscribe
         self._forget = forget
         self._kept_s = kept_s
         self._clock = clock
+        self._log = log
         # Holds together the questions and the tree; never held while something else is called,
         # but the buffer.
         self._lock = threading.Lock()
@@ -68,6 +73,7 @@ class Interest:
         self._asked: dict[Pair, _Question] = {}
         self._readings: dict[str, _Reading] = {}
         self._closed = False
+        self._has_failed = False
         self._changed = threading.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
         self._thread = threading.Thread(target=self._run, name="interest", daemon=True)
@@ -178,8 +184,15 @@ class Interest:
                 self._follow(now)
             except BusError:
                 return  # the session is closed, and there is nothing to read
+            except Exception:
+                self._tell_failed()
             self._changed.wait(max(next_round - self._clock(), 0.0))
             self._changed.clear()
+
+    def _tell_failed(self) -> None:
+        if not self._has_failed:
+            self._has_failed = True
+            self._log.exception("What lookups need could not be followed; it is tried again")
 
     def _forget_questions(self, now: float) -> None:
         """Forget what has not been asked for of late, and ask what still is."""

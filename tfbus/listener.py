@@ -105,7 +105,7 @@ class TransformListener:
         node.tell_of_buffer(self._describe_buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
-            Interest(buffer, self._subscribe, self._forget)
+            Interest(buffer, self._subscribe, self._forget, log=node.log)
             if reads == "needed"
             else Everything(self._subscribe, everywhere=everywhere)
         )

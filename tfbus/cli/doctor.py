@@ -38,7 +38,7 @@ _INDENT = " " * 4
 )
 @click.option("--list", "list_checks", is_flag=True, help="Print the names of the checks.")
 @json_option("Print one JSON object: of each check its verdict, evidence and remedy.")
-@bus_options(own_name("doctor"))
+@bus_options(own_name("_doctor"))
 def command(
     settings: NodeSettings,
     names: tuple[str, ...],

@@ -75,7 +75,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path,
     help="Listen for so many seconds at most, less where all is known before; 2.",
 )
 @click.option("--check", is_flag=True, help="Exit with 1 where something is wrong with the tree.")
-@bus_options(own_name("frames"))
+@bus_options(own_name("_frames"))
 def command(
     settings: NodeSettings,
     outputs: tuple[Path, ...],

@@ -33,7 +33,7 @@ _LOOK_EVERY_S = 0.05
 )
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
-@bus_options(own_name("monitor"))
+@bus_options(own_name("_monitor"))
 def command(
     settings: NodeSettings,
     target: str | None,

@@ -70,7 +70,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
     help="What to show; repeatable. All of them unless given.",
 )
 @click.option("--rate", "rate_hz", type=POSITIVE, default=50.0, help="Poses per second; 50.")
-@bus_options(own_name("plot"))
+@bus_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
     target: str | None,

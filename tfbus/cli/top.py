@@ -11,7 +11,7 @@ from tfbus.settings import NodeSettings
 
 
 @click.command(epilog="Example: tfbus top")
-@bus_options(own_name("top"))
+@bus_options(own_name("_top"))
 def command(settings: NodeSettings) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:

@@ -80,7 +80,9 @@ class Sent:
         """A sender of stream `sim`."""
         here: Any = self
         frames = StreamFrames("sim", _Publisher(lambda payload: None), lambda rows: b"", here)
-        return TransformSender("sim", StreamOptions(**options), 0, here, frames, self.begin_epoch)
+        return TransformSender(
+            "sim", StreamOptions(**options), 0, here, frames, frames.note, self.begin_epoch
+        )
 
 
 class _Publisher:
@@ -532,6 +534,48 @@ def test_a_static_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
     broadcaster.remove("camera")
     eventually(lambda: "camera" not in buffer.frames())
     assert buffer.can_transform("world", "lidar")
+
+
+def test_a_static_frame_that_moves_now_is_static_no_more(
+    sender: Node, receiver: Node, buffer: Buffer
+) -> None:
+    """Who sends a static frame as moving can take it out, for those who come later too."""
+    static, moving = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    static.send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: buffer.can_transform("arm", "lamp"))
+    send_until(
+        lambda: moving.send_transform(at(3, "arm")),
+        lambda: buffer.lookup_transform("world", "arm").transform.x == 3,
+    )
+    moving.remove("arm")
+    eventually(lambda: "arm" not in buffer.frames())
+    static.send_transform(at(4, "post"))
+    late = Buffer()
+    with TransformListener(late, receiver):
+        for each in (buffer, late):
+            eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
+
+
+def test_a_static_frame_that_begins_to_move_is_never_missing(
+    sender: Node, receiver: Node, buffer: Buffer
+) -> None:
+    """The set of static frames is sent without it, and it stays where it was sent to last."""
+    changes: list[str] = []
+    buffer.on_change(lambda change: changes.append(change.kind))
+    sets: list[list[str]] = []
+    declare_retained_subscriber(
+        receiver.session,
+        "tf_static/*",
+        lambda key, data: sets.append([ts.child_frame_id for ts in decode_transforms(data).batch]),
+    )
+    StaticTransformBroadcaster(sender).send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: buffer.can_transform("arm", "lamp"))
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform(at(3, "arm")), lambda: sets and sets[-1] == ["lamp"]
+    )
+    eventually(lambda: buffer.lookup_transform("world", "arm").transform.x == 3)
+    assert "removed" not in changes
 
 
 def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Node) -> None:

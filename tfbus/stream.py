@@ -21,7 +21,7 @@ from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key
 from tfbus.retained import declare_retained_publisher
 from tfbus.session import Query, Session
-from tfbus.stream_frames import FrameRows, StreamFrames
+from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped
 from tfbus.transform_sender import TransformSender
@@ -55,6 +55,7 @@ class Stream:
         self._node = node
         self._started_ns = self._epoch_ns = epoch_ns
         self._session = session
+        self._executor = executor
         self._log = log
         self._lock = threading.Lock()
         self._sender: TransformSender | None = None
@@ -86,7 +87,13 @@ class Stream:
         with self._lock:
             if self._sender is None:
                 self._sender = TransformSender(
-                    self.name, options, self._epoch_ns, self._session, self._frames, self._begin
+                    self.name,
+                    options,
+                    self._epoch_ns,
+                    self._session,
+                    self._frames,
+                    self._note_moving,
+                    self._begin,
                 )
                 self._frames.describe_soon()
             elif self._sender.options != options:
@@ -114,6 +121,25 @@ class Stream:
         with self._static_lock:
             self._frames.remove(child, static=True)
             self._statics.pop(child, None)
+            self._send_statics()
+
+    def _note_moving(self, edges: Edges) -> None:
+        """The stream sends these frames as moving: those that were static are so no more.
+
+        Errors as StreamFrames.note.
+        """
+        with self._static_lock:
+            self._frames.note(edges)
+            if not self._statics.keys().isdisjoint(edges):
+                for child in edges:
+                    self._statics.pop(child, None)
+                self._executor.submit("static transforms", self._resend_statics)
+
+    def _resend_statics(self) -> None:
+        # Only after they were sent as moving, so that they are never missing.
+        if self._sender is not None:
+            self._sender.wait_sent()
+        with self._static_lock:
             self._send_statics()
 
     def _send_statics(self) -> None:

@@ -40,8 +40,9 @@ class TransformSender:
     """Sends the dynamic transforms of one stream, and answers who asks for the last of them; safe
     from any thread.
 
-    `begin_epoch(child, back_ns)` is called where the stamps of a frame go back by more than a
-    second: it answers the epoch that begins with this send.
+    `note(edges)` is told which edges are about to be sent. `begin_epoch(child, back_ns)` is called
+    where the stamps of a frame go back by more than a second: it answers the epoch that begins with
+    this send.
     """
 
     def __init__(
@@ -51,11 +52,13 @@ class TransformSender:
         epoch_ns: int,
         session: Session,
         frames: StreamFrames,
+        note: Callable[[Edges], None],
         begin_epoch: Callable[[str, int], int],
     ) -> None:
         self.options = options
         self._epoch_ns = epoch_ns
         self._frames = frames
+        self._note_edges = note
         self._begin_epoch = begin_epoch
         self._lock = threading.Lock()
         self._newest = NewestStamps()
@@ -91,6 +94,11 @@ class TransformSender:
                     self._kept.append(part.key.key, payload)
                 part.key.publisher.put(payload)
 
+    def wait_sent(self) -> None:
+        """Wait for the end of the send that another thread is at."""
+        with self._lock:
+            pass
+
     def remove(self, child: str) -> None:
         """Send this frame no more, until it is in a batch again. Errors as StreamFrames.remove."""
         with self._lock:
@@ -112,7 +120,7 @@ class TransformSender:
             known = self._tables.get((frames, edges))
             last = self._last_table = known or self._remember(columns.as_batch(), edges)
         if last.noted != self._frames.moves:
-            self._frames.note(last.by_child)
+            self._note_edges(last.by_child)
             last.noted = self._frames.moves
         return last
 
@@ -121,7 +129,7 @@ class TransformSender:
             (batch.frames[parent], batch.frames[child]) for parent, child in batch.edges.tolist()
         ]
         by_child = {child: (parent, False) for parent, child in rows}
-        self._frames.note(by_child)
+        self._note_edges(by_child)
         self._edges_remembered += max(len(rows), 1)
         if self._edges_remembered > _MOST_EDGES:
             self._forget_tables()

@@ -172,6 +172,19 @@ def test_a_frame_that_is_no_longer_described_is_removed(received: Received) -> N
     assert received.buffer.frames() == ["robot", "world"]
 
 
+def test_a_frame_that_is_removed_as_the_clock_goes_back_is_removed() -> None:
+    """What the same process does not list in its next epoch is removed; of another it is gone."""
+    same, other = ("/sim", 7, "ab12"), ("/sim", 8, "cd34")
+    for publisher, frames in ((same, ["robot", "world"]), (other, ["arm", "robot", "world"])):
+        received = Received()
+        received.stream.describe(1, frozenset({"robot", "arm"}), publisher=same)
+        received.send(at(1, "robot"), at(2, "arm"))
+        received.send(at(1, "robot"), epoch_ns=2)
+        received.stream.describe(2, frozenset({"robot"}), publisher=publisher)
+        assert received.buffer.frames() == frames
+        assert received.gone() == frames[:-2]
+
+
 def test_a_frame_that_another_sends_now_is_not_removed(received: Received) -> None:
     """Only the one who sent a frame last takes it away."""
     received.send(at(1, "robot"))

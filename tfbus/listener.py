@@ -233,7 +233,10 @@ class TransformListener:
         if description is not None and description != former.description:
             children = frozenset(child for _, child, _ in description.frames)
             statics = frozenset(child for _, child, static in description.frames if static)
-            stream.describe(description.epoch, children, statics)
+            publisher = (description.node, description.pid, description.session)
+            stream.describe(
+                description.epoch, children, statics, publisher if description.session else None
+            )
         if state.alive and self._static_streams & {"", state.name}:
             self._recovery.check(state.key, stream)
         self._conflicts.judge(state.name, description if state.alive else None)

@@ -27,6 +27,9 @@ from tfbus.wire import TransformMessage
 # Of the delay of each message so much goes into the mean.
 _SMOOTHING = 0.1
 
+# Node, process id and Zenoh's session: what one process is told from the next by.
+Publisher = tuple[str, int, str]
+
 
 class StreamReception:
     """One stream as a listener receives it.
@@ -73,6 +76,7 @@ class StreamReception:
         self._statics_are_current = True
         self._listed_statics: frozenset[str] = frozenset()
         self._listed_epoch_ns: int | None = None
+        self._publisher: Publisher | None = None
         self._has_told_refused = False
 
     # What every message passes
@@ -257,10 +261,14 @@ class StreamReception:
             self.buffer.remove_sent(gone, self.name)
 
     def describe(
-        self, epoch_ns: int, children: frozenset[str], statics: frozenset[str] = frozenset()
+        self,
+        epoch_ns: int,
+        children: frozenset[str],
+        statics: frozenset[str] = frozenset(),
+        publisher: Publisher | None = None,
     ) -> None:
-        """Take what the stream says its frames are, and which of them are static; one that was in
-        the list and is no more was removed.
+        """Take what the stream says its frames are, and which of them are static; one that the same
+        publisher had in the list and has no more was removed.
         """
         with self.lock:
             if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self._was_gone:
@@ -270,8 +278,11 @@ class StreamReception:
             former, former_ns = self.listed, self._listed_epoch_ns
             self.listed, self._listed_epoch_ns = children, epoch_ns
             self._listed_statics = statics
+            # Its clock may have gone back just then; who was started again leaves frames behind.
+            is_same = publisher is not None and publisher == self._publisher
+            self._publisher = publisher
             self._turns += 1
-        if former_ns == epoch_ns:
+        if former_ns == epoch_ns or is_same:
             self.buffer.remove_sent(former - children, self.name)
         self.mark()
 

@@ -15,7 +15,12 @@ from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet
 from tfbus.interest import Interest
-from tfbus.keys import STATIC_TRANSFORMS, kept_transforms_selector, stream_of
+from tfbus.keys import (
+    STATIC_TRANSFORMS,
+    kept_transforms_selector,
+    stream_of,
+    transforms_key_beside,
+)
 from tfbus.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
@@ -27,7 +32,7 @@ from tfbus.stream_names import StreamNames
 from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
 from tfbus.transform import check_frame_id
 
-# Names of streams come from the bus: of more keys than these nothing is taken.
+# Names come from the bus: of more keys than these no dynamic transforms are taken.
 MOST_KEYS = 200_000
 
 _KEPT_WITHIN_S = 5.0
@@ -45,7 +50,7 @@ class TransformListener:
     It works on threads of its own: there is nothing to spin, and a lookup may wait anywhere.
     The authority of a transform is the stream that it came in. A message that cannot be read is
     counted by its stream, reported once, and dropped; a transform that the buffer refuses is
-    counted there, and reported once a stream.
+    counted there, and reported once a stream. `dropped` counts messages on keys that were too many.
 
     Frames whose publisher is gone are marked so in the buffer. With `history_s` each stream is
     asked for what it sent in so many seconds before it was met. `conflicts` is what wins where
@@ -86,6 +91,9 @@ class TransformListener:
         self._streams: dict[str, StreamReception] = {}
         self._conflicts = Conflicts(conflicts, buffer, self._streams, node.log)
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
+        # Of each split stream the keys of the frames that it has.
+        self._split_keys: dict[str, set[str]] = {}
+        self.dropped = 0
         self._seen: dict[str, StreamState] = {}
         self._asked: set[str] = set()
         self._lost: set[str] = set()
@@ -178,13 +186,24 @@ class TransformListener:
             reception.receive(payload)
 
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
-        if len(self._receptions) >= MOST_KEYS:
+        is_static = STATIC_TRANSFORMS in key.split("/")
+        if len(self._receptions) >= MOST_KEYS and not is_static:
+            self._drop(key)
             return None
         stream = self._stream(key)
-        is_static = STATIC_TRANSFORMS in key.split("/")
         made = (StaticReception if is_static else DynamicReception)(stream)
         # Two threads may come here at once: one of theirs is kept.
         return self._receptions.setdefault(key, made)
+
+    def _drop(self, key: str) -> None:
+        self.dropped += 1
+        if self.dropped == 1:
+            self._log.warning(
+                "Dropped a message on %r: transforms come on more than %d keys, and no more are "
+                "taken. Let streams of many frames not be split. More of them are only counted",
+                key,
+                MOST_KEYS,
+            )
 
     def _stream(self, key: str) -> StreamReception:
         name = stream_of(key)
@@ -237,12 +256,26 @@ class TransformListener:
             stream.describe(
                 description.epoch, children, statics, publisher if description.session else None
             )
+            self._forget_removed(described)
         if state.alive and self._static_streams & {"", state.name}:
             self._recovery.check(state.key, stream)
         self._conflicts.judge(state.name, description if state.alive else None)
         for key in self._reading.keys_of(state.key):
             self._get_to_know(state, key)
         self._reading.update(described, self._names.at(state.key))
+
+    def _forget_removed(self, described: StreamState) -> None:
+        """The keys of frames that a split stream has no more make room for others."""
+        description = described.description
+        if description is not None and description.split:
+            keys = {
+                transforms_key_beside(described.key, child)
+                for _, child, static in description.frames
+                if not static
+            }
+            for key in self._split_keys.get(described.name, set()) - keys:
+                self._receptions.pop(key, None)
+            self._split_keys[described.name] = keys
 
     def _tell_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
@@ -261,6 +294,7 @@ class TransformListener:
                 del self._seen[name]
                 self._lost.discard(name)
                 self._streams.pop(name, None)
+                self._split_keys.pop(name, None)
             for key, reception in list(self._receptions.items()):
                 if reception.stream.name not in self._streams:
                     self._receptions.pop(key, None)

@@ -4,8 +4,10 @@ Zenoh calls back on threads of its own and swallows exceptions; here they are ca
 reported once. Zenoh's own errors become BusError here and nowhere else.
 """
 
+import atexit
 import json
 import logging
+import os
 import queue
 import threading
 import time
@@ -243,6 +245,8 @@ class Session:
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(zenoh_config(settings, scouting_s), patience_s)
         self.id = str(self.zenoh.zid())
+        self._process = os.getpid()
+        atexit.register(self._end_with_process)
 
     def __enter__(self) -> "Session":
         return self
@@ -257,6 +261,7 @@ class Session:
         """
         if not self._closed:
             self._closed = True
+            atexit.unregister(self._end_with_process)
             for end in list(self._ending):
                 end()
             try:
@@ -265,6 +270,12 @@ class Session:
                 # As where a peer has stopped in the middle of a message. The end of the process
                 # ends it all the same; nobody could do anything about an error here.
                 self._log.warning("Left the bus untidily: %s", _first_sentence(str(error)))
+
+    def _end_with_process(self) -> None:
+        # Threads of Zenoh's that come back from it into an interpreter that is being taken down
+        # abort the process. A child of a fork has none of them, and nothing to close.
+        if os.getpid() == self._process:
+            self.close()
 
     def at_close(self, end: Callable[[], None]) -> Callable[[], None]:
         """Call `end()` before the session closes; call what this returns to have it not called."""

@@ -458,6 +458,23 @@ def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
     ]
 
 
+def test_a_stream_of_two_clocks_is_told_of_once(sender: Node) -> None:
+    """Where a frame goes back again and again, one warning names it and says what to do."""
+    lines: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
+    sender.log.addHandler(handler)
+    broadcaster = TransformBroadcaster(sender)
+    for number in range(30):
+        # The arm's stamps come in disorder, far apart.
+        broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
+    (line,) = lines
+    assert line.startswith(
+        "Stream 'sender' began anew 10 times, each within 5 s of the last, now for frame 'arm': "
+    )
+    assert line.endswith("has a clock of its own, send it from a stream of its own (stream=...)")
+
+
 def describe_to(node: Node) -> list[StreamDescription]:
     """The descriptions that the node hears from now on."""
     heard: list[StreamDescription] = []

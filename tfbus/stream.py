@@ -30,6 +30,8 @@ from tfbus.wire import TransformMessage, encode_transforms
 # Epochs that follow each other closer than that, as of a short recording in a loop, are told by one
 # line.
 _TELL_EPOCHS_EVERY_S = 5.0
+# So many in a row are no accident.
+_MANY_EPOCHS = 10
 
 # What a stream is that nothing moves in.
 _NOTHING_MOVES = StreamOptions(history_s=0.0)
@@ -61,6 +63,7 @@ class Stream:
         self._sender: TransformSender | None = None
         self._static_lock = threading.Lock()
         self._told_epoch_s = -math.inf
+        self._epochs_in_a_row = 0
         self._statics: dict[str, TransformStamped] = {}
         self._statics_sent = 0
         self._static_payload = b""
@@ -165,6 +168,7 @@ class Stream:
         now_s = time.monotonic()
         often = now_s < self._told_epoch_s + _TELL_EPOCHS_EVERY_S
         self._told_epoch_s = now_s
+        self._epochs_in_a_row = self._epochs_in_a_row + 1 if often else 1
         self._log.log(
             logging.DEBUG if often else logging.INFO,
             "The stamps of frame %r went back by %.3f s: stream %r begins anew, what was sent "
@@ -173,6 +177,16 @@ class Stream:
             back_ns / 1e9,
             self.name,
         )
+        if self._epochs_in_a_row == _MANY_EPOCHS:
+            self._log.warning(
+                "Stream %r began anew %d times, each within %g s of the last, now for frame %r: "
+                "each time listeners forget what moves in all of it. If that frame has a clock of its "
+                "own, send it from a stream of its own (stream=...)",
+                self.name,
+                _MANY_EPOCHS,
+                _TELL_EPOCHS_EVERY_S,
+                child,
+            )
         self._frames.describe_soon()
         return self._epoch_ns
 

@@ -14,7 +14,9 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.clock_offset import ClockOffset, measured
+from tfbus.clock_offset import ClockOffset, ClockOffsets, measured
+from tfbus.description import StreamDescription
+from tfbus.keys import clock_key
 from tfbus.stream_info import StreamInfo
 
 MS = 1_000_000
@@ -125,3 +127,20 @@ def test_ones_own_clock_is_not_off(bus: Bus) -> None:
             TransformStamped(node.now_ns(), "odom", "base", Transform())
         )
         assert eventually(lambda: robot(listener)).clock_offset_s == 0.0
+
+
+def test_a_stream_of_a_new_process_has_the_clock_of_that(bus: Bus) -> None:
+    """Where a stream comes from another session, the former is asked no more."""
+    node = bus.node("listener")
+    offsets = ClockOffsets(node.session, node.log)
+    former, later = bus.node("former"), bus.node("later")
+    for robot in (former, later):
+        session = robot.session.id
+        eventually(lambda key=clock_key(robot.name): list(node.session.ask(key)))
+        told = StreamDescription(1, robot.full_name, 1, (), session=session)
+        offsets.watch("robot", told)
+        eventually(lambda session=session: offsets.of(session))
+    assert offsets.of(former.session.id) is None
+    offsets.forget("robot")
+    assert offsets.of(later.session.id) is None
+    offsets.close()

@@ -78,16 +78,20 @@ class ClockOffsets:
         self._log = log
         self._warns = warns
         self._changed = threading.Condition()
+        # By the id of their session; and the session of each stream that is watched.
         self._publishers: dict[str, _Publisher] = {}
+        self._sessions: dict[str, str] = {}
         self._thread: threading.Thread | None = None
         self._closed = False
 
     def watch(self, stream: str, told: StreamDescription) -> None:
         """Measure the clock of the node that publishes a stream; again is fine."""
         session = told.session
-        if not session or session == self._session.id:
-            return
         with self._changed:
+            if self._sessions.get(stream, session) != session:
+                self._leave(stream)
+            if not session or session == self._session.id:
+                return
             if session not in self._publishers and not self._closed:
                 key = _key(told.node, self._session.settings.namespace)
                 publisher = _Publisher(key, told.node, told.host, time.monotonic())
@@ -95,15 +99,12 @@ class ClockOffsets:
                 self._start()
             if session in self._publishers:
                 self._publishers[session].streams.add(stream)
+                self._sessions[stream] = session
 
-    def forget(self, stream: str, told: StreamDescription) -> None:
+    def forget(self, stream: str) -> None:
         """The stream is gone: measure its node no more, unless another stream of it is there."""
         with self._changed:
-            publisher = self._publishers.get(told.session)
-            if publisher is not None:
-                publisher.streams.discard(stream)
-                if not publisher.streams:
-                    del self._publishers[told.session]
+            self._leave(stream)
 
     def of(self, session: str) -> ClockOffset | None:
         """What was measured last of the node of a session; None where nothing was yet."""
@@ -117,6 +118,14 @@ class ClockOffsets:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def _leave(self, stream: str) -> None:
+        session = self._sessions.pop(stream, "")
+        publisher = self._publishers.get(session)
+        if publisher is not None:
+            publisher.streams.discard(stream)
+            if not publisher.streams:
+                del self._publishers[session]
 
     def _start(self) -> None:
         if self._thread is None:

@@ -238,8 +238,7 @@ class TransformListener:
         description = state.description
         if former.alive and not state.alive:
             self._asked.difference_update(self._reading.keys_of(state.key))
-            if description is not None:
-                self._offsets.forget(state.name, description)
+            self._offsets.forget(state.name)
             self._lost.add(state.name)
             stream.vanish()
             self._tell_gone(state)

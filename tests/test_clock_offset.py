@@ -136,7 +136,8 @@ def test_a_stream_of_a_new_process_has_the_clock_of_that(bus: Bus) -> None:
     former, later = bus.node("former"), bus.node("later")
     for robot in (former, later):
         session = robot.session.id
-        eventually(lambda key=clock_key(robot.name): list(node.session.ask(key)))
+        key = clock_key(robot.name)
+        eventually(lambda key=key: list(node.session.ask(key)))
         told = StreamDescription(1, robot.full_name, 1, (), session=session)
         offsets.watch("robot", told)
         eventually(lambda session=session: offsets.of(session))

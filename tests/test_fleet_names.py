@@ -7,6 +7,7 @@ from tfbus import InvalidArgumentException, TransformBatch
 from tfbus.columns import Columns
 from tfbus.description import StreamDescription
 from tfbus.fleet import Fleet, FrameNames
+from tfbus.stream_names import StreamNames
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, encode_transforms
 
@@ -83,3 +84,18 @@ def test_messages_are_read_between_frames_as_they_are_called_outside() -> None:
     for rows in (batch, Columns.of_batch(batch)):
         with pytest.raises(InvalidArgumentException, match="1 names cannot stand for those of 2"):
             rows.with_frames(("map",))
+
+
+def test_names_of_many_namespaces_are_not_kept_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of namespaces that come and go so many of the last are remembered."""
+    monkeypatch.setattr("tfbus.stream_names.MOST_NAMESPACES", 3)
+    names = StreamNames(Fleet())
+    first = names.at("robot0/tf/sim")
+    assert names.at("robot0/tf_static/sim") is first
+    assert names.reader("robot0/tf/sim") is names.reader("robot0/tf_static/sim")
+    for number in range(1, 4):
+        names.at(f"robot{number}/tf/sim")
+    again = names.at("robot0/tf/sim")
+    assert again is not first
+    assert again is not None
+    assert again.outside("base") == "robot0/base"

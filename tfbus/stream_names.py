@@ -7,6 +7,9 @@ from tfbus.keys import namespace_of
 from tfbus.stream_watch import StreamState
 from tfbus.transform_reader import TransformReader
 
+# Namespaces come from the bus: of so many the names are remembered.
+MOST_NAMESPACES = 1000
+
 
 class StreamNames:
     """Streams of the robots of a fleet have names of their own for frames; without a fleet, all
@@ -23,9 +26,11 @@ class StreamNames:
         namespace = namespace_of(key) if self._fleet is not None else ""
         if self._fleet is None or not namespace:
             return None
-        if namespace not in self._names:
-            self._names[namespace] = self._fleet.names(namespace)
-        return self._names[namespace]
+        names = self._names.get(namespace)
+        if names is None:
+            self._make_room()
+            names = self._names[namespace] = self._fleet.names(namespace)
+        return names
 
     def called(self, state: StreamState) -> StreamState:
         """The state of a stream, its frames as they are called here."""
@@ -38,6 +43,13 @@ class StreamNames:
         """The reader of messages on a key, one for all keys of a namespace."""
         names = self.at(key)
         namespace = "" if names is None else names.namespace
-        if namespace not in self._readers:
-            self._readers[namespace] = TransformReader(names)
-        return self._readers[namespace]
+        reader = self._readers.get(namespace)
+        if reader is None:
+            reader = self._readers[namespace] = TransformReader(names)
+        return reader
+
+    def _make_room(self) -> None:
+        # Whoever uses some of them keeps them himself.
+        if len(self._names) >= MOST_NAMESPACES:
+            self._names.clear()
+            self._readers.clear()

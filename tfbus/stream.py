@@ -180,8 +180,8 @@ class Stream:
         if self._epochs_in_a_row == _MANY_EPOCHS:
             self._log.warning(
                 "Stream %r began anew %d times, each within %g s of the last, now for frame %r: "
-                "each time listeners forget what moves in all of it. If that frame has a clock of its "
-                "own, send it from a stream of its own (stream=...)",
+                "each time listeners forget what moves in all of it. If that frame has a clock of "
+                "its own, send it from a stream of its own (stream=...)",
                 self.name,
                 _MANY_EPOCHS,
                 _TELL_EPOCHS_EVERY_S,

@@ -300,3 +300,28 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
         broadcaster.send_transform(at(1))
     with pytest.raises(BusError, match="could not publish tf_static/sender"):
         static.send_transform(at(1))
+
+
+def test_streams_that_nobody_vouches_for_are_not_counted_for_ever(
+    sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names of streams without a token are forgotten when there are many, and they are silent;
+    those that are there stay.
+    """
+    monkeypatch.setattr("tfbus.listener.MOST_GONE", 10)
+    monkeypatch.setattr("tfbus.listener._SILENT_NS", 0)
+    buffer = Buffer()
+    with TransformListener(buffer, receiver) as listener:
+        StaticTransformBroadcaster(sender).send_transform(at(1))
+        eventually(lambda: x_of(buffer) == 1)
+        seen: set[str] = set()
+
+        def put() -> bool:
+            sender.session.zenoh.put(f"tf/ghost{len(seen)}", b"nonsense")
+            names = {info.name for info in listener.streams()}
+            seen.update(names)
+            return len(seen) > 50
+
+        eventually(put)
+        eventually(lambda: put() and len(listener.streams()) <= 20)
+        assert "sender" in {info.name for info in listener.streams()}

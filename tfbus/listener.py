@@ -1,5 +1,6 @@
 """The listener: transforms from the bus go into a buffer."""
 
+import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -34,6 +35,9 @@ from tfbus.transform import check_frame_id
 
 # Names come from the bus: of more keys than these no dynamic transforms are taken.
 MOST_KEYS = 200_000
+
+# A stream without a token that says nothing for so long may be forgotten.
+_SILENT_NS = 60 * 10**9
 
 _KEPT_WITHIN_S = 5.0
 # The way to a stream that was just met may not be open for questions.
@@ -208,6 +212,8 @@ class TransformListener:
     def _stream(self, key: str) -> StreamReception:
         name = stream_of(key)
         known = self._streams.get(name)
+        if known is None and len(self._streams) >= self._forget_from:
+            self._executor.submit("streams", self._forget_strangers, limit=1)
         return known or self._streams.setdefault(
             name,
             StreamReception(
@@ -242,7 +248,6 @@ class TransformListener:
             self._lost.add(state.name)
             stream.vanish()
             self._tell_gone(state)
-            self._forget_strangers()
         elif state.alive and not former.alive:
             stream.appear()
             if state.name in self._lost:
@@ -286,18 +291,24 @@ class TransformListener:
             )
 
     def _forget_strangers(self) -> None:
-        """Streams that went long ago are not counted any more: their names come from the bus."""
-        if len(self._seen) >= self._forget_from:
-            known = self._watch.streams()
-            for name in self._seen.keys() - known.keys():
-                del self._seen[name]
+        """Streams that went long ago, or never had a token and are silent, are not counted any
+        more: their names come from the bus.
+        """
+        if len(self._streams) < self._forget_from:
+            return
+        known = self._watch.streams()
+        silent_since_ns = time.time_ns() - _SILENT_NS
+        for name, stream in list(self._streams.items()):
+            is_silent = (stream.last_heard_ns or 0) < silent_since_ns
+            if name not in known and (name in self._seen or is_silent):
+                self._seen.pop(name, None)
                 self._lost.discard(name)
                 self._streams.pop(name, None)
                 self._split_keys.pop(name, None)
-            for key, reception in list(self._receptions.items()):
-                if reception.stream.name not in self._streams:
-                    self._receptions.pop(key, None)
-            self._forget_from = len(self._seen) + MOST_GONE
+        for key, reception in list(self._receptions.items()):
+            if reception.stream.name not in self._streams:
+                self._receptions.pop(key, None)
+        self._forget_from = len(self._streams) + MOST_GONE
 
     def _get_to_know(self, state: StreamState, key: str) -> None:
         """Learn of a living stream, one of whose keys is read, what its messages do not say."""

@@ -91,7 +91,8 @@ def check_startable(process: Process, nodes: Collection[str]) -> None:
 
 
 def _node_argv(process: Process, settings: NodeSettings) -> tuple[str, ...]:
-    start = (process.node,) if process.node.endswith(".py") else ("-m", "tfbus", process.node)
+    # The tfbus that is installed, not a clone of it that one happens to stand in: -P.
+    start = (process.node,) if process.node.endswith(".py") else ("-P", "-m", "tfbus", process.node)
     return (sys.executable, *start, *_node_options(process, settings), *process.arguments)
 
 

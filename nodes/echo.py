@@ -46,6 +46,9 @@ from tfbus.nodes.names import own_name
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0
 
+# Under a clock that may stand still an answer is looked for so often, in real time.
+_LOOK_EVERY_S = 0.05
+
 # What publishers have kept is asked for at the start; it comes within this time.
 _HISTORY_WITHIN_S = 2.0
 _HISTORY_LOOK_S = 0.05
@@ -163,11 +166,12 @@ def _wait_for_answer(
     """The answer as soon as there is one; None where the node is shut down before."""
     give_up_s = _elapsed_s(node) + timeout_s
     # What is said is for people, and so in real time.
-    say_at_s = time.monotonic() + min(_SAY_EVERY_S, timeout_s)
+    say_at_s, said_s = time.monotonic() + min(_SAY_EVERY_S, timeout_s), _elapsed_s(node)
     while node.ok:
         look_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
         try:
-            return question.ask(buffer, node.now_ns(), _seconds_until(look_at_s, node))
+            wait_s = 0.0 if node.clock.is_simulated else _seconds_until(look_at_s, node)
+            return question.ask(buffer, node.now_ns(), wait_s)
         except InvalidArgumentException:
             raise  # no waiting makes it right
         except TransformException as error:
@@ -179,6 +183,9 @@ def _wait_for_answer(
                 f"{reason}; known is what is sent while echo runs, and what publishers keep of the "
                 "time before, 10 s unless they say otherwise"
             )
+        elif node.clock.is_simulated:
+            # It may stand still for ever: what is missing is to be told all the same.
+            node.wait(_LOOK_EVERY_S, clock=SystemClock())
         else:
             node.wait(min(_seconds_until(look_at_s, node), _gap_s(reason)))
         if _elapsed_s(node) >= give_up_s:
@@ -186,8 +193,11 @@ def _wait_for_answer(
                 f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
             )
         if time.monotonic() >= say_at_s:
-            node.log.info("Waiting for transform %s: %s", question, _explained(reason, buffer))
-            say_at_s = time.monotonic() + _SAY_EVERY_S
+            stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
+            node.log.info(
+                "Waiting for transform %s%s: %s", question, stands, _explained(reason, buffer)
+            )
+            say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)
     return None
 
 
@@ -227,7 +237,7 @@ def _explained(reason: TransformException, buffer: Buffer) -> str:
     """Why there is no answer, what there is, and which names look like the one that is not."""
     frames = sorted(buffer.frames())
     if not frames:
-        return f"{reason}; no frame is known yet: is a broadcaster running?"
+        return f"{reason}: is a broadcaster running?"
     near = ""
     if isinstance(reason, LookupException) and not reason.nearest:
         matches = get_close_matches(reason.frame, frames)

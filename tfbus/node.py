@@ -241,7 +241,11 @@ class Node:
 
             topic = self._resolve(TOPIC)
             self.log.info("Waiting for the clock: nobody tells the time on topic %r yet", topic)
-            self.clock.call_when_running(lambda: self.log.info("The clock runs"))
+            self.clock.call_when_running(self._greet_clock)
+
+    def _greet_clock(self) -> None:
+        if self.clock.is_running:  # and has not just been closed
+            self.log.info("The clock runs")
 
     # What it says and hears
 

@@ -22,6 +22,11 @@ def bus_options(name: str) -> Callable[[F], F]:
     return _with_options(name, _BUS_OPTIONS)
 
 
+def listening_options(name: str) -> Callable[[F], F]:
+    """`bus_options` of a command that listens to transforms: it may go by simulated time."""
+    return _with_options(name, {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS})
+
+
 def node_options(default_name: str) -> Callable[[F], F]:
     """Give a click command the options of a node: as `bus_options`, with its name, parameters
     and remappings. `default_name` is the node's name without `--name`.

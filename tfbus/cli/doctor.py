@@ -11,7 +11,7 @@ from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examine import examine
 from tfbus.doctor.finding import Finding, Verdict
 from tfbus.nodes.names import own_name
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
@@ -38,7 +38,7 @@ _INDENT = " " * 4
 )
 @click.option("--list", "list_checks", is_flag=True, help="Print the names of the checks.")
 @json_option("Print one JSON object: of each check its verdict, evidence and remedy.")
-@bus_options(own_name("_doctor"))
+@listening_options(own_name("_doctor"))
 def command(
     settings: NodeSettings,
     names: tuple[str, ...],

@@ -15,7 +15,7 @@ from tfbus.frames.picture import write_picture
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.frames.tree import FrameTree
 from tfbus.nodes.names import own_name
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {
@@ -75,7 +75,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path,
     help="Listen for so many seconds at most, less where all is known before; 2.",
 )
 @click.option("--check", is_flag=True, help="Exit with 1 where something is wrong with the tree.")
-@bus_options(own_name("_frames"))
+@listening_options(own_name("_frames"))
 def command(
     settings: NodeSettings,
     outputs: tuple[Path, ...],

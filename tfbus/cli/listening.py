@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from tfbus.buffer import Buffer
 from tfbus.clock import SYSTEM_CLOCK
+from tfbus.errors import TimeoutException
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
@@ -14,6 +15,8 @@ from tfbus.settings import NodeSettings
 
 # So much of what publishers sent before tells their rates at once.
 _HISTORY_S = 3.0
+
+_CLOCK_WITHIN_S = 5.0
 
 # Links open one after the other, and what streams tell follows.
 _QUIET_S = 0.3
@@ -49,9 +52,19 @@ def listening(
         Node(settings=replace(settings, log_level="error")) as node,
         TransformListener(buffer, node, history_s=history_s) as listener,
     ):
+        wait_for_clock(node)
         heard = Listening(node, buffer, listener)
         _meet_everybody(heard, within_s)
         yield heard
+
+
+def wait_for_clock(node: Node) -> None:
+    """Wait until the node knows what time it is. Raises TimeoutException where nobody tells it."""
+    if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
+        raise TimeoutException(
+            f"nobody has told the time for {_CLOCK_WITHIN_S:g} s: start a clock (tfbus clock), or "
+            "leave --sim-time away"
+        )
 
 
 def _meet_everybody(heard: Listening, within_s: float) -> None:

@@ -11,7 +11,7 @@ from tfbus.cli.transform_meter import TransformMeter
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 
 # A pair is looked up so often, to see how old its answer gets between two samples.
@@ -33,7 +33,7 @@ _LOOK_EVERY_S = 0.05
 )
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
-@bus_options(own_name("_monitor"))
+@listening_options(own_name("_monitor"))
 def command(
     settings: NodeSettings,
     target: str | None,

@@ -15,7 +15,7 @@ from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 
 _ENDINGS = (".png", ".svg", ".pdf")
@@ -70,7 +70,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
     help="What to show; repeatable. All of them unless given.",
 )
 @click.option("--rate", "rate_hz", type=POSITIVE, default=50.0, help="Poses per second; 50.")
-@bus_options(own_name("_plot"))
+@listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
     target: str | None,

@@ -6,12 +6,12 @@ from tfbus.cli.listening import listening
 from tfbus.cli.output import is_terminal
 from tfbus.errors import TfbusError
 from tfbus.nodes.names import own_name
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 
 
 @click.command(epilog="Example: tfbus top")
-@bus_options(own_name("_top"))
+@listening_options(own_name("_top"))
 def command(settings: NodeSettings) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:

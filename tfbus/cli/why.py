@@ -12,7 +12,7 @@ from tfbus.keys import namespace_of
 from tfbus.name_types import FrameName
 from tfbus.nodes.moment import Moment, parse_moment
 from tfbus.nodes.names import own_name
-from tfbus.options import bus_options
+from tfbus.options import listening_options
 from tfbus.presence import describe_streams
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
@@ -43,7 +43,7 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
     help="At a time: seconds or ns since 1970, ISO 8601, or from now as -3s; else the latest.",
 )
 @json_option("Print a JSON object.")
-@bus_options(own_name("_why"))
+@listening_options(own_name("_why"))
 def command(
     settings: NodeSettings, target: str, source: str, moment: Moment | None, as_json: bool
 ) -> None:

@@ -10,7 +10,7 @@ from tfbus.description import NodeDescription
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
@@ -19,6 +19,7 @@ from tfbus.settings import NodeSettings
 
 # What publishers have kept tells the rates that they had before.
 _HISTORY_S = 10.0
+_CLOCK_WITHIN_S = 5.0
 
 
 def examine(
@@ -29,6 +30,8 @@ def examine(
     Raises BusError where the bus cannot be joined.
     """
     with Node(settings=replace(settings, log_level="error")) as node:
+        if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
+            raise TimeoutException("nobody tells the time: start a clock (tfbus clock)")
         node.session.settle()
         # Nodes are asked before anything is subscribed to: who listens now is not us.
         nodes = _others(node, describe_all(node.session, on_unreadable))

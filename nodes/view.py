@@ -14,6 +14,14 @@ from tfbus.nodes.viewer.urdf import read_urdf
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
+def _picture(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+    if path is not None and path.suffix != ".png":
+        raise click.BadParameter(f"{path} is to end with .png")
+    if path is not None and not path.parent.is_dir():
+        raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
+    return path
+
+
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 100 <= int(width) <= 8000):
@@ -54,7 +62,11 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 )
 @click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links on their frames.")
 @click.option(
-    "--screenshot", type=_FILE, metavar="FILE", help="Save a picture of the page and exit: out.png."
+    "--screenshot",
+    type=_FILE,
+    metavar="FILE",
+    callback=_picture,
+    help="Save a picture of the page and exit: out.png.",
 )
 @click.option(
     "--after",

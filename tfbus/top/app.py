@@ -94,6 +94,7 @@ class TopApp(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q", "quit", "Quit"),
+        Binding("ctrl+c", "quit", show=False, priority=True),
         Binding("1", "show('frames')", "Frames"),
         Binding("2", "show('streams')", "Streams"),
         Binding("3", "show('nodes')", "Nodes"),

@@ -118,7 +118,7 @@ def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
     former = memory(publisher.pid)
     slow.signal(signal.SIGSTOP)
     try:
-        sent = load(node, sends=2_000, frames=200, static_x=2.0)
+        sent = load(node, sends=1_000, frames=200, static_x=2.0)
         eventually(lambda: heard(listener).static_x == 2.0, within_s=PATIENCE_S)
         assert after(listener, sent.number).messages > before.messages
         assert sent.memory - former < 100 * MB

@@ -156,7 +156,7 @@ class _SignalWakeup:
 
 # `timeout`, `make` and shells send a signal to a process and to its group, so that it comes twice
 # within an instant: the second one must not interrupt what the first one began.
-_ONE_WISH_S = 0.2
+_ONE_WISH_S = 1.0
 
 _interrupted_s = -math.inf
 _installed: list[StopSignals] = []

@@ -546,7 +546,7 @@ def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Pa
         process, mode="client", connect=("tcp/a:1",), listen=("tcp/b:2",), sim_time=True
     )
     assert " ".join(line) == (
-        "-m tfbus broadcaster --name broadcaster --namespace robot7 --mode client "
+        "-P -m tfbus broadcaster --name broadcaster --namespace robot7 --mode client "
         "--connect tcp/a:1 --sim-time --param turtlename=turtle1 --remap pose:=p --x"
     )
 

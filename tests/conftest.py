@@ -131,7 +131,7 @@ def _config(*, scouting_delay_ms: int = 500) -> str:
     # multicast peers that have lost each other do not meet again.
     return (
         f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
-        " transport: {link: {tx: {lease: 20000}}},"
+        " transport: {link: {tx: {lease: 60000}}},"
         " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
     )
 

@@ -143,16 +143,22 @@ class TestEcho:
     def test_transforms_are_printed(self, bus: Bus) -> None:
         """The transforms of a stream, or of all, are printed row by row; static ones at once."""
         node = bus.node("camera")
-        pose = TransformStamped(7, "world", "camera", Transform((1.0, 2.0, 3.0)))
-        StaticTransformBroadcaster(node).send_transform(pose)
-        moving = TransformBroadcaster(node)
-        node.create_timer(0.02, lambda: moving.send_transform(pose))
-        for topic in ("tf_static/camera", "tf_static", "tf/camera", "tf"):
+        pose = Transform((1.0, 2.0, 3.0))
+        fixed, moving = (TransformStamped(7, "world", child, pose) for child in ("lens", "head"))
+        StaticTransformBroadcaster(node).send_transform(fixed)
+        broadcaster = TransformBroadcaster(node)
+        node.create_timer(0.02, lambda: broadcaster.send_transform(moving))
+        for topic, child in (
+            ("tf_static/camera", "lens"),
+            ("tf_static", "lens"),
+            ("tf/camera", "head"),
+            ("tf", "head"),
+        ):
             _, out, _ = run(bus, "echo", topic, "--once", "--json", "--field", "transforms[0]")
             assert json.loads(out) == {
                 "stamp_ns": 7,
                 "frame_id": "world",
-                "child_frame_id": "camera",
+                "child_frame_id": child,
                 "transform": {
                     "translation": {"x": 1.0, "y": 2.0, "z": 3.0},
                     "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},

@@ -25,8 +25,8 @@ def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:
 class Received:
     """The streams "a" and "b", the first of which was started first, in one buffer."""
 
-    def __init__(self, rule: Rule) -> None:
-        self.buffer = Buffer()
+    def __init__(self, rule: Rule, buffer: Buffer | None = None) -> None:
+        self.buffer = Buffer() if buffer is None else buffer
         log = logging.getLogger("test")
         self.streams = {
             name: StreamReception(
@@ -116,21 +116,22 @@ def test_a_static_frame_of_one_who_is_gone_is_the_others(
 
 @pytest.mark.parametrize("rule", ["first", "priority"])
 @pytest.mark.parametrize("is_static", [True, False])
-def test_who_loses_a_frame_while_he_sends_it_does_not_keep_it(
-    rule: Rule, is_static: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_loses_a_frame_while_he_sends_it_does_not_keep_it(rule: Rule, is_static: bool) -> None:
     """A transform on its way into the buffer when another got the right of way gives way too."""
-    received = Received(rule)
+
+    class LateBuffer(Buffer):
+        """Takes what "b" sends only when it is known that "b" has not the right of way."""
+
+        def set_transforms(
+            self, batch: TransformBatch, *, static: bool = False, authority: str = ""
+        ) -> int:
+            if authority == "b" and not received.streams["b"].excluded:
+                received.describe("b", "camera")
+            return super().set_transforms(batch, static=static, authority=authority)
+
+    received = Received(rule, LateBuffer())
     received.send_static("a", camera=1.0)
     received.describe("a", "camera")
-    set_transforms = received.buffer.set_transforms
-
-    def late(batch: TransformBatch, *, static: bool, authority: str) -> int:
-        if authority == "b" and not received.streams["b"].excluded:
-            received.describe("b", "camera")
-        return set_transforms(batch, static=static, authority=authority)
-
-    monkeypatch.setattr(received.buffer, "set_transforms", late)
     send = received.send_static if is_static else received.send
     send("b", camera=2.0, lamp=2.0)
     assert received.held("camera") == (1.0, "a", False)

@@ -74,12 +74,7 @@ def track_from_buffer(
     """
     stamps_ns = np.arange(from_ns, to_ns + 1, round(1e9 / rate_hz), dtype=np.int64)
     poses, known = buffer.lookup_known_transforms(target, source, stamps_ns)
-    return Track(
-        target,
-        source,
-        stamps_ns[known],
-        TransformArray(poses.xyz[known], poses.quat_xyzw[known]),
-    )
+    return Track(target, source, stamps_ns[known], poses.rows(known))
 
 
 def track_from_file(path: Path) -> Track:

@@ -248,9 +248,9 @@ class TestGoals:
         call = bus.start("call", "rotate", "{theta: 1.5}", "--timeout", "0.7")
         eventually(lambda: len(call.out) > 12)
         assert ended == []
-        assert call.stop() == 1
+        assert call.stop() == 130
         assert ended == ["cancel"]
-        assert "Traceback" not in "\n".join(call.err)
+        assert call.err == []
 
     def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
         """A goal of which nothing is heard for the timeout is given up, and told so."""

@@ -1,13 +1,13 @@
-"""How a node ends: at any moment, within seconds, with exit code 0."""
+"""How tools and nodes end: at any moment, within seconds; nodes with exit code 0."""
 
 import sys
 from signal import SIGINT, SIGTERM
 
 import pytest
-from conftest import Bus
+from conftest import Bus, eventually
 
 from tfbus import Node
-from tfbus.presence import NodeWatch
+from tfbus.presence import NodeWatch, list_nodes
 
 WAITS_IN_A_CALLBACK = """
 import tfbus
@@ -43,6 +43,57 @@ try:
 except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
+
+SIGNAL_WHILE_IT_LOADS = """
+import os, signal, sys
+class Interrupter:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[-1]:
+            del sys.argv[-1]
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupter())
+from tfbus.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["click", "tfbus.session"])
+@pytest.mark.parametrize("tool", ["frames", "doctor", "node list", "topic hz a", "static a b"])
+def test_what_is_interrupted_while_it_loads_ends_without_a_word(
+    bus: Bus, tool: str, module: str
+) -> None:
+    """Ctrl-C while a tool or a node is imported ends it at once, and nothing is printed."""
+    command = [sys.executable, "-c", SIGNAL_WHILE_IT_LOADS, *tool.split(), module]
+    process = bus.start_command(command)
+    assert process.wait() == -SIGINT
+    assert process.out == []
+    assert process.err == []
+
+
+@pytest.mark.parametrize(
+    ("tool", "code"),
+    [
+        ("frames --wait-time 600", 130),
+        ("doctor --for 600", 130),
+        ("why a b", 130),
+        ("plot a b --for 600 -o a.png", 1),
+        ("topic echo a", 0),
+        ("topic hz a", 0),
+        ("monitor", 0),
+        ("frames --watch", 0),
+    ],
+)
+def test_a_tool_that_is_interrupted_says_no_more_than_a_line(
+    bus: Bus, tool: str, code: int
+) -> None:
+    """Ctrl-C ends with 0 what goes on until then, and with 130 what had not come to its answer."""
+    watcher: Node = bus.node("watcher")
+    started = bus.start(*tool.split())
+    eventually(lambda: len(list_nodes(watcher.session)) > 1)
+    assert started.stop() in (130, code)  # it may not have begun to go on
+    told = [line for line in started.err if "Listening" not in line]
+    assert len(told) <= (code == 1)
+    assert not any(word in line for line in told for word in ("Aborted", "Traceback"))
 
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM])

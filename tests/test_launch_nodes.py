@@ -90,6 +90,15 @@ def test_a_launch_waits_for_its_router(bus: Bus, tmp_path: Path, number: int) ->
     assert "Traceback" not in "\n".join(launch.err)
 
 
+def test_nodes_that_still_load_end_without_a_word(bus: Bus) -> None:
+    """Ctrl-C right after the start ends nodes whose Python is not ready for it yet."""
+    launch = bus.start("launch", "turtle", "headless:=true")
+    launch.wait_for_line(r"\[broadcaster1\]: process started")
+    assert launch.stop() == 0
+    assert launch.out == []
+    assert all(line.startswith(("[INFO]", "[WARNING]")) for line in launch.err), launch.err
+
+
 @pytest.mark.parametrize("option", ["--for", "--sigterm-timeout", "--sigkill-timeout"])
 def test_times_are_finite(bus: Bus, option: str) -> None:
     """A time that is no number of seconds is a usage error."""

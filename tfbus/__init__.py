@@ -5,9 +5,13 @@ so that `import tfbus` costs nothing and a command loads only what it needs.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+# As typing has it, whose import would take most of the time that this one takes.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from tfbus.batch import TransformBatch as TransformBatch
     from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
@@ -105,7 +109,7 @@ _MODULE_OF = {
 __all__ = sorted(_MODULE_OF)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'tfbus' has no attribute {name!r}")
     value = getattr(import_module(f"tfbus.{_MODULE_OF[name]}"), name)

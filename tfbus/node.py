@@ -181,8 +181,9 @@ class Node:
 
     def spin(self) -> None:
         """Say that the node is ready and wait until it is shut down."""
-        self.ready()
-        self.wait(None)
+        with self._signals.held():  # a signal between the two ends it as one that comes later
+            self.ready()
+            self.wait(None)
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait for `timeout_s` seconds (None: for ever), less where the node is shut down.

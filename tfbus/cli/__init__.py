@@ -6,6 +6,7 @@ and those of other packages.
 
 import difflib
 import os
+import signal
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -60,6 +61,13 @@ class Commands(click.Group):
         if _COMPLETE_VARIABLE in os.environ:
             import_module("tfbus.cli.shells")
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """As click's own, but a tool that Ctrl-C ends before its time says nothing of it."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise SystemExit(128 + signal.SIGINT) from None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
         """The names of subcommands that begin so, none of which is imported for it."""

@@ -18,6 +18,7 @@ from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.session import Answer, Session
 from tfbus.settings import NodeSettings
+from tfbus.signals import StopSignals
 
 # However long a goal takes: what ends the waiting is silence.
 _LONGEST_GOAL_S = 1e6
@@ -62,6 +63,7 @@ def follow(
     """
     accepted = []
     answered = False
+    signals = StopSignals()  # which raise KeyboardInterrupt here
     try:
         for answer in _answers(session, service, payload, timeout_s):
             if answer.refusal is not None:
@@ -76,6 +78,8 @@ def follow(
             cancel = encode_map({"id": goal})
             list(session.ask(f"{service}/cancel", cancel, timeout_s=_CANCEL_TIMEOUT_S))
         raise
+    finally:
+        signals.uninstall()
     if not answered:
         raise ServiceError(_nobody(session, service))
 

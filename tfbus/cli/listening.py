@@ -45,7 +45,8 @@ def listening(
 ) -> Iterator[Listening]:
     """Listen to all transforms; handed out as soon as nothing new comes, at most `within_s` later.
 
-    Each publisher is asked for the last `history_s` seconds that it has kept.
+    Each publisher is asked for the last `history_s` seconds that it has kept. Ctrl-C and SIGTERM
+    raise KeyboardInterrupt, where the `with` does not take them for its end (`node.wait`).
     """
     buffer = Buffer(cache_time_s)
     with (
@@ -55,7 +56,10 @@ def listening(
         wait_for_clock(node)
         heard = Listening(node, buffer, listener)
         _meet_everybody(heard, within_s)
-        yield heard
+        if node.ok:
+            yield heard
+            return
+    raise KeyboardInterrupt  # which the node's `with` has ended quietly
 
 
 def wait_for_clock(node: Node) -> None:

@@ -36,8 +36,10 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
         with Node.from_settings(settings.renamed(f"_{purpose}_{os.urandom(4).hex()}")) as node:
             node.session.settle()
             yield node
+            return
     except KeyboardInterrupt:
-        raise SystemExit(0) from None
+        pass
+    raise SystemExit(0)  # where the node's `with` has ended the interrupt quietly too
 
 
 def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:

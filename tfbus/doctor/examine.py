@@ -60,5 +60,6 @@ def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescripti
 
 def _listen(node: Node, listen_s: float) -> float:
     start_s = time.monotonic()
-    node.wait(listen_s, clock=SYSTEM_CLOCK)
+    if not node.wait(listen_s, clock=SYSTEM_CLOCK):
+        raise KeyboardInterrupt
     return time.monotonic() - start_s

@@ -5,8 +5,8 @@ import os
 import signal
 import subprocess
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from typing import TypeVar
 
 from tfbus.launch.console import Console
@@ -25,16 +25,17 @@ class Child:
         """Start the program; OSError or ValueError if that cannot be done."""
         self.program = program
         self.exit_code: int | None = None
-        self._process = subprocess.Popen(
-            program.argv,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            bufsize=0,
-            cwd=program.directory,
-            env=program.environment,
-            start_new_session=True,
-        )
+        with _blocked(signal.SIGINT) if program.unblocks_sigint else nullcontext():
+            self._process = subprocess.Popen(
+                program.argv,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                bufsize=0,
+                cwd=program.directory,
+                env=program.environment,
+                start_new_session=True,
+            )
         self.pid = self._process.pid
         self._open_pipes = 2
 
@@ -87,6 +88,16 @@ class Child:
         """Send a signal to the whole group; nothing happens if it is gone."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
+
+
+@contextmanager
+def _blocked(number: signal.Signals) -> Iterator[None]:
+    """While it lasts the signal is held back, here and in processes that are started."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _in_thread(

@@ -18,6 +18,8 @@ class Program:
     """A command line, what it is called, and what is to happen when it ends.
 
     `changes` are the environment variables that differ from those of launch itself; None: unset.
+    `unblocks_sigint` is whether the program lets a SIGINT through by itself that comes before it
+    can be taken, as the command `tfbus` does.
     """
 
     name: str
@@ -28,6 +30,7 @@ class Program:
     required: bool = False
     full_name: str = ""
     after: tuple[str, ...] = ()
+    unblocks_sigint: bool = False
 
     @property
     def environment(self) -> dict[str, str]:
@@ -58,6 +61,7 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
         required=process.required,
         full_name=process.full_name,
         after=process.after,
+        unblocks_sigint=bool(process.node) and not process.node.endswith(".py"),
     )
 
 

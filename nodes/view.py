@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from tfbus import Buffer, Node, NodeSettings, Number, TfbusError, TransformListener, node_options
-from tfbus.nodes.viewer.settings import ViewSettings, load
+from tfbus.nodes.viewer.settings import ViewSettings, holds_settings, load
 from tfbus.nodes.viewer.urdf import read_urdf
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -62,6 +62,14 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 )
 @click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links on their frames.")
 @click.option(
+    "--package-path",
+    "package_path",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    multiple=True,
+    metavar="DIR",
+    help="Where packages of the URDF's meshes are; again for more.",
+)
+@click.option(
     "--screenshot",
     type=_FILE,
     metavar="FILE",
@@ -91,15 +99,22 @@ def main(
     rate_hz: float,
     path: Path | None,
     urdf: Path | None,
+    package_path: tuple[Path, ...],
     screenshot: Path | None,
     after_s: float,
     size: tuple[int, int],
 ) -> None:
     """Show all frames in a browser."""
-    robot = read_urdf(urdf) if urdf else []
+    if settings.config and holds_settings(Path(settings.config)):
+        raise click.UsageError(
+            f"{settings.config} has a view's settings; --config is for Zenoh's configuration: "
+            f"tfbus view --settings {settings.config}"
+        )
+    robot = read_urdf(urdf, package_path) if urdf else []
     chosen = load(path) if path and path.exists() else ViewSettings()
     _require_viser()
-    from tfbus.nodes.viewer.page import Page, Serving, is_local
+    from tfbus.nodes.viewer.origin import is_local
+    from tfbus.nodes.viewer.page import Page, Serving
     from tfbus.nodes.viewer.screenshot import Screenshot, find_browser
 
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))

@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import ipaddress
 import logging
 import socket
 import time
@@ -18,6 +17,7 @@ from tfbus import Buffer, Node, SystemClock, TfbusError, TransformListener
 from tfbus.nodes.turtle import field
 from tfbus.nodes.viewer.desk import Desk
 from tfbus.nodes.viewer.frames import Frames, FrameWatch
+from tfbus.nodes.viewer.origin import guarding, is_local
 from tfbus.nodes.viewer.panel import Panel
 from tfbus.nodes.viewer.placing import Floats, Placed, place, trail
 from tfbus.nodes.viewer.robot_scene import RobotScene
@@ -82,10 +82,17 @@ class Page:
         self._first_seen = ""
         scene = self._server.scene
         turtles = Turtles(node, lambda: self.is_watched)
-        self._panel = Panel(self._server.gui, self.desk, turtles, serving.history_s, serving.path)
+        self._robot_scene = RobotScene(scene, robot, node.log)
+        self._panel = Panel(
+            self._server.gui,
+            self.desk,
+            turtles,
+            serving.history_s,
+            serving.path,
+            self._robot_scene.mistakes,
+        )
         self._scene = Scene(scene, self._select)
         self._turtle_scene = TurtleScene(scene, turtles)
-        self._robot_scene = RobotScene(scene, robot, node.log)
 
     @property
     def address(self) -> str:
@@ -191,14 +198,6 @@ class Page:
             self.desk.change(selected=name)
 
 
-def is_local(host: str) -> bool:
-    """Whether only this machine can reach what listens on this host."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 def _serve(host: str, port: int) -> viser.ViserServer:
     """A server of viser, which takes the next port where this one is taken."""
     try:
@@ -212,7 +211,7 @@ def _serve(host: str, port: int) -> viser.ViserServer:
         ) from error
     # Browsers open connections to have them ready, and close them: no news.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with contextlib.redirect_stdout(io.StringIO()):
+    with guarding(is_local(host)), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
     server.scene.set_up_direction("+z")
     # Shadows and mirrored surroundings say nothing of frames, and take most of the time where

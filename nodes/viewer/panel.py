@@ -1,6 +1,7 @@
 """The panel beside the scene: its headline, the time, and a tab for each kind of question."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import viser
@@ -22,11 +23,19 @@ from tfbus.nodes.viewer.turtles import KEYS, Turtles
 class Panel:
     """All controls; `refresh` lets them show how things stand.
 
+    `mistakes` are said below the tree: what of a robot cannot be drawn.
+
     `newest_ns` is the latest time at which all that moves can be placed.
     """
 
     def __init__(
-        self, gui: viser.GuiApi, desk: Desk, turtles: Turtles, history_s: float, path: Path
+        self,
+        gui: viser.GuiApi,
+        desk: Desk,
+        turtles: Turtles,
+        history_s: float,
+        path: Path,
+        mistakes: Sequence[str] = (),
     ) -> None:
         self._desk = desk
         self.newest_ns = 0
@@ -39,6 +48,8 @@ class Panel:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Frames"):
             self._tree = TreePanel(gui, desk, channel)
+            if mistakes:
+                gui.add_html(text.mistakes(mistakes))
         with tabs.add_tab("Measure"):
             self._measure = MeasurePanel(gui, desk)
         with tabs.add_tab("Turtles"):

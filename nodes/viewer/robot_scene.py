@@ -8,18 +8,22 @@ from typing import Any
 import viser
 
 from tfbus.nodes.viewer.placing import Placed
-from tfbus.nodes.viewer.urdf import Box, Cylinder, Mesh, Sphere, Visual
+from tfbus.nodes.viewer.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
+
+# Of what has no colour of its own.
+_GREY = (160, 160, 165)
 
 
 class RobotScene:
     """Draws visuals on the frames of their links; links without a place are not drawn.
 
-    A mesh that cannot be read is told in the log, and left out.
+    `mistakes` says of each visual that is left out why, as of a mesh that cannot be read.
     """
 
     def __init__(
         self, scene: viser.SceneApi, visuals: Sequence[Visual], log: logging.Logger
     ) -> None:
+        self.mistakes: list[str] = []
         links = dict.fromkeys(visual.link for visual in visuals)
         self._frames = {
             link: scene.add_frame(f"/robot/{number}", show_axes=False, visible=False)
@@ -30,7 +34,8 @@ class RobotScene:
                 _add(scene, f"{self._frames[visual.link].name}/{number}", visual)
             # Readers of meshes raise whatever their libraries do, ImportError among them.
             except Exception as error:
-                log.warning("A visual of link %r is not shown: %s", visual.link, error)
+                self.mistakes.append(f"A visual of link {visual.link!r} is not shown: {error}")
+                log.warning("%s", self.mistakes[-1])
 
     def draw(self, placed: Placed) -> None:
         """Move the links to their frames."""
@@ -44,27 +49,49 @@ class RobotScene:
 
 def _add(scene: viser.SceneApi, path: str, visual: Visual) -> None:
     x, y, z, w = visual.origin.quat_xyzw
+    place: dict[str, Any] = {"position": visual.origin.xyz, "wxyz": (w, x, y, z)}
     look: dict[str, Any] = {
-        "color": visual.color,
+        "color": visual.color or _GREY,
         "opacity": None if visual.opacity >= 1.0 else visual.opacity,
-        "position": visual.origin.xyz,
-        "wxyz": (w, x, y, z),
     }
     shape = visual.shape
     match shape:
         case Box():
-            scene.add_box(path, dimensions=shape.size, **look)
+            scene.add_box(path, dimensions=shape.size, **look, **place)
         case Cylinder():
-            scene.add_cylinder(path, radius=shape.radius, height=shape.length, **look)
+            scene.add_cylinder(path, radius=shape.radius, height=shape.length, **look, **place)
         case Sphere():
-            scene.add_icosphere(path, radius=shape.radius, subdivisions=3, **look)
+            scene.add_icosphere(path, radius=shape.radius, subdivisions=3, **look, **place)
         case Mesh():
-            _add_mesh(scene, path, shape, look)
+            mesh = load_mesh(shape)
+            if visual.color is None:
+                scene.add_mesh_trimesh(path, mesh, **place)
+            else:
+                scene.add_mesh_simple(path, mesh.vertices, mesh.faces, **look, **place)
 
 
-def _add_mesh(scene: viser.SceneApi, path: str, shape: Mesh, look: dict[str, Any]) -> None:
+def load_mesh(shape: Mesh) -> Any:
+    """A trimesh.Trimesh of a mesh' file, scaled.
+
+    Raises UrdfError where the file is not there, or nothing that is installed reads it, and
+    whatever a reader of meshes raises.
+    """
+    if not shape.file.is_file():
+        package = shape.name.removeprefix("package://").partition("/")[0]
+        remedy = f"; --package-path names the folder with package {package!r}"
+        raise UrdfError(
+            f"there is no file {shape.file}"
+            + (remedy if shape.name.startswith("package://") else "")
+        )
     # What it loads has no exact type.
     trimesh: Any = import_module("trimesh")
+    kind = shape.file.suffix[1:].lower()
+    if kind not in trimesh.available_formats():
+        remedy = "pip install pycollada" if kind == "dae" else "convert it to STL or GLB"
+        raise UrdfError(f"nothing that is installed reads {shape.file.name}; {remedy}")
     mesh = trimesh.load(shape.file, force="mesh")
+    if kind == "dae":
+        # The one format that says its unit.
+        mesh.apply_scale(trimesh.units.unit_conversion(mesh.units, "meters"))
     mesh.apply_scale(shape.scale)
-    scene.add_mesh_simple(path, mesh.vertices, mesh.faces, **look)
+    return mesh

@@ -75,6 +75,15 @@ def load(path: Path) -> ViewSettings:
         raise SettingsError(f"{path}: {error}") from error
 
 
+def holds_settings(path: Path) -> bool:
+    """Whether a file is evidently one that the page saved: a map of settings and nothing else."""
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return False
+    return isinstance(values, dict) and bool(values) and values.keys() <= _FIELDS.keys()
+
+
 def save(settings: ViewSettings, path: Path) -> None:
     """Write the settings to a file. Raises SettingsError where it cannot be written."""
     values = {

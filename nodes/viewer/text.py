@@ -1,6 +1,7 @@
 """What the panels say, as HTML: facts about a frame, what lies between two, what is awaited."""
 
 import math
+from collections.abc import Sequence
 from html import escape
 
 from tfbus import Buffer, TransformException, TransformStamped
@@ -9,6 +10,8 @@ from tfbus.nodes.viewer.frames import Frames
 from tfbus.nodes.viewer.markup import sign
 from tfbus.nodes.viewer.playback import Playback
 from tfbus.nodes.viewer.status import FrameState, Status
+
+_MOST_MISTAKES = 5
 
 _DIGITS = Numbers(precision=3)
 
@@ -40,6 +43,14 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback) -> str:
     if playback.stamp_ns is not None:
         parts.append(f"<b>paused</b> at {stamp_text(playback.stamp_ns)}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def mistakes(said: Sequence[str]) -> str:
+    """What is wrong, a line each; of many the first."""
+    lines = [*said[:_MOST_MISTAKES]]
+    if len(said) > _MOST_MISTAKES:
+        lines.append(f"And {len(said) - _MOST_MISTAKES} more; the log has them.")
+    return "".join(f'<div class="tf tf-alarm" role="alert">{escape(line)}</div>' for line in lines)
 
 
 def seconds(value: float) -> str:

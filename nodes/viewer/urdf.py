@@ -1,5 +1,7 @@
 """The shapes of a robot's links, read from a URDF file; the poses of the links come by the bus."""
 
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -8,7 +10,7 @@ from tfbus import TfbusError, Transform
 
 Vector = tuple[float, float, float]
 
-_GREY = (160, 160, 165)
+_PACKAGE = "package://"
 
 
 class UrdfError(TfbusError):
@@ -39,8 +41,11 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A file of triangles, and how much larger it is to be along x, y and z."""
+    """A file of triangles, as the URDF calls it and where it is, and how much larger it is to be
+    along x, y and z. `file` need not be there.
+    """
 
+    name: str
     file: Path
     scale: Vector
 
@@ -50,17 +55,24 @@ Shape = Box | Cylinder | Sphere | Mesh
 
 @dataclass(frozen=True)
 class Visual:
-    """One shape of a link: `origin` takes it into the link's frame. `opacity` is from 0 to 1."""
+    """One shape of a link: `origin` takes it into the link's frame. `opacity` is from 0 to 1.
+
+    Without a `color` a mesh has its own.
+    """
 
     link: str
     shape: Shape
     origin: Transform
-    color: tuple[int, int, int] = _GREY
+    color: tuple[int, int, int] | None = None
     opacity: float = 1.0
 
 
-def read_urdf(path: Path) -> list[Visual]:
-    """The visuals of all links. Raises UrdfError where the file is no URDF."""
+def read_urdf(path: Path, package_path: Sequence[Path] = ()) -> list[Visual]:
+    """The visuals of all links. Raises UrdfError where the file is no URDF.
+
+    Packages of meshes are looked for in the folders of `package_path`, in those of the environment
+    variable ROS_PACKAGE_PATH, and then in those above the URDF.
+    """
     try:
         robot = ElementTree.parse(path).getroot()
     except OSError as error:
@@ -78,7 +90,7 @@ def read_urdf(path: Path) -> list[Visual]:
     }
     try:
         return [
-            _visual(link.get("name", ""), visual, materials, path.parent)
+            _visual(link.get("name", ""), visual, materials, path.parent, package_path)
             for link in robot.findall("link")
             for visual in link.findall("visual")
         ]
@@ -91,20 +103,25 @@ def _visual(
     visual: ElementTree.Element,
     materials: dict[str, ElementTree.Element],
     folder: Path,
+    package_path: Sequence[Path],
 ) -> Visual:
     origin = visual.find("origin")
     xyz, rpy = _vector(origin, "xyz", "0 0 0"), _vector(origin, "rpy", "0 0 0")
-    r, g, b, alpha = _color(visual.find("material"), materials)
-    return Visual(
-        link,
-        _shape(link, visual.find("geometry"), folder),
-        Transform.from_rpy(*rpy, xyz=xyz),
-        (round(255 * r), round(255 * g), round(255 * b)),
-        alpha,
-    )
+    shape = _shape(link, visual.find("geometry"), folder, package_path)
+    pose = Transform.from_rpy(*rpy, xyz=xyz)
+    color = _color(visual.find("material"), materials)
+    if color is None:
+        return Visual(link, shape, pose)
+    r, g, b, alpha = _numbers(color, "rgba", 4)
+    return Visual(link, shape, pose, (round(255 * r), round(255 * g), round(255 * b)), alpha)
 
 
-def _shape(link: str, geometry: ElementTree.Element | None, folder: Path) -> Shape:
+def _shape(
+    link: str,
+    geometry: ElementTree.Element | None,
+    folder: Path,
+    package_path: Sequence[Path],
+) -> Shape:
     for shape in () if geometry is None else geometry:
         if shape.tag == "box":
             return Box(_vector(shape, "size"))
@@ -113,34 +130,42 @@ def _shape(link: str, geometry: ElementTree.Element | None, folder: Path) -> Sha
         if shape.tag == "sphere":
             return Sphere(_number(shape, "radius"))
         if shape.tag == "mesh":
-            return Mesh(_file(shape, folder), _vector(shape, "scale", "1 1 1"))
+            name = shape.get("filename", "")
+            file = mesh_file(name, folder, package_path)
+            return Mesh(name, file, _vector(shape, "scale", "1 1 1"))
     raise ValueError(f"link {link!r} has a visual without a box, cylinder, sphere or mesh")
 
 
 def _color(
     material: ElementTree.Element | None, materials: dict[str, ElementTree.Element]
-) -> tuple[float, ...]:
-    color = None
-    if material is not None:
-        color = material.find("color")
-        if color is None:
-            color = materials.get(material.get("name", ""))
-    if color is None:
-        return (*(part / 255 for part in _GREY), 1.0)
-    return _numbers(color, "rgba", 4)
+) -> ElementTree.Element | None:
+    if material is None:
+        return None
+    color = material.find("color")
+    return materials.get(material.get("name", "")) if color is None else color
 
 
-def _file(mesh: ElementTree.Element, folder: Path) -> Path:
-    """Where a mesh is: `package://p/...` is looked for below the folders above the URDF."""
-    name = mesh.get("filename", "")
-    if name.startswith("package://"):
-        inside = Path(name.removeprefix("package://"))
-        for above in (folder, *folder.resolve().parents):
-            for candidate in (above / inside, above / Path(*inside.parts[1:])):
-                if candidate.is_file():
-                    return candidate
-        return folder / inside
-    return folder / name.removeprefix("file://")
+def mesh_file(name: str, folder: Path, package_path: Sequence[Path] = ()) -> Path:
+    """Where a mesh is that a URDF in `folder` calls so: a path, or `package://robot/arm.stl`.
+
+    Where it is nowhere, where it should be.
+    """
+    if not name.startswith(_PACKAGE):
+        return folder / name.removeprefix("file://")
+    inside = Path(name.removeprefix(_PACKAGE))
+    candidates = list(_in_packages(inside, folder, package_path))
+    return next((file for file in candidates if file.is_file()), candidates[0])
+
+
+def _in_packages(inside: Path, folder: Path, package_path: Sequence[Path]) -> Iterator[Path]:
+    """The files that `inside`, a package and a path in it, may be."""
+    from_ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    named = [*package_path, *(Path(place) for place in from_ros if place)]
+    for place in (*named, *folder.resolve().parents, folder.resolve()):
+        yield place / inside
+    # Packages need not lie in folders of their names.
+    for place in (*named, folder.resolve(), *folder.resolve().parents):
+        yield place / Path(*inside.parts[1:])
 
 
 def _vector(element: ElementTree.Element | None, attribute: str, default: str = "") -> Vector:

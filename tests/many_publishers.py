@@ -1,14 +1,20 @@
-"""Many streams in one process, each with a set of static frames, until a signal.
+"""Many processes, each a node with one stream of static frames, until a signal.
 
-python many_publishers.py FIRST NODES STREAMS STATICS
+python many_publishers.py PROCESSES STATICS
 
-Each node has so many streams, each stream so many frames.
+They are forks of one process, which has loaded tfbus and not begun to use it: loading it so often
+would keep the machine busy for longer than the processes take to meet.
 """
 
+import os
 import sys
-from contextlib import ExitStack
 
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformStamped
+
+
+def stream(number: int) -> str:
+    """The stream, and the node, of one process."""
+    return f"s{number}"
 
 
 def frame(stream: int, number: int) -> str:
@@ -16,19 +22,24 @@ def frame(stream: int, number: int) -> str:
     return f"s{stream}_{number}"
 
 
-def main(first: int, nodes: int, streams: int, statics: int) -> None:
-    """Publish until a signal."""
-    with ExitStack() as stack:
-        for number in range(first, first + nodes * streams, streams):
-            node = stack.enter_context(Node(f"node{number}"))
-            for stream in range(number, number + streams):
-                StaticTransformBroadcaster(node, stream=f"s{stream}").send_transform(
-                    TransformStamped(
-                        node.now_ns(), "world", frame(stream, i), Transform((stream, i, 0.0))
-                    )
-                    for i in range(statics)
-                )
+def publish(number: int, statics: int) -> None:
+    """Publish one stream until a signal."""
+    with Node(stream(number)) as node:
+        StaticTransformBroadcaster(node).send_transform(
+            TransformStamped(node.now_ns(), "world", frame(number, i), Transform((number, i, 0.0)))
+            for i in range(statics)
+        )
         node.spin()
+
+
+def main(processes: int, statics: int) -> None:
+    """Publish until a signal."""
+    for number in range(processes):
+        if not os.fork():
+            publish(number, statics)
+            sys.exit()
+    for _ in range(processes):
+        os.wait()
 
 
 if __name__ == "__main__":

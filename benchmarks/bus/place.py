@@ -13,10 +13,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 ROOT = Path(__file__).parent.parent.parent
+
+# What a library prints is not said: run.py lets it go elsewhere.
+_SPEECH = sys.stdout
 
 # zenohd's part is played by nobody: peers find each other at one endpoint.
 _CONFIG = "{scouting: {multicast: {enabled: false}}, timestamping: {enabled: true}}"
@@ -68,6 +71,8 @@ class Process:
         **arguments: Any,
     ) -> None:
         command = [python, "-m", "benchmarks.bus.run", function, json.dumps(arguments)]
+        # Logs would stand among the benchmark's own lines; they are shown where a process fails.
+        self._complaints = TemporaryFile("w+")
         self._popen = subprocess.Popen(
             command,
             env=env,
@@ -75,6 +80,7 @@ class Process:
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=self._complaints,
         )
 
     def __enter__(self) -> "Process":
@@ -86,13 +92,17 @@ class Process:
         except subprocess.TimeoutExpired:
             self._popen.kill()
             self._popen.communicate()
+        self._complaints.close()
 
     def hear(self) -> Any:
         """The next thing that it says."""
         assert self._popen.stdout is not None
         line = self._popen.stdout.readline()
         if not line:
-            raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}")
+            self._popen.wait()
+            self._complaints.seek(0)
+            told = self._complaints.read().strip()[-2000:]
+            raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}\n{told}")
         return json.loads(line)
 
     def tell(self) -> None:
@@ -111,7 +121,7 @@ def free_port() -> int:
 
 def say(thing: Any) -> None:
     """Said by a process to the benchmark."""
-    print(json.dumps(thing), flush=True)
+    print(json.dumps(thing), file=_SPEECH, flush=True)
 
 
 def wait_for_line() -> bool:

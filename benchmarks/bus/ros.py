@@ -5,6 +5,7 @@ Runs under Debian's own Python, so this file and the processes need nothing but 
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ PYTHON = "/usr/bin/python3"
 PACKAGES = "python3-rospy python3-tf2-ros python3-rosmaster"
 # What rospy can well bear, in messages a second.
 _RATE = 200
+_MASTER_WITHIN_S = 30.0
 
 
 class NotInstalled(Exception):
@@ -59,12 +61,26 @@ def _once(at: Place, rows: int) -> Intake:
         stderr=subprocess.DEVNULL,
     )
     try:
+        _wait_for(master, port)
         listener = Process(at, "ros:listen", env, python=PYTHON, seconds=SECONDS)
         with listener, Process(at, "ros:flood", env, python=PYTHON, rows=rows):
             return Intake(**listener.hear())
     finally:
         master.terminate()
         master.wait()
+
+
+def _wait_for(master: "subprocess.Popen[bytes]", port: int) -> None:
+    """Wait until the master can be connected to: nodes that come earlier look in vain for long."""
+    deadline = time.monotonic() + _MASTER_WITHIN_S
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+            return
+        except OSError:
+            if master.poll() is not None or time.monotonic() >= deadline:
+                raise RuntimeError("rosmaster does not start; try it by hand") from None
+            time.sleep(0.05)
 
 
 def listen(seconds: float) -> None:

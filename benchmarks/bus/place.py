@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory, mkstemp
 from typing import Any
 
 ROOT = Path(__file__).parent.parent.parent
@@ -72,7 +72,7 @@ class Process:
     ) -> None:
         command = [python, "-m", "benchmarks.bus.run", function, json.dumps(arguments)]
         # Logs would stand among the benchmark's own lines; they are shown where a process fails.
-        self._complaints = TemporaryFile("w+")
+        log, self._log = mkstemp(dir=at.folder, suffix=".log")
         self._popen = subprocess.Popen(
             command,
             env=env,
@@ -80,8 +80,9 @@ class Process:
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._complaints,
+            stderr=log,
         )
+        os.close(log)
 
     def __enter__(self) -> "Process":
         return self
@@ -92,7 +93,6 @@ class Process:
         except subprocess.TimeoutExpired:
             self._popen.kill()
             self._popen.communicate()
-        self._complaints.close()
 
     def hear(self) -> Any:
         """The next thing that it says."""
@@ -100,8 +100,7 @@ class Process:
         line = self._popen.stdout.readline()
         if not line:
             self._popen.wait()
-            self._complaints.seek(0)
-            told = self._complaints.read().strip()[-2000:]
+            told = Path(self._log).read_text().strip()[-2000:]
             raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}\n{told}")
         return json.loads(line)
 

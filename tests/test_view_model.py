@@ -11,7 +11,7 @@ from tfbus import Buffer, FrameInfo, SettingsError, Transform, TransformStamped
 from tfbus.nodes.viewer import text
 from tfbus.nodes.viewer.filter import NameFilter, PatternError
 from tfbus.nodes.viewer.frames import Frames, FrameWatch
-from tfbus.nodes.viewer.placing import edges, newest_common_ns, place, trail
+from tfbus.nodes.viewer.placing import arrow_points, arrow_rows, newest_common_ns, place, trail
 from tfbus.nodes.viewer.playback import Playback
 from tfbus.nodes.viewer.settings import ViewSettings, load, save
 from tfbus.nodes.viewer.status import FADED, Status, judge, opacity_of, stale_after_s
@@ -193,9 +193,23 @@ def test_arrows_go_from_child_to_parent(buffer: Buffer) -> None:
     send(buffer, "tool", "tip", x=0.0009)
     placed = place(buffer, "map", ["map", "base", "tool", "tip"], S)
     parents = {"map": None, "base": "map", "tool": "base", "tip": "tool"}
-    names, points = edges(placed, parents)
-    assert names == ["base", "tool"]
-    assert points.tolist() == [[[1, 0, 0], [0, 0, 0]], [[2, 0, 0], [1, 0, 0]]]
+    rows = arrow_rows(placed.names, parents)
+    points, kept = arrow_points(placed.xyz, *rows)
+    assert [placed.names[row] for row in rows[0][kept]] == ["base", "tool"]
+    assert points[kept].tolist() == [[[1, 0, 0], [0, 0, 0]], [[2, 0, 0], [1, 0, 0]]]
+
+
+@given(st.tuples(*[st.floats(-3.1, 3.1)] * 3), st.tuples(*[st.floats(-1e3, 1e3)] * 3))
+def test_places_are_those_that_the_buffer_tells(
+    rpy: tuple[float, float, float], xyz: tuple[float, float, float]
+) -> None:
+    """Whatever the pose."""
+    buffer = Buffer()
+    pose = Transform.from_rpy(*rpy, xyz=xyz)
+    buffer.set_transform(TransformStamped(S, "map", "base", pose))
+    placed = place(buffer, "map", ["base"], None)
+    w, x, y, z = placed.quat_wxyz[0]
+    assert Transform(placed.xyz[0], (x, y, z, w)).is_close(pose, 1e-7)
 
 
 def test_a_trail_is_where_the_frame_was_as_far_as_it_is_known(buffer: Buffer) -> None:

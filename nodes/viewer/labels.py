@@ -1,64 +1,167 @@
-"""Names of frames in the scene: an object each, so that only some frames have one."""
+"""Names of frames in the scene of one browser: those that can be read from where it looks.
 
-from collections.abc import Iterable, Sequence
+Each name is an object of its own, so that there are few.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
+from tfbus.nodes.viewer.camera import Window
 from tfbus.nodes.viewer.placing import Floats, Placed
 from tfbus.nodes.viewer.settings import ViewSettings
 from tfbus.nodes.viewer.status import FrameState, Status
 
-# More names than these could not be read anyway, and each is an object of its own.
+# No more names than these are drawn at once.
 MOST = 40
 
-# Names nearer to each other than this part of an axis are written as one.
+# So many frames are thought of, the nearest: more would lie behind each other.
+_CONSIDERED = 200
+
+# Names nearer to each other than this part of an axis are written as one, of so many names.
 _TOGETHER = 0.4
+_MOST_TOGETHER = 3
+
+# A name is above its frame by this part of an axis, and so large in pixels.
+_ABOVE = 0.35
+_LETTER = 6.2
+_MARGIN = 10.0
+_HEIGHT = 18.0
+
+# Longer names are cut in the middle; the tree has them whole.
+_LONGEST = 32
 
 _SAID = (Status.STALE, Status.GONE, Status.CONFLICT)
 
 
 class Labels:
-    """The names of the first frames, and of the selected one in any case."""
+    """The names that one browser shows."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
-        self._shown: dict[str, viser.LabelHandle] = {}
+        self._shown: dict[str, Any] = {}
         self._count = 0
 
-    def draw(
-        self, states: Sequence[FrameState], placed: Placed, settings: ViewSettings, size: float
+    def choose(
+        self,
+        states: Sequence[FrameState],
+        placed: Placed,
+        settings: ViewSettings,
+        size: float,
+        window: Window,
     ) -> None:
         """Put names beside the frames; where names are off, beside the selected one only."""
-        texts: dict[int, str] = {}
-        for row, state in enumerate(states):
-            if state.name == settings.selected or (settings.names and row < MOST):
-                at = _near(placed.xyz, texts, row, size * _TOGETHER)
-                texts[at] = f"{texts[at]}, {_text(state)}" if at in texts else _text(state)
-        for name in self._shown.keys() - {states[row].name for row in texts}:
+        texts = readable(states, placed.xyz, settings, size, window, frozenset(self._shown))
+        for name in self._shown.keys() - texts.keys():
             self._shown.pop(name).remove()
-        above = np.array((0.0, 0.0, 0.35 * size))
-        for row, text in texts.items():
-            self._put(states[row].name, text, placed.xyz[row] + above)
+        for name, text in texts.items():
+            label = self._shown.get(name)
+            if label is None:
+                # A frame's name may have slashes in it, which make trees of viser's objects.
+                self._count += 1
+                self._shown[name] = self._scene.add_label(
+                    f"/names/{self._count}", text, anchor="bottom-center"
+                )
+            elif label.text != text:
+                label.text = text
+        self.move(placed, size)
 
-    def _put(self, name: str, text: str, position: Floats) -> None:
-        label = self._shown.get(name)
-        if label is None:
-            # A frame's name may have slashes in it, which make trees of viser's objects.
-            self._count += 1
-            self._shown[name] = self._scene.add_label(
-                f"/labels/{self._count}", text, position=position, anchor="bottom-center"
-            )
-            return
-        if label.text != text:
-            label.text = text
-        label.position = position
+    def move(self, placed: Placed, size: float) -> None:
+        """Keep the names above their frames; the name of one that has no place goes."""
+        for name in list(self._shown):
+            row = placed.index.get(name)
+            if row is None:
+                self._shown.pop(name).remove()
+            else:
+                self._shown[name].position = placed.xyz[row] + (0.0, 0.0, _ABOVE * size)
 
 
-def _text(state: FrameState) -> str:
-    return f"{state.name} ({state.status.value})" if state.status in _SAID else state.name
+def readable(
+    states: Sequence[FrameState],
+    xyz: Floats,
+    settings: ViewSettings,
+    size: float,
+    window: Window,
+    shown: frozenset[str] = frozenset(),
+) -> dict[str, str]:
+    """The names to write, by the frames at which: none over another, and none out of sight.
+
+    First the selected frame, then those that something is the matter with, then those that are
+    `shown` already, then the nearest.
+    """
+    rows = range(len(states)) if settings.names else _selected(states, settings.selected)
+    if not rows:
+        return {}
+    at = np.array(rows, np.intp)
+    pixels, depth_m = window.project(xyz[at] + (0.0, 0.0, _ABOVE * size))
+    importance = np.array([_importance(states[row], settings.selected, shown) for row in at])
+    order = np.lexsort((depth_m, importance))
+    order = order[window.sees(pixels, depth_m)[order]][:_CONSIDERED]
+    written: list[_Written] = []
+    for place in order:
+        state, row = states[at[place]], int(at[place])
+        beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
+        if beside:
+            beside.rows.append(row)
+        elif len(written) < MOST:
+            box = _box(pixels[place], _text([state]))
+            if not any(_overlap(box, one.box) for one in written):
+                written.append(_Written([row], box))
+    # Names that stand together do so in the order of the tree.
+    return {
+        states[one.rows[0]].name: _text([states[row] for row in sorted(one.rows)])
+        for one in written
+    }
 
 
-def _near(xyz: Floats, rows: Iterable[int], row: int, reach_m: float) -> int:
-    """One of the rows that is so near that the names would cover each other; else the row."""
-    return next((at for at in rows if np.abs(xyz[at] - xyz[row]).max() < reach_m), row)
+@dataclass
+class _Written:
+    rows: list[int]
+    box: NDArray[np.float64]
+
+
+def _selected(states: Sequence[FrameState], name: str) -> list[int]:
+    return [row for row, state in enumerate(states) if state.name == name]
+
+
+def _importance(state: FrameState, selected: str, shown: frozenset[str]) -> int:
+    if state.name == selected:
+        return 0
+    if state.status in _SAID:
+        return 1
+    return 2 if state.name in shown else 3
+
+
+def _are_together(xyz: Floats, one: int, other: int, size: float) -> bool:
+    return bool(np.abs(xyz[one] - xyz[other]).max() < size * _TOGETHER)
+
+
+def _text(states: Sequence[FrameState]) -> str:
+    said = [
+        f"{_short(state.name)} ({state.status.value})"
+        if state.status in _SAID
+        else _short(state.name)
+        for state in states[:_MOST_TOGETHER]
+    ]
+    more = len(states) - _MOST_TOGETHER
+    return ", ".join(said) + (f" and {more} more" if more > 0 else "")
+
+
+def _short(name: str) -> str:
+    if len(name) <= _LONGEST:
+        return name
+    return f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
+
+
+def _box(pixel: Floats, text: str) -> Floats:
+    """Left, top, right and bottom of a text that stands on a pixel."""
+    half = (_LETTER * len(text) + _MARGIN) / 2.0
+    return np.array([pixel[0] - half, pixel[1] - _HEIGHT, pixel[0] + half, pixel[1]])
+
+
+def _overlap(one: Floats, other: Floats) -> bool:
+    return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))

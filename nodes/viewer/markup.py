@@ -116,8 +116,14 @@ div:has(> .tfbus-channel) + div { display: none; }
 .tf-row button { all: unset; cursor: pointer; flex: 1; min-width: 0; overflow: hidden;
   text-overflow: ellipsis; white-space: nowrap; }
 .tf-row button:focus-visible { outline: 2px solid #228be6; border-radius: 3px; }
+div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width: thin; }
+.tf-title { display: flex; align-items: center; gap: 0.8em; margin: 0.3em 0; }
+.tf-title b { flex: 1; }
+.tf-title label { display: flex; align-items: center; gap: 0.3em; cursor: pointer; }
+.tf-title input { margin: 0; accent-color: #228be6; }
 .tf-note { color: var(--mantine-color-dimmed); font-variant-numeric: tabular-nums;
   white-space: nowrap; }
+.tf-note-whole { white-space: nowrap; }
 .tf-why { padding: 0 0 0.3em 1.9em; font-size: 0.75rem; }
 .tf-sign { flex: none; width: 1em; text-align: center; }
 .tf-fresh { color: light-dark(#2b8a3e, #69db7c); }
@@ -145,5 +151,9 @@ div:has(> .tfbus-channel) + div { display: none; }
 .tf-keys { margin-top: 0.5em; padding: 0.35em; text-align: center; cursor: pointer;
   border: 1px dashed var(--mantine-color-dimmed); border-radius: 4px; }
 .tf-keys:focus { outline: none; border: 1px solid #228be6; background: #228be626; }
+@media (max-width: 40em) {
+  .mantine-Paper-root:has(.tfbus-channel) { width: 100% !important; max-height: 55vh !important; }
+  .mantine-ScrollArea-content:has(.tfbus-channel) > div { width: 100% !important; }
+}
 .tf-keys:focus .tf-off, .tf-keys:not(:focus) .tf-on { display: none; }
 """

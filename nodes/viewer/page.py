@@ -8,15 +8,15 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import viser
 
 from tfbus import Buffer, Node, SystemClock, TfbusError, TransformListener
 from tfbus.nodes.turtle import field
+from tfbus.nodes.viewer.camera import FirstLook, Window
 from tfbus.nodes.viewer.desk import Desk
 from tfbus.nodes.viewer.frames import Frames, FrameWatch
+from tfbus.nodes.viewer.labels import Labels
 from tfbus.nodes.viewer.origin import guarding, is_local
 from tfbus.nodes.viewer.panel import Panel
 from tfbus.nodes.viewer.placing import Floats, Placed, place, trail
@@ -32,8 +32,8 @@ _REFRESH_S = 0.25
 
 _BY_DEFAULT = ViewSettings()
 
-# Where one looks from at first: from behind, from the side a little, and from above.
-_FROM = np.array((-0.35, -0.95, 0.9))
+# Of a ball around what is seen of the field.
+_FIELD_RADIUS_M = 0.68 * field.SIZE_M
 
 
 class ServeError(TfbusError):
@@ -53,6 +53,16 @@ class Serving:
     history_s: float = 30.0
     settings: ViewSettings = _BY_DEFAULT
     path: Path = Path("view.yaml")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """The frames to be placed, by these settings; those `unseen` have no axes of their own."""
+
+    settings: ViewSettings
+    fixed_frame: str = ""
+    names: tuple[str, ...] = ()
+    unseen: frozenset[str] = frozenset()
 
 
 class Page:
@@ -77,11 +87,13 @@ class Page:
         self._server = _serve(serving.host, serving.port)
         self._watch = FrameWatch(buffer)
         self._frames = Frames()
+        self._wanted = _Wanted(serving.settings)
+        self._labels: dict[int, Labels] = {}
         self._refresh_at_s = 0.0
         self._is_held = False
-        self._first_seen = ""
+        self._first_look = FirstLook(self._server)
         scene = self._server.scene
-        turtles = Turtles(node, lambda: self.is_watched)
+        self._turtles = turtles = Turtles(node, lambda: self.is_watched)
         self._robot_scene = RobotScene(scene, robot, node.log)
         self._panel = Panel(
             self._server.gui,
@@ -125,21 +137,24 @@ class Page:
         """Look at the frames, where it is time, and draw them, where somebody watches."""
         now_s = time.monotonic()
         is_due = now_s >= self._refresh_at_s
+        playback, settings = self.desk.playback, self.desk.settings
         if is_due:
             self._refresh_at_s = now_s + _REFRESH_S
-            self._frames = self._look()
+            self._frames = self._look(settings)
+        if is_due or settings is not self._wanted.settings:
+            self._wanted = self._choose(settings)
         if not self.is_watched and not is_due:
             return
-        playback, settings = self.desk.playback, self.desk.settings
-        fixed_frame = settings.fixed_frame or self._frames.natural_fixed_frame()
-        names = [n for n in self._frames.tree_of(fixed_frame) if settings.shows(n)]
-        stamp_ns = playback.stamp_ns
-        placed = place(self._buffer, fixed_frame, names, stamp_ns)
+        wanted, stamp_ns = self._wanted, playback.stamp_ns
+        around = place(self._buffer, wanted.fixed_frame, wanted.names, stamp_ns)
+        placed = around.without(wanted.unseen)
         with self._server.atomic():
-            self._draw(placed, fixed_frame, settings, stamp_ns)
+            self._draw(placed, around, wanted, stamp_ns)
             if is_due:
+                self._look_first(placed, around)
                 now_ns = self._node.now_ns()
-                self._panel.refresh(self._frames, placed, fixed_frame, self._buffer, now_ns)
+                self._panel.refresh(self._frames, placed, wanted.fixed_frame, self._buffer, now_ns)
+        self._name(placed, settings, is_due)
         # Else the last of a movement would wait for the next one.
         self._server.flush()
 
@@ -149,15 +164,24 @@ class Page:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
-    def _look(self) -> Frames:
-        settings = self.desk.settings
+    def _look(self, settings: ViewSettings) -> Frames:
         sent = {info.name: info.frames for info in self._listener.streams() if info.alive}
         before = settings.fixed_frame or self._frames.natural_fixed_frame()
         return self._watch.look(sent, before)
 
+    def _choose(self, settings: ViewSettings) -> "_Wanted":
+        frames = self._frames
+        fixed_frame = settings.fixed_frame or frames.natural_fixed_frame()
+        shown = [name for name in frames.tree_of(fixed_frame) if settings.shows(name)]
+        # The field and a robot's links are there whether or not the axes of their frames are.
+        others = {WORLD, *self._robot_scene.links, *self._turtles.names} - set(shown)
+        unseen = frozenset(name for name in others if name in frames)
+        return _Wanted(settings, fixed_frame, (*shown, *unseen), unseen)
+
     def _draw(
-        self, placed: Placed, fixed_frame: str, settings: ViewSettings, stamp_ns: int | None
+        self, placed: Placed, around: Placed, wanted: "_Wanted", stamp_ns: int | None
     ) -> None:
+        settings, fixed_frame = wanted.settings, wanted.fixed_frame
         end_ns = self._panel.newest_ns if stamp_ns is None else stamp_ns
         trails: dict[str, Floats] = {}
         for name in settings.trails:
@@ -165,33 +189,35 @@ class Page:
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
                     trails[name] = path
-        self._robot_scene.draw(placed)
-        # The field lies in the world, whether or not the world's own axes are shown.
-        ground = placed
-        if WORLD in self._frames and WORLD not in placed.index:
-            ground = place(self._buffer, fixed_frame, [WORLD, *placed.names], stamp_ns)
-        self._turtle_scene.draw(ground, fixed_frame)
-        around_m = 0.7 * field.SIZE_M if self._turtle_scene.is_shown else 0.0
+        self._robot_scene.draw(around)
+        self._turtle_scene.draw(around, fixed_frame)
+        around_m = _FIELD_RADIUS_M if self._turtle_scene.is_shown else 0.0
         self._scene.draw(self._frames, placed, trails, settings, around_m)
-        self._look_first(placed, ground)
 
-    def _look_first(self, placed: Placed, ground: Placed) -> None:
-        """Begin where all of it can be seen, from behind and above; once for the frames, and once
-        more where there is a field.
-        """
-        seen = "field" if self._turtle_scene.is_shown else "frames"
-        if len(placed.names) < 2 or self._first_seen in (seen, "field"):
-            return
-        self._first_seen = seen
-        middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
-        reach = max(placed.extent_m(), 1.0) * 1.6
+    def _name(self, placed: Placed, settings: ViewSettings, is_due: bool) -> None:
+        """Write names into the scene of each browser: those that can be read from its camera."""
+        clients = self._server.get_clients()
+        self._labels = {
+            number: self._labels.get(number) or Labels(client.scene)
+            for number, client in clients.items()
+        }
+        states = [self._frames.states[name] for name in placed.names] if is_due else []
+        for number, labels in self._labels.items():
+            if is_due:
+                window = Window.of(clients[number].camera)
+                labels.choose(states, placed, settings, self._scene.size_m, window)
+            else:
+                labels.move(placed, self._scene.size_m)
+
+    def _look_first(self, placed: Placed, around: Placed) -> None:
         if self._turtle_scene.is_shown:
-            middle, reach = ground.xyz[ground.index[WORLD]], 0.7 * field.SIZE_M
-        position = middle + reach * _FROM
-        cameras: list[Any] = [self._server.initial_camera]
-        cameras += [client.camera for client in self._server.get_clients().values()]
-        for camera in cameras:
-            camera.position, camera.look_at = position, middle
+            middle, radius_m = around.xyz[around.index[WORLD]], _FIELD_RADIUS_M
+        elif len(placed.names) >= 2:
+            middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
+            radius_m = 0.75 * max(placed.extent_m(), 1.0)
+        else:
+            return
+        self._first_look.aim(middle, radius_m, self._turtle_scene.is_shown, len(placed.names))
 
     def _select(self, name: str) -> None:
         if name:
@@ -220,4 +246,6 @@ def _serve(host: str, port: int) -> viser.ViserServer:
     server.scene.configure_environment_map(None)
     server.scene.add_light_ambient("/light", intensity=1.0)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
+    # Beside the scene, of which it would hide a part; a narrow window has it below anyway.
+    server.gui.main_panel.dock_right()
     return server

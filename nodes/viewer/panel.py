@@ -64,7 +64,8 @@ class Panel:
         newest_ns = newest_common_ns(buffer, fixed_frame, _fresh(frames, placed))
         self.newest_ns = now_ns if newest_ns is None else newest_ns
         playback = self._desk.playback
-        self._headline.show(text.headline(frames, fixed_frame, playback))
+        missing = len(placed.missing)
+        self._headline.show(text.headline(frames, fixed_frame, playback, missing))
         self._time.refresh()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
         self._measure.refresh(frames, buffer)

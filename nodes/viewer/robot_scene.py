@@ -1,7 +1,7 @@
 """A robot's links in three dimensions, each where its frame is."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -36,6 +36,11 @@ class RobotScene:
             except Exception as error:
                 self.mistakes.append(f"A visual of link {visual.link!r} is not shown: {error}")
                 log.warning("%s", self.mistakes[-1])
+
+    @property
+    def links(self) -> Collection[str]:
+        """The links that have visuals."""
+        return self._frames.keys()
 
     def draw(self, placed: Placed) -> None:
         """Move the links to their frames."""

@@ -1,34 +1,17 @@
-"""The frames in three dimensions: axes, arrows, marks, trails and names, as few objects."""
+"""The frames in three dimensions: axes, arrows, marks and trails, as few objects."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from tfbus.nodes.viewer.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
 from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.labels import Labels
-from tfbus.nodes.viewer.placing import Floats, Placed, edges
+from tfbus.nodes.viewer.lines import Arrows, Trails
+from tfbus.nodes.viewer.looks import SELECTED, Looks
+from tfbus.nodes.viewer.placing import Floats, Placed, arrow_points
 from tfbus.nodes.viewer.settings import ViewSettings
 from tfbus.nodes.viewer.shapes import octahedron
-from tfbus.nodes.viewer.status import FrameState, Status
-
-Rgb = tuple[int, int, int]
-
-# Of arrows and marks, and told apart in brightness too.
-COLORS: dict[Status, Rgb] = {
-    Status.FRESH: (214, 170, 40),
-    Status.STATIC: (70, 130, 190),
-    Status.STALE: (140, 140, 140),
-    Status.GONE: (190, 40, 40),
-    Status.CONFLICT: (200, 60, 190),
-    Status.ROOT: (140, 140, 140),
-}
-_MARKED = (Status.STALE, Status.GONE, Status.CONFLICT)
-_SELECTED = (255, 150, 0)
-_TRAIL = (240, 120, 30)
 
 # The radius of a mark, in parts of an axis.
 _MARK = 0.14
@@ -42,15 +25,18 @@ _LEAST_EXTENT_M = 1.0
 
 
 class Scene:
-    """Draws what is placed; a click on a frame calls `on_select(name)`."""
+    """Draws what is placed; a click on a frame calls `on_select(name)`.
+
+    `size_m` is how long axes are drawn.
+    """
 
     def __init__(self, scene: viser.SceneApi, on_select: Callable[[str], object]) -> None:
         self._scene = scene
         self._size = 0.0
+        self.size_m = 0.0
         self._axes = Axes(scene, on_select)
-        self._labels = Labels(scene)
-        self._arrows = _Rewritten(self._draw_arrows)
-        self._trails = _Rewritten(self._draw_trails)
+        self._arrows = Arrows(scene)
+        self._trails = Trails(scene)
         self._grid = scene.add_grid(
             "/grid",
             infinite_grid=True,
@@ -65,12 +51,12 @@ class Scene:
             NO_QUATERNIONS,
             NO_POSITIONS,
             batched_scales=np.ones(1),
-            batched_colors=_SELECTED,
+            batched_colors=SELECTED,
             cast_shadow=False,
             receive_shadow=False,
             visible=False,
         )
-        self._marked_colors: bytes = b""
+        self._looks = Looks(Frames(), (), ViewSettings())
         self._is_dark: bool | None = None
 
     def draw(
@@ -85,17 +71,23 @@ class Scene:
 
         `around_m` is how large what else is shown is.
         """
-        states = [frames.states[name] for name in placed.names]
-        size = self._fit(max(placed.extent_m(), around_m)) * settings.scale
-        opacity = settings.opacity * np.array([state.opacity for state in states])
+        if not self._looks.are_of(frames, placed.names, settings):
+            self._looks = Looks(frames, placed.names, settings)
+        looks = self._looks
+        self.size_m = size = self._fit(max(placed.extent_m(), around_m)) * settings.scale
         shown = slice(None) if settings.axes else slice(0, 0)
         self._axes.draw(
-            placed.names[shown], placed.xyz[shown], placed.quat_wxyz[shown], opacity[shown], size
+            placed.names[shown],
+            placed.xyz[shown],
+            placed.quat_wxyz[shown],
+            looks.opacity[shown],
+            size,
         )
-        self._mark(states, placed, settings.selected, size)
-        self._arrows.show(settings.arrows and self._arrow_points(frames, placed, size))
-        self._trails.show(trails and _segments(trails))
-        self._labels.draw(states, placed, settings, size)
+        self._mark(looks, placed.xyz, size)
+        points, kept = arrow_points(placed.xyz, looks.children, looks.parents)
+        drawn = kept if settings.arrows else np.zeros_like(kept)
+        self._arrows.draw(points[drawn], looks.arrow_colors[drawn], size)
+        self._trails.draw(list(trails.values()))
         self._dress(settings)
 
     def _fit(self, extent_m: float) -> float:
@@ -114,83 +106,8 @@ class Scene:
             self._grid.cell_color = (level, level, level)
             self._grid.section_color = (level - 25, level - 25, level - 25)
 
-    def _mark(
-        self, states: Sequence[FrameState], placed: Placed, selected: str, size: float
-    ) -> None:
-        rows = [
-            row
-            for row, state in enumerate(states)
-            if state.status in _MARKED or state.name == selected
-        ]
-        if rows:
-            colors = np.array(
-                [
-                    COLORS[states[row].status] if states[row].status in _MARKED else _SELECTED
-                    for row in rows
-                ],
-                np.uint8,
-            )
-            if colors.tobytes() != self._marked_colors:
-                self._marked_colors = colors.tobytes()
-                self._marks.batched_colors = colors
-        place(self._marks, placed.xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)
-
-    def _arrow_points(
-        self, frames: Frames, placed: Placed, size: float
-    ) -> tuple[Floats, NDArray[np.uint8], float] | None:
-        parents = {name: frames.states[name].info.parent for name in placed.names}
-        names, points = edges(placed, parents)
-        if not names:
-            return None
-        colors = np.array([COLORS[frames.states[name].status] for name in names], np.uint8)
-        return points, colors, size
-
-    def _draw_arrows(self, before: Any, what: tuple[Floats, NDArray[np.uint8], float]) -> Any:
-        points, colors, size = what
-        if before is None:
-            return self._scene.add_arrows(
-                "/frames/arrows",
-                points,
-                colors,
-                shaft_radius=0.025 * size,
-                head_radius=0.08 * size,
-                head_length=0.2 * size,
-            )
-        before.points = points.astype(np.float32)
-        if not np.array_equal(before.colors, colors):
-            before.colors = colors
-        if before.head_length != 0.2 * size:
-            before.shaft_radius, before.head_radius = 0.025 * size, 0.08 * size
-            before.head_length = 0.2 * size
-        return before
-
-    def _draw_trails(self, before: Any, what: Floats) -> Any:
-        if before is None:
-            return self._scene.add_line_segments(
-                "/frames/trails", what, _TRAIL, thickness=3.0, thickness_units="screen"
-            )
-        before.points = what.astype(np.float32)
-        return before
-
-
-class _Rewritten:
-    """An object that is made when first needed, then changed, and hidden while there is nothing."""
-
-    def __init__(self, draw: Callable[[Any, Any], Any]) -> None:
-        self._draw = draw
-        self._handle: Any = None
-
-    def show(self, what: Any) -> None:
-        """Draw it; nothing where `what` is false or None."""
-        if what is not None and what is not False and len(what):
-            self._handle = self._draw(self._handle, what)
-            visible = True
-        else:
-            visible = False
-        if self._handle is not None and self._handle.visible != visible:
-            self._handle.visible = visible
-
-
-def _segments(trails: Mapping[str, Floats]) -> Floats:
-    """The trails as separate lines: (N, 2, 3)."""
-    return np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in trails.values()])
+    def _mark(self, looks: Looks, xyz: Floats, size: float) -> None:
+        rows = looks.marked
+        if len(rows) and not np.array_equal(self._marks.batched_colors, looks.mark_colors):
+            self._marks.batched_colors = looks.mark_colors
+        place(self._marks, xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)

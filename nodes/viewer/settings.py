@@ -1,6 +1,7 @@
 """What a user has chosen to see, as one frozen value, and as a YAML file."""
 
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ class ViewSettings:
     measure_from: str = ""
     measure_to: str = ""
 
-    @property
+    @cached_property
     def filter(self) -> NameFilter:
         """Which names are shown."""
         return NameFilter(self.only, self.never)

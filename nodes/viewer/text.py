@@ -16,8 +16,11 @@ _MOST_MISTAKES = 5
 _DIGITS = Numbers(precision=3)
 
 
-def headline(frames: Frames, fixed_frame: str, playback: Playback) -> str:
-    """What the page shows, or what it waits for."""
+def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0) -> str:
+    """What the page shows, or what it waits for.
+
+    `missing` frames have no place at the time that is shown, beside those of other trees.
+    """
     if not len(frames):
         return (
             '<div class="tf" role="status"><b>Waiting for transforms.</b> None has come yet: start '
@@ -31,13 +34,13 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback) -> str:
         )
     counts = {status: sum(state.status is status for state in frames) for status in Status}
     notes = [
-        f"{sign(status)} {counts[status]} {status.value}"
+        f'<span class="tf-note-whole">{sign(status)} {counts[status]} {status.value}</span>'
         for status in (Status.CONFLICT, Status.GONE, Status.STALE)
         if counts[status]
     ]
-    apart = sum(bool(state.unplaced) for state in frames)
+    apart = missing + sum(bool(state.unplaced) for state in frames)
     if apart:
-        notes.append(f'<span class="tf-alarm">{apart} without a place</span>')
+        notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
     frames_text = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
     parts = [f"{frames_text}, seen from <b>{escape(fixed_frame)}</b>", *notes]
     if playback.stamp_ns is not None:

@@ -28,6 +28,7 @@ class TreePanel:
     def __init__(self, gui: viser.GuiApi, desk: Desk, channel: Channel) -> None:
         self._desk = desk
         self._rates: dict[str, float] = {}
+        self._listed: tuple[str, ...] = ()
         self._fixed = FrameChoice(
             gui,
             "Fixed frame",
@@ -43,6 +44,8 @@ class TreePanel:
         channel.on(
             "trail", lambda e: desk.tick("trails", str(e.get("frame", "")), bool(e.get("on")))
         )
+        channel.on("show all", lambda e: desk.change(hidden=()))
+        channel.on("hide all", lambda e: desk.change(hidden=self._listed))
         channel.on("fix", lambda e: desk.change(fixed_frame=str(e.get("frame", ""))))
 
     def refresh(
@@ -66,7 +69,8 @@ class TreePanel:
     def _rows(self, frames: Frames, placed: Placed, settings: ViewSettings) -> str:
         names = settings.filter
         taken = [state for state in frames if names.takes(state.name)]
-        rows = []
+        self._listed = tuple(state.name for state in taken)
+        rows = [_ALL_OR_NONE] if len(frames) else []
         for state in taken[:MOST_ROWS]:
             rows.append(self._row(state, settings))
             why = state.unplaced if state.depth == 0 else placed.missing.get(state.name, "")
@@ -112,6 +116,13 @@ class TreePanel:
         return text.rate_text(self._rates[state.name])
 
 
+_ALL_OR_NONE = (
+    '<div class="tf-row tf-dim">Show '
+    f'<a class="tf-link" role="button" tabindex="0" onclick="{event("show all")}">all</a>'
+    f'<a class="tf-link" role="button" tabindex="0" onclick="{event("hide all")}">none</a></div>'
+)
+
+
 def _filtered(count: int, names: NameFilter) -> str:
     patterns = " and ".join(
         f"{word} {escape(repr(pattern))}"
@@ -133,7 +144,7 @@ def _actions(state: FrameState, settings: ViewSettings) -> str:
     trail = event("trail", frame="this.dataset.frame", on="this.checked")
     fix = event("fix", frame="this.dataset.frame")
     return (
-        f'<div class="tf"><div class="tf-row"><b style="flex:1">{name}</b>'
+        f'<div class="tf"><div class="tf-title"><b>{name}</b>'
         f'<label><input type="checkbox" {checked} aria-label="trail of {name}" '
         f'data-frame="{name}" onclick="{trail}"> trail</label>'
         f'<a class="tf-link" role="button" tabindex="0" data-frame="{name}" onclick="{fix}">'

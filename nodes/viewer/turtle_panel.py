@@ -11,7 +11,8 @@ from tfbus.nodes.turtle import field
 from tfbus.nodes.viewer.markup import Channel, Html
 from tfbus.nodes.viewer.turtles import Turtles
 
-_MIDDLE = (field.MIDDLE_M, field.MIDDLE_M, 0.0)
+# About the middle, in digits that fit.
+_MIDDLE = (round(field.MIDDLE_M, 1), round(field.MIDDLE_M, 1), 0.0)
 
 # The keys lie as on a keyboard, around F; beside them the arrows.
 _PAD = (
@@ -53,7 +54,7 @@ class TurtlePanel:
             group.on_click(lambda event: acts[group.value]())
 
         button(
-            gui.add_button_group("", ("Teleport", "Spawn", "Kill")),
+            gui.add_button_group("Ask for", ("Teleport", "Spawn", "Kill")),
             {
                 "Teleport": lambda: turtles.teleport(self._turtle.value, *chosen()),
                 "Spawn": lambda: turtles.spawn(*chosen(), name.value),
@@ -61,7 +62,7 @@ class TurtlePanel:
             },
         )
         button(
-            gui.add_button_group("", ("Clear", "Reset")),
+            gui.add_button_group("Field", ("Clear", "Reset")),
             {"Clear": turtles.clear, "Reset": turtles.reset},
         )
         channel.on("key", self._press)

@@ -14,12 +14,17 @@ from tfbus import NodeSettings
 from tfbus.session import Answer, Query, Session, zenoh_config
 
 
-def lease_ms(config: str, folder: Path) -> str:
-    """The lease of a session with this configuration file, "" for none."""
+def setting(key: str, config: str, folder: Path) -> str:
+    """What Zenoh is told of a key with this configuration file, "" for none."""
     path = folder / "zenoh.json5"
     path.write_text(config)
     settings = NodeSettings("sim", config=str(path) if config else "")
-    return str(zenoh_config(settings).get_json("transport/link/tx/lease"))
+    return str(zenoh_config(settings).get_json(key))
+
+
+def lease_ms(config: str, folder: Path) -> str:
+    """The lease of a session with this configuration file, "" for none."""
+    return setting("transport/link/tx/lease", config, folder)
 
 
 @pytest.mark.parametrize("config", ["", "{}", "{mode: 'client'}"])
@@ -31,6 +36,21 @@ def test_a_silent_link_is_given_up_within_two_seconds(config: str, tmp_path: Pat
 def test_a_configuration_file_may_set_another_lease(tmp_path: Path) -> None:
     """The lease of the configuration file is taken, where it is not Zenoh's own of 10 s."""
     assert lease_ms("{transport: {link: {tx: {lease: 4000}}}}", tmp_path) == "4000"
+
+
+@pytest.mark.parametrize(
+    ("config", "enabled"),
+    [
+        ("", "false"),
+        ("{mode: 'client'}", "false"),
+        ("{transport: {shared_memory: {mode: 'init'}}}", "true"),
+    ],
+)
+def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_it(
+    config: str, enabled: str, tmp_path: Path
+) -> None:
+    """Zenoh's shared memory costs an idle process CPU, so it is off unless a file sets it up."""
+    assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
 
 
 def test_a_bus_that_does_not_let_go_is_told_in_the_log(

@@ -518,6 +518,8 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
         # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
         "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
+        # Zenoh looks after it 30 times a second, as much CPU as all else of an idle session.
+        "transport/shared_memory": {"enabled": False},
     }
     given: dict[str, Any] = {
         "namespace": settings.namespace,

@@ -57,7 +57,7 @@ def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
     for name in ("node-names", "conflicts", "loops", "disconnected", "gone", "stamps", "unread"):
         assert verdicts[name] == "ok", found[name]
     assert verdicts["buffers"] == "ok"
-    assert found["clock-skew"]["evidence"] == ["2 clocks are within 100 ms of ours"]
+    assert found["clock-skew"]["evidence"] == ["2 clocks within 100 ms of ours"]
 
 
 def test_trouble_is_found_and_fails(bus: Bus) -> None:

@@ -88,7 +88,7 @@ class TestParameters:
         assert done == (
             1,
             "Set parameter title successful\n",
-            "Error: 1 of 2 parameters were not set",
+            "Error: 1 of 2 parameters not set",
         )
 
     @pytest.mark.parametrize(

@@ -4,26 +4,37 @@ import math
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pytest
-from conftest import Bus
+from conftest import Bus, eventually
 
-from tfbus import Transform, TransformBroadcaster, TransformStamped
+from tfbus import Transform, TransformArray, TransformBroadcaster, TransformStamped
+from tfbus.frames.plot import PANELS, draw
+from tfbus.frames.track import Track
 
 
 @pytest.fixture
 def moving(bus: Bus) -> Bus:
     """A bus on which world -> turtle1 moves, 50 times a second."""
+    move(bus)
+    return bus
+
+
+def move(bus: Bus) -> list[int]:
+    """Let world -> turtle1 move, 50 times a second; the stamps that were sent so far."""
     node = bus.node("sim")
     broadcaster = TransformBroadcaster(node)
+    sent: list[int] = []
 
     def send() -> None:
         now_ns = node.now_ns()
         angle = now_ns % 10**10 / 1e9
         pose = Transform.from_rpy(0.0, 0.0, angle, [math.cos(angle), math.sin(angle), 0.0])
         broadcaster.send_transform(TransformStamped(now_ns, "world", "turtle1", pose))
+        sent.append(now_ns)
 
     node.create_timer(0.02, send)
-    return bus
+    return sent
 
 
 def texts(svg: Path) -> set[str]:
@@ -61,6 +72,35 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     done = bus.run("plot", "--from", str(recording), "--show", "position", "-o", str(file))
     assert (done.returncode, done.stdout) == (0, f"Wrote {file}: 2 poses over 1.0 s\n")
     assert "turtle1 seen from world, from 2022-12-07 08:05:00 UTC" in texts(file)
+
+
+def test_what_stands_still_is_a_straight_line() -> None:
+    """Where a frame moves by less than can be, axes still span a millimetre, or a tenth of a
+    degree, and a millimetre a second.
+    """
+    pytest.importorskip("matplotlib")
+    count = 50
+    noise = 1e-14 * np.sin(np.arange(3 * count)).reshape(count, 3)
+    poses = TransformArray(noise + (5.0, 2.0, 0.0), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    stamps_ns = np.arange(count) * 20_000_000
+    track = Track("world", "rock", stamps_ns, poses)
+    position, orientation, speed, path, angular = draw(track, PANELS).axes
+    spans = [np.ptp(axes.get_ylim()) for axes in (position, orientation, speed, path, angular)]
+    assert (np.array(spans) >= [0.001, 0.1, 0.001, 0.001, 0.001]).all()
+    assert np.ptp(path.get_xlim()) >= 0.001
+
+
+def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) -> None:
+    """Ctrl-C while it listens ends that early, and what has come is drawn."""
+    file = tmp_path / "turtle1.svg"
+    sent = move(bus)
+    plot = bus.start("plot", "world", "turtle1", "--for", "600", "-o", str(file))
+    plot.wait_for_line("Listening")
+    already = len(sent)
+    eventually(lambda: len(sent) > already + 25)
+    assert plot.stop() == 0
+    plot.wait_for_line("Interrupted: what has come so far is plotted")
+    plot.wait_for_line(r"Wrote .*turtle1.svg: \d+ poses over ")
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ TROUBLES = {
     ),
     "jitter": (with_flow(jitter_s=0.08), "warn", "the time between two is spread by 80 ms"),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
-    "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' were older"),
+    "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' came after"),
     "stamps": (with_flow(delay_s=-0.5), "fail", "samples of 'base' are 500 ms in the future"),
     "refused": (
         lambda seen: replace(seen, rejected={"not finite": 3}),
@@ -242,13 +242,13 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
 def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
-    assert finding.evidence == ("2 samples of 'base' have the stamp 0",)
+    assert finding.evidence == ("2 samples of 'base' came with the stamp 0",)
 
 
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
-    """Messages that were sent and never came are told with the gaps."""
+    """Messages that never came are told with the gaps."""
     finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
-    assert finding.evidence == ("7 messages of stream 'sim' were sent and never came",)
+    assert finding.evidence == ("7 messages of stream 'sim' never came",)
 
 
 @pytest.mark.parametrize(

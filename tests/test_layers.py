@@ -24,6 +24,7 @@ LAYERS = [
         "octets",
         "sampling",
         "uncompiled",
+        "words",
     },
     {"values", "numbers"},
     {"kernel"},

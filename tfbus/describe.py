@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from tfbus.frame import FrameInfo
+from tfbus.words import counted
 
 # A static edge has no rate; tf2 writes this, and readers of its dumps know it.
 _TF2_STATIC_RATE = 10000.0
@@ -135,11 +136,11 @@ def _facts(frame: FrameInfo) -> str:
     elif frame.rate_hz is not None:
         facts.append(f"{frame.rate_hz:.1f} Hz")
     else:
-        facts.append(f"{frame.samples} sample" + ("" if frame.samples == 1 else "s"))
+        facts.append(counted(frame.samples, "sample"))
     if frame.authority:
         facts.append(f"by {frame.authority}")
     if frame.conflicts:
-        facts.append(f"{frame.conflicts} conflicts")
+        facts.append(counted(frame.conflicts, "conflict"))
     return ", ".join(facts)
 
 

@@ -17,6 +17,7 @@ from tfbus.frames.tree import FrameTree
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
+from tfbus.words import counted
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {
     ".dot": document.as_tf2_dot,
@@ -99,7 +100,7 @@ def command(
         print_lines(_lines(tree, long))
     for path in outputs:
         _write(tree, path)
-        click.echo(f"Wrote {path}: {len(tree.frames)} frames", err=as_json)
+        click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
     if not tree.frames:
         raise click.ClickException(
             f"no frame is known after {wait_s:g} s: is a broadcaster running, on this network?"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tfbus.cli.output import say, warn
 from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
+from tfbus.words import counted
 
 if TYPE_CHECKING:
     from tfbus.node import Node
@@ -40,7 +41,7 @@ class Inbox:
     def __exit__(self, *_: object) -> None:
         self._subscription.close()
         if self._left_out:
-            warn(f"{self._left_out} messages came faster than they were printed; they are left out")
+            warn(f"{counted(self._left_out, 'message')} left out: more came than could be printed")
 
     def __iter__(self) -> Iterator[bytes]:
         if (first := self._first()) is not None:

@@ -18,6 +18,7 @@ from tfbus.options import bus_options
 from tfbus.presence import list_nodes
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
+from tfbus.words import counted
 
 
 def _complete_pair(
@@ -140,7 +141,7 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
             else:
                 click.echo(f"Set parameter {name} successful")
     if refused:
-        raise ParameterError(f"{refused} of {len(values)} parameters were not set")
+        raise ParameterError(f"{refused} of {counted(len(values), 'parameter')} not set")
 
 
 @command.command("describe", epilog="Example: tfbus param describe sim background_r")

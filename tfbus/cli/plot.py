@@ -3,11 +3,13 @@
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import click
 
 from tfbus.cli.listening import Listening, listening
+from tfbus.cli.output import say
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
@@ -17,6 +19,7 @@ from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
+from tfbus.words import counted
 
 _ENDINGS = (".png", ".svg", ".pdf")
 
@@ -94,8 +97,8 @@ def command(
         track = _listen(settings, target, source, for_s, rate_hz)
     if len(track) < 2:
         raise click.ClickException(
-            f"only {len(track)} poses of {track.source!r} seen from {track.target!r} are known in "
-            "that time, two at least are needed: is it static, or has its publisher stopped?"
+            f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
+            "that time, and two at least are needed: is it static, or has its publisher stopped?"
         )
     _show(track, output, tuple(dict.fromkeys(panels)))
 
@@ -109,26 +112,30 @@ def _listen(
         from_ns = heard.node.now_ns()
         if for_s is None:
             from_ns -= int(_KEPT_S * 1e9)
-        else:
-            _wait(heard, for_s)
+        elif not _wait(heard, for_s):
+            say("Interrupted: what has come so far is plotted")
         # The newest pose that is known ends it, not now: what is later cannot be looked up.
         newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
         return track_from_buffer(heard.buffer, target, source, from_ns, newest_ns, rate_hz)
 
 
-def _wait(heard: Listening, for_s: float) -> None:
-    """Listen for so many seconds, and show how far it is; Ctrl-C ends it early."""
+def _wait(heard: Listening, for_s: float) -> bool:
+    """Listen for so many seconds, and show how far it is; False where Ctrl-C ends it early."""
     start_s = time.monotonic()
-    with click.progressbar(
-        length=round(for_s * 10), label="Listening", file=sys.stderr, width=40
-    ) as bar:
+    with (
+        suppress(KeyboardInterrupt),
+        click.progressbar(
+            length=round(for_s * 10), label="Listening", file=sys.stderr, width=40
+        ) as bar,
+    ):
         done = 0
         while (left_s := start_s + for_s - time.monotonic()) > 0:
             if not heard.node.wait(min(left_s, 0.1), clock=SYSTEM_CLOCK):
-                return
+                break
             now = round((time.monotonic() - start_s) * 10)
             bar.update(now - done)
             done = now
+    return heard.node.ok
 
 
 def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
@@ -138,7 +145,7 @@ def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
         else:
             write_plot(track, output, panels)
             span_s = track.seconds[-1]
-            click.echo(f"Wrote {output}: {len(track)} poses over {span_s:.1f} s")
+            click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {span_s:.1f} s")
     except ImportError as error:
         raise TfbusError(
             "plots are drawn by matplotlib, which is not installed: pip install 'tfbus[plot]'"

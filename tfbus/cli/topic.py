@@ -14,6 +14,7 @@ from tfbus.graph import Endpoint, TopicInfo
 from tfbus.name_types import TopicName
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
+from tfbus.words import counted
 
 
 @click.group()
@@ -48,9 +49,9 @@ def list_command(
         published = [(topic, topic.publishers) for topic in topics if topic.publishers]
         subscribed = [(topic, topic.subscribers) for topic in topics if topic.subscribers]
         click.echo("Published topics:")
-        print_lines(_counted(topic, len(ends), "publisher") for topic, ends in published)
+        print_lines(_line(topic, len(ends), "publisher") for topic, ends in published)
         click.echo("\nSubscribed topics:")
-        print_lines(_counted(topic, len(ends), "subscriber") for topic, ends in subscribed)
+        print_lines(_line(topic, len(ends), "subscriber") for topic, ends in subscribed)
     else:
         print_lines(_named(topic) if show_types else topic.name for topic in topics)
 
@@ -69,8 +70,8 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
         return
     click.echo(f"Type: {paint(_types(info), 'type')}")
     for side, ends in (("Publisher", info.publishers), ("Subscription", info.subscribers)):
-        counted = "not known, listeners do not tell" if ends is None else len(ends)
-        click.echo(f"{side} count: {counted}")
+        count = "not known, listeners do not tell" if ends is None else len(ends)
+        click.echo(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
 
@@ -87,8 +88,8 @@ def _named(topic: TopicInfo) -> str:
     return f"{topic.name} {paint(f'[{_types(topic)}]', 'type')}"
 
 
-def _counted(topic: TopicInfo, count: int, side: str) -> str:
-    return f" * {_named(topic)} {count} {side}{'s' if count > 1 else ''}"
+def _line(topic: TopicInfo, count: int, side: str) -> str:
+    return f" * {_named(topic)} {counted(count, side)}"
 
 
 def _end_lines(end: Endpoint) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.cli.window import Reading, Spread, spread_of
+from tfbus.words import counted
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def _sizes(it: dict[str, Any]) -> list[str]:
 def _bandwidth_lines(it: dict[str, Any]) -> list[str]:
     mean, least, most = _sizes(it)
     return [
-        f"{_in_bytes(it['bytes_per_s'])}/s from {it['window']} messages",
+        f"{_in_bytes(it['bytes_per_s'])}/s from {counted(it['window'], 'message')}",
         f"\tMessage size mean: {mean} min: {least} max: {most}",
     ]
 

@@ -1,9 +1,10 @@
 """Checks of how transforms come: their clocks, rates, stamps and sizes."""
 
-from tfbus.doctor.examination import Examination, Flow
+from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.facts import duration
 from tfbus.frames.tree import who
+from tfbus.words import counted
 
 # Above this a lookup at one's own "now" fails, or is a guess.
 _MOST_SKEW_S = 0.1
@@ -37,7 +38,7 @@ def check_clock_skew(seen: Examination) -> Finding:
         "fail",
         skewed,
         "let both hosts take their time from the same server (chrony, or another NTP client)",
-        f"{len(offsets)} clocks are within {duration(_MOST_SKEW_S)} of ours",
+        f"{counted(len(offsets), 'clock')} within {duration(_MOST_SKEW_S)} of ours",
     )
 
 
@@ -82,7 +83,7 @@ def check_gaps(seen: Examination) -> Finding:
                 "are interpolated across that"
             )
     evidence += [
-        f"{stream.missed} messages of stream {stream.name!r} were sent and never came"
+        f"{counted(stream.missed, 'message')} of stream {stream.name!r} never came"
         for stream in seen.tree.streams.values()
         if stream.missed
     ]
@@ -94,7 +95,7 @@ def check_gaps(seen: Examination) -> Finding:
 def check_order(seen: Examination) -> Finding:
     """Samples come in the order of their stamps."""
     evidence = [
-        f"{flow.out_of_order} samples of {flow.frame!r} were older than the one before"
+        f"{counted(flow.out_of_order, 'sample')} of {flow.frame!r} came after a newer one"
         for flow in seen.flows
         if flow.out_of_order
     ]
@@ -104,7 +105,7 @@ def check_order(seen: Examination) -> Finding:
 def check_stamps(seen: Examination) -> Finding:
     """No stamp is in the future, or zero."""
     evidence = [
-        f"{flow.at_zero} samples of {flow.frame!r} have the stamp 0"
+        f"{counted(flow.at_zero, 'sample')} of {flow.frame!r} came with the stamp 0"
         for flow in seen.flows
         if flow.at_zero
     ]
@@ -138,9 +139,9 @@ def check_messages(seen: Examination) -> Finding:
 
 def check_refused(seen: Examination) -> Finding:
     """No transform was refused."""
-    evidence = [f"{count} times: {reason}" for reason, count in seen.rejected.items()]
+    evidence = [f"{counted(count, 'time')}: {reason}" for reason, count in seen.rejected.items()]
     evidence += [
-        f"{stream.rejected} messages of stream {stream.name!r} could not be read"
+        f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read"
         for stream in seen.tree.streams.values()
         if stream.rejected
     ]
@@ -152,8 +153,4 @@ def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str)
         return skipped("no moving frame came while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
-    return ok(f"{_counted(seen.flows)} in {seen.listened_s:.0f} s")
-
-
-def _counted(flows: tuple[Flow, ...]) -> str:
-    return f"{len(flows)} moving frame{'' if len(flows) == 1 else 's'}"
+    return ok(f"{counted(len(seen.flows), 'moving frame')} in {seen.listened_s:.0f} s")

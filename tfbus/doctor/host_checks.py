@@ -2,6 +2,7 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
+from tfbus.words import counted
 
 _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 
@@ -70,5 +71,5 @@ def check_routers(seen: Examination) -> Finding:
             f"{', '.join(endpoints)} answers",
         )
     if seen.host.routers:
-        return ok(f"connected to {seen.host.routers} routers that scouting found")
+        return ok(f"connected to {counted(seen.host.routers, 'router')} that scouting found")
     return skipped("no --connect was given, and scouting found no router")

@@ -5,6 +5,7 @@ from collections import defaultdict
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, Verdict, found
 from tfbus.frames.tree import ProblemKind, who
+from tfbus.words import counted
 
 _MOST_SENTENCES = 10
 
@@ -23,7 +24,7 @@ def check_node_names(seen: Examination) -> Finding:
         "fail",
         doubled,
         "give each a name of its own (--name), or a namespace (--namespace)",
-        f"{len(seen.nodes)} nodes",
+        counted(len(seen.nodes), "node"),
     )
 
 
@@ -90,4 +91,4 @@ def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str
     if len(sentences) > _MOST_SENTENCES:
         rest = len(sentences) - _MOST_SENTENCES
         sentences = [*sentences[:_MOST_SENTENCES], f"and {rest} more of this kind"]
-    return found(verdict, sentences, remedy, f"{len(seen.tree.frames)} frames")
+    return found(verdict, sentences, remedy, counted(len(seen.tree.frames), "frame"))

@@ -3,6 +3,7 @@
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, skipped
 from tfbus.frames.facts import duration
+from tfbus.words import counted
 
 
 def check_unread(seen: Examination) -> Finding:
@@ -23,8 +24,9 @@ def check_buffers(seen: Examination) -> Finding:
     if not told:
         return skipped("no node has a buffer")
     short = [
-        f"{node.name} keeps {duration(buffer.cache_time_s)}, but {buffer.too_old} lookups asked "
-        f"for times before that, by up to {duration(buffer.missed_by_s)}"
+        f"{node.name} keeps {duration(buffer.cache_time_s)}, but "
+        f"{counted(buffer.too_old, 'lookup')} asked for times before that, by up to "
+        f"{duration(buffer.missed_by_s)}"
         for node, buffer in told
         if buffer.too_old
     ]
@@ -32,5 +34,5 @@ def check_buffers(seen: Examination) -> Finding:
         "warn",
         short,
         "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
-        f"{len(told)} buffers",
+        counted(len(told), "buffer"),
     )

@@ -9,7 +9,8 @@ from typing import Any
 from tfbus.frames.facts import State, facts, state
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
 from tfbus.frames.text import conflicting
-from tfbus.frames.tree import FrameTree, counted
+from tfbus.frames.tree import FrameTree
+from tfbus.words import counted
 
 COLOURS: dict[State, str] = {
     "root": "#111827",
@@ -84,8 +85,8 @@ def write_picture(tree: FrameTree, path: Path) -> None:
 def _draw_head(axes: Any, tree: FrameTree) -> None:
     streams = sum(stream.alive for stream in tree.streams.values())
     when = datetime.fromtimestamp(tree.recorded_ns / 1e9).astimezone()
-    publishers = f"{streams} publisher{'' if streams == 1 else 's'}"
-    title = f"{counted(len(tree.frames))}, {publishers}" if tree.frames else "no frames"
+    frames = counted(len(tree.frames), "frame") if tree.frames else "no frame"
+    title = f"{frames}, {counted(streams, 'publisher')}"
     _write(axes, 0.0, -0.58, title, 13, COLOURS["root"], weight="bold")
     _write(axes, 0.0, -0.32, f"recorded {when:%Y-%m-%d %H:%M:%S %Z}", 8, _GREY)
     kinds: tuple[State, ...] = ("dynamic", "static", "stale", "gone", "conflict")

@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from tfbus.errors import TfbusError
 from tfbus.frames.track import Track
 
 Panel = Literal["position", "orientation", "speed", "path"]
@@ -14,6 +15,11 @@ PANELS: tuple[Panel, ...] = get_args(Panel)
 _COLOURS = ("#dc2626", "#16a34a", "#2563eb")  # x, y and z, as RViz has them
 _GREY = "#6b7280"
 _SIZE = (5.2, 3.4)
+
+# An axis spans so much at least: what stands still is a straight line, and not the rounding of
+# its numbers.
+_LEAST_M, _LEAST_DEGREES = 0.001, 0.1
+_LEAST_M_PER_S, _LEAST_RAD_PER_S = 0.001, 0.001
 
 
 def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
@@ -34,10 +40,19 @@ def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
 
 
 def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
-    """Draw the panels into a window, until it is closed."""
+    """Draw the panels into a window, until it is closed.
+
+    Raises TfbusError where matplotlib has nothing to open one with.
+    """
     from matplotlib import pyplot
 
-    _draw_into(pyplot.figure(), track, panels)
+    figure = pyplot.figure(f"{track.source} seen from {track.target}")
+    if pyplot.get_backend().lower() == "agg":  # what it takes where it finds nothing else
+        raise TfbusError(
+            "there is no toolkit to open a window with: write a file with -o, or install one, "
+            "such as Debian's python3-tk, or pip install pyqt6"
+        )
+    _draw_into(figure, track, panels)
     pyplot.show()
 
 
@@ -59,6 +74,7 @@ def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
 def _draw_position(axes: Any, track: Track) -> None:
     for values, name, colour in zip(track.poses.xyz.T, "xyz", _COLOURS, strict=True):
         axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+    _widen(axes, "y", _LEAST_M)
     _label(axes, "position (m)")
 
 
@@ -67,6 +83,7 @@ def _draw_orientation(axes: Any, track: Track) -> None:
     names = ("roll", "pitch", "yaw")
     for values, name, colour in zip(degrees.T, names, _COLOURS, strict=True):
         axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+    _widen(axes, "y", _LEAST_DEGREES)
     _label(axes, "orientation (degrees)")
 
 
@@ -79,8 +96,9 @@ def _draw_speed(axes: Any, track: Track) -> None:
     )
     angular.set_ylabel("angular speed (rad/s)", color="#d97706", fontsize=9)
     angular.tick_params(labelsize=8)
-    for each in (axes, angular):
-        each.set_ylim(bottom=0.0)
+    for each, least in ((axes, _LEAST_M_PER_S), (angular, _LEAST_RAD_PER_S)):
+        top = max(each.get_ylim()[1], least)
+        each.set_ylim(-0.03 * top, top)  # a line at zero is to be seen above the edge
     axes.set_ylabel("linear speed (m/s)", fontsize=9)
     axes.set_xlabel("seconds", fontsize=9)
     axes.tick_params(labelsize=8)
@@ -93,11 +111,25 @@ def _draw_path(axes: Any, track: Track) -> None:
     axes.plot(x[-1], y[-1], "s", color="#dc2626", markersize=6, label="last")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1)
+    _widen(axes, "x", _LEAST_M)
+    _widen(axes, "y", _LEAST_M)
+    axes.locator_params(axis="x", nbins=6)
     axes.set_xlabel("x (m)", fontsize=9)
     axes.set_ylabel("y (m)", fontsize=9)
     axes.set_title("path from above", fontsize=9, color=_GREY)
     axes.tick_params(labelsize=8)
     axes.legend(fontsize=8, loc="best")
+
+
+def _widen(axes: Any, side: Literal["x", "y"], least: float) -> None:
+    """Let one axis span so much at least around what is drawn, and say its numbers in full."""
+    low, high = getattr(axes.dataLim, f"interval{side}")
+    if high - low < least:
+        middle = (low + high) / 2
+        ends = np.array([[middle - least / 2] * 2, [middle + least / 2] * 2])
+        axes.update_datalim(ends, updatex=side == "x", updatey=side == "y")
+        axes.autoscale_view()
+    axes.ticklabel_format(axis=side, useOffset=False)
 
 
 def _label(axes: Any, text: str) -> None:

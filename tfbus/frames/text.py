@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 
 from tfbus.frame import FrameInfo
 from tfbus.frames.facts import State, duration, facts, state
-from tfbus.frames.tree import FrameTree, counted, who
+from tfbus.frames.tree import FrameTree, who
+from tfbus.words import counted
 
 Paint = Callable[[str, State], str]
 
@@ -39,13 +40,13 @@ def publisher_lines(tree: FrameTree) -> list[str]:
     """Who publishes, a stream a line: its node, host and pid, its frames, and how late it comes."""
     lines = []
     for stream in tree.streams.values():
-        parts = [f"{stream.name}: {who(stream)}", counted(len(stream.frames))]
+        parts = [f"{stream.name}: {who(stream)}", counted(len(stream.frames), "frame")]
         if not stream.alive:
             parts.append("GONE")
         if stream.delay_s is not None:
             parts.append(f"{duration(stream.delay_s)} late")
         if stream.missed:
-            parts.append(f"{stream.missed} messages missed")
+            parts.append(f"{counted(stream.missed, 'message')} missed")
         lines.append(", ".join(parts))
     return lines
 
@@ -85,7 +86,8 @@ def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
     yield f"Kind: {'static' if frame.static else 'dynamic'}"
     if not frame.static:
         rate = "unknown" if frame.rate_hz is None else f"{frame.rate_hz:.3f} Hz"
-        yield f"Rate: {rate}, {frame.samples} samples over {duration(tree.kept_s(frame))}"
+        over = f"{counted(frame.samples, 'sample')} over {duration(tree.kept_s(frame))}"
+        yield f"Rate: {rate}, {over}"
         yield f"Newest: {_seconds(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
         yield f"Oldest: {_seconds(frame.oldest_ns)}"
         yield f"Delay: {duration(stream.delay_s)}"

@@ -7,6 +7,7 @@ from typing import Literal
 from tfbus.buffer import Buffer
 from tfbus.frame import FrameInfo
 from tfbus.stream_info import StreamInfo
+from tfbus.words import counted
 
 ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]
 
@@ -112,8 +113,8 @@ class FrameTree:
                 yield Problem(
                     "disconnected",
                     (name, *below),
-                    f"{name!r} and {counted(len(below))} below it are a tree apart: no transform "
-                    f"joins {name!r} to the tree of {main!r}",
+                    f"{name!r} and {counted(len(below), 'frame')} below it are a tree apart: no "
+                    f"transform joins {name!r} to the tree of {main!r}",
                 )
             else:
                 yield Problem(
@@ -149,11 +150,6 @@ def listed(frames: list[str], most: int = 5) -> str:
     named = ", ".join(repr(frame) for frame in frames[:most])
     rest = len(frames) - most
     return f"{named} and {rest} more" if rest > 0 else named
-
-
-def counted(frames: int) -> str:
-    """`1 frame`, `2 frames`."""
-    return f"{frames} frame{'' if frames == 1 else 's'}"
 
 
 def _conflicts(claims: Mapping[str, list[tuple[str, StreamInfo]]]) -> Iterator[Problem]:

@@ -23,6 +23,7 @@ from textual.widgets import (
 from tfbus.frames.facts import State, duration
 from tfbus.top.rows import Row, Table, chosen
 from tfbus.top.source import Source
+from tfbus.words import counted
 
 _LOOK_EVERY_S = 1.0
 _ASK_EVERY_S = 2.0
@@ -221,7 +222,7 @@ class TopApp(App[None]):
 
     def _say(self) -> None:
         count = {name: len(table.rows) for name, table in self._tables.items()}
-        words = [f"{count[name]} {name}" for name in _NAMES]
+        words = [counted(count[name], name.removesuffix("s")) for name in _NAMES]
         gone = sum(row.state == "gone" for row in self._tables["frames"].rows)
         words += [f"{gone} gone"] * bool(gone) + ["paused"] * self._is_paused
         self.query_one("#head", Static).update("tfbus top: " + ", ".join(words))

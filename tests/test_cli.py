@@ -12,8 +12,9 @@ from conftest import Bus, Process, eventually
 from tfbus import GoalHandle
 from tfbus.cli import NODES, TOOLS, main
 from tfbus.codec import encode_map
+from tfbus.declaration import Declaration
 from tfbus.messages import RotateAbsolute, SetPen, Spawn
-from tfbus.session import Declaration, Query
+from tfbus.query import Query
 
 _RESULT = RotateAbsolute.Result(-1.5)
 

@@ -24,9 +24,9 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.declaration import Declaration
 from tfbus.description import StreamDescription
 from tfbus.interest import Interest
-from tfbus.session import Declaration
 from tfbus.stream_watch import StreamState
 
 PUBLISHER = Path(__file__).parent / "edge_publisher.py"

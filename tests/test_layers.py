@@ -42,6 +42,7 @@ LAYERS = [
     {"options"},
     {"scouting"},
     {"kept_thread"},
+    {"zenoh_errors", "zenoh_config", "zenoh_scout", "declaration", "bytes_publisher", "query"},
     {"session"},
     {"retained"},
     {"stream_frames", "stream_keys"},
@@ -112,11 +113,22 @@ def test_imports_point_one_way(path: Path) -> None:
     assert higher == set()
 
 
-def test_only_the_session_and_what_is_retained_import_zenoh() -> None:
-    """Zenoh is opened and spoken to in one place; the rest of tfbus uses its words."""
+def test_only_the_session_and_its_parts_import_zenoh() -> None:
+    """Zenoh is spoken to by the session and its parts; the rest of tfbus uses their words."""
+    first = RANK["zenoh_errors"]
     users = {module_of(path) for path in LIBRARY if "zenoh" in libraries(path)}
-    assert users == {"session", "retained"}
+    assert users <= {module for module, rank in RANK.items() if first <= rank <= RANK["retained"]}
     assert [path for path in sources("nodes") if "zenoh" in libraries(path)] == []
+
+
+def test_zenohs_unstable_parts_are_in_one_module() -> None:
+    """When Zenoh changes its extensions, one file of tfbus changes."""
+    users = {
+        module_of(path)
+        for path in LIBRARY
+        if any(name.startswith("zenoh.ext") for name in imports(path))
+    }
+    assert users == {"retained"}
 
 
 @pytest.mark.parametrize("name", ["pose", "transform", "batch", "history", "buffer"])

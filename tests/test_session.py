@@ -11,7 +11,9 @@ import zenoh
 from conftest import Bus, eventually
 
 from tfbus import NodeSettings
-from tfbus.session import Answer, Query, Session, zenoh_config
+from tfbus.query import Answer, Query
+from tfbus.session import Session
+from tfbus.zenoh_config import zenoh_config
 
 
 def setting(key: str, config: str, folder: Path) -> str:

@@ -8,7 +8,8 @@ import pytest
 from test_reception import Received, at, payload
 
 from tfbus.executor import Executor
-from tfbus.session import Answer, Session
+from tfbus.query import Answer
+from tfbus.session import Session
 from tfbus.static_recovery import StaticRecovery
 
 

@@ -6,10 +6,10 @@ import pytest
 from conftest import Bus, eventually, free_port
 
 from tfbus import Node, NodeSettings, Transform, TransformBroadcaster, TransformStamped
+from tfbus.bytes_publisher import BytesPublisher
 from tfbus.codec import encode_message
 from tfbus.description import StreamDescription
 from tfbus.retained import declare_retained_publisher
-from tfbus.session import BytesPublisher
 from tfbus.stream_watch import StreamState, StreamWatch
 
 

@@ -15,7 +15,8 @@ from tfbus.codec import decode_map
 from tfbus.description import StreamDescription
 from tfbus.errors import BusError, DecodeError
 from tfbus.keys import clock_key
-from tfbus.session import Answer, Session
+from tfbus.query import Answer
+from tfbus.session import Session
 
 # So many are asked for in a row; the one with the shortest way is the most exact.
 _SAMPLES = 4

@@ -25,8 +25,9 @@ from tfbus.codec import (
 from tfbus.errors import BusError, DecodeError, ServiceError
 from tfbus.executor import Executor
 from tfbus.interface import Interface
+from tfbus.query import Answer, Query
 from tfbus.service import Caller, Service, submit_or_refuse
-from tfbus.session import Answer, Query, Session
+from tfbus.session import Session
 
 # A class with the dataclasses Goal, Feedback and Result in it, which types cannot say.
 GoalType = Any

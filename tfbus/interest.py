@@ -11,13 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tfbus.buffer import Buffer
+from tfbus.declaration import Declaration
 from tfbus.described_tree import DescribedTree, Pair, described_edges
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.explain import unknown_frame
 from tfbus.fleet import FrameNames
 from tfbus.keys import transforms_key_beside
 from tfbus.reading import Forget, Subscribe
-from tfbus.session import Declaration
 from tfbus.stream_watch import StreamState
 
 # A lookup that is not repeated for so long needs nothing any more; and what nothing needs is

@@ -12,6 +12,7 @@ from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
+from tfbus.declaration import Declaration
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet
@@ -23,10 +24,10 @@ from tfbus.keys import (
     transforms_key_beside,
 )
 from tfbus.node import Node
+from tfbus.query import Answer
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
-from tfbus.session import Answer, Declaration
 from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo, stream_info
 from tfbus.stream_names import StreamNames

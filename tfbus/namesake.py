@@ -6,7 +6,8 @@ from tfbus.codec import decode_message
 from tfbus.description import NodeDescription
 from tfbus.executor import Executor, Timer
 from tfbus.keys import node_key
-from tfbus.session import Answer, Session
+from tfbus.query import Answer
+from tfbus.session import Session
 
 # After a link to another process has opened, its declarations take a moment to arrive.
 _CHECK_AFTER_S = 0.3

@@ -19,8 +19,9 @@ from tfbus.keys import check_topic, clock_key, node_key
 from tfbus.log import open_log
 from tfbus.namesake import NamesakeWatch
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
+from tfbus.query import Query
 from tfbus.service import Client, Service, ServiceType
-from tfbus.session import Query, Session
+from tfbus.session import Session
 from tfbus.settings import NodeSettings
 from tfbus.signals import StopSignals, Wakeup
 from tfbus.stream import Stream

@@ -15,8 +15,9 @@ from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ParameterError
 from tfbus.executor import Executor
 from tfbus.keys import check_topic, last_name, node_parameters_key, parameter_key
+from tfbus.query import Query
 from tfbus.service import submit_or_refuse
-from tfbus.session import Query, Session, within
+from tfbus.session import Session, within
 
 Value = bool | int | float | str | list[Any]
 

@@ -8,8 +8,9 @@ from tfbus.codec import decode_message
 from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import BusError, DecodeError
 from tfbus.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
+from tfbus.query import Answer
 from tfbus.retained import ask_retained
-from tfbus.session import Answer, Session
+from tfbus.session import Session
 
 # The nodes of this namespace and of those below it.
 _ALL_NODES = "**/@tfbus/node/*"

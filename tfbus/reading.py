@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from tfbus.declaration import Declaration
 from tfbus.fleet import FrameNames
 from tfbus.keys import (
     ALL_STATIC_TRANSFORMS,
@@ -11,7 +12,6 @@ from tfbus.keys import (
     ALL_TRANSFORMS_EVERYWHERE,
     transforms_key_beside,
 )
-from tfbus.session import Declaration
 from tfbus.stream_watch import StreamState
 
 # Have what comes on a key of a stream received, until the declaration is closed: stream, key,

@@ -12,7 +12,8 @@ from tfbus.codec import decode_message, encode_message
 from tfbus.errors import ServiceError
 from tfbus.executor import Executor
 from tfbus.interface import Interface
-from tfbus.session import Query, Session
+from tfbus.query import Query
+from tfbus.session import Session
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
 ServiceType = Any

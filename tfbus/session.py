@@ -1,222 +1,36 @@
 """The one place that opens Zenoh: a session, in words that the rest of tfbus uses.
 
 Zenoh calls back on threads of its own and swallows exceptions; here they are caught, counted and
-reported once. Zenoh's own errors become BusError here and nowhere else.
+reported once.
 """
 
 import atexit
-import json
 import logging
 import os
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from contextlib import suppress
 from typing import Any
 
 import zenoh
 
-from tfbus.errors import BusError, SettingsError, TfbusError
-from tfbus.kept_thread import on_kept_thread
-from tfbus.scouting import loopback_where_alone
+from tfbus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
+from tfbus.declaration import Declaration, HeardWatch, ServedWatch, direct
+from tfbus.errors import BusError
+from tfbus.query import Answer, Query, answer_of
 from tfbus.settings import NodeSettings
 from tfbus.workers import Workers
+from tfbus.zenoh_config import zenoh_config
+from tfbus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 
 # How soon a client looks for its router again.
 _RETRY_S = 0.5
 
-# How long a link may be silent before its tokens are lost; Zenoh fills it with four signs of life.
-_LEASE_MS = 1500
-
-# So many batches of 64 KiB of urgent messages wait on a link before one is dropped: a burst of
-# 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
-_URGENT_BATCHES = 8
-
 # So many answers that may be long are sent at a time, and so many questions wait for that.
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
-
-# What Zenoh itself puts in the place of an answer that has not come in time.
-_NO_ANSWER_IN_TIME = b"Timeout"
-
-
-@dataclass(frozen=True)
-class Answer:
-    """One answer to a query: its key and payload, or the text of a refusal, "" where it has not
-    come in time.
-    """
-
-    key: str
-    payload: bytes
-    refusal: str | None = None
-
-
-class Query:
-    """A question that another process asked; answered as often as wanted, then closed."""
-
-    def __init__(self, query: zenoh.Query):
-        self._query = query
-        self.key = str(query.key_expr)
-        self.payload = query.payload.to_bytes() if query.payload is not None else b""
-
-    def parameter(self, name: str) -> str | None:
-        """What the selector `key?name=value` says of this name; None for nothing."""
-        return self._query.parameters.get(name)
-
-    def answer(self, key: str, payload: bytes) -> None:
-        """Send one answer; `key` lies within the key expression that was asked."""
-        with bus_errors(f"answer the query for {self.key}"):
-            self._query.reply(key, payload)
-
-    def refuse(self, reason: str) -> None:
-        """Answer that this cannot be done, and why."""
-        with bus_errors(f"refuse the query for {self.key}"):
-            self._query.reply_err(reason.encode())
-
-    @contextmanager
-    def answering(self, what: str) -> Iterator[None]:
-        """Close the query at the end; an error becomes a refusal that says so."""
-        try:
-            yield
-        except TfbusError as error:
-            self.refuse(str(error))
-        except Exception as error:
-            self.refuse(f"{what} failed ({type(error).__name__}: {error})")
-            raise
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """Tell the asker that no more answers come."""
-        self._query.drop()
-
-
-class Declaration:
-    """Something that a session has declared; it ends with the session, or before."""
-
-    def __init__(self, declared: Any):
-        self._declared = declared
-
-    def close(self) -> None:
-        """End it; twice is fine."""
-        with suppress(zenoh.ZError):
-            self._declared.undeclare()
-
-
-class _MatchWatch:
-    """Knows at any time whether what a session declared has a counterpart; closed by `close`."""
-
-    def __init__(self, declared: zenoh.Querier | zenoh.Publisher):
-        self._matched = threading.Event()
-        self._declared = Declaration(declared)
-        self._listener = Declaration(
-            declared.declare_matching_listener(_direct(lambda status: self._set(status.matching)))
-        )
-        status: Any = declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
-        if status.matching:
-            self._set(True)
-
-    def wait(self, timeout_s: float | None = None) -> bool:
-        """Whether there is one, waited for at most `timeout_s` (None: for ever)."""
-        return self._matched.wait(timeout_s)
-
-    def close(self) -> None:
-        """Watch no more."""
-        self._listener.close()
-        self._declared.close()
-
-    def _set(self, matched: bool) -> None:
-        if matched:
-            self._matched.set()
-        else:
-            self._matched.clear()
-
-
-class ServedWatch(_MatchWatch):
-    """Knows at any time whether somebody serves a key; closed when nobody asks any more."""
-
-    @property
-    def served(self) -> bool:
-        """Whether somebody serves it now."""
-        return self._matched.is_set()
-
-
-class HeardWatch(_MatchWatch):
-    """Knows at any time whether somebody subscribes to a key."""
-
-    @property
-    def heard(self) -> bool:
-        """Whether somebody subscribes to it now."""
-        return self._matched.is_set()
-
-
-class BytesPublisher(Declaration):
-    """Sends payloads on one key; made by a session or, for retained ones, by tfbus.retained."""
-
-    def __init__(self, key: str, publisher: Any):
-        super().__init__(publisher)
-        self._key = key
-
-    @property
-    def heard(self) -> bool:
-        """Whether somebody subscribes to its key now."""
-        status: Any = self._declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
-        return bool(status.matching)
-
-    def put(self, payload: bytes) -> None:
-        """Send one payload. Raises BusError where the session is closed."""
-        try:
-            self._declared.put(payload)
-        except zenoh.ZError as error:
-            raise _as_bus_error(f"publish {self._key}", error) from error
-
-
-class PublishersWithin:
-    """Makes publishers by the thousand.
-
-    Zenoh's own take a time that grows with the square of their number: 10,000 took 3 s. These
-    share one of them, which knows whether anybody hears any of the keys.
-    """
-
-    def __init__(self, session: zenoh.Session, heard: HeardWatch, priority: zenoh.Priority):
-        self._session = session
-        self._heard = heard
-        self._priority = priority
-
-    @property
-    def heard(self) -> bool:
-        """Whether somebody subscribes to any of the keys now."""
-        return self._heard.heard
-
-    def publisher(self, key: str) -> BytesPublisher:
-        """A publisher of one key."""
-        return BytesPublisher(key, _OneOfMany(self._session, self._heard, key, self._priority))
-
-
-class _OneOfMany:
-    """Stands in for a publisher of Zenoh's."""
-
-    def __init__(
-        self, session: zenoh.Session, heard: HeardWatch, key: str, priority: zenoh.Priority
-    ):
-        self._session = session
-        self._heard = heard
-        self._key = zenoh.KeyExpr(key)
-        self._priority = priority
-
-    def put(self, payload: bytes) -> None:
-        if self._heard.heard or self._session.is_closed():
-            self._session.put(
-                self._key,
-                payload,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=self._priority,
-            )
-
-    def undeclare(self) -> None:
-        """There is nothing of its own to end."""
 
 
 class Session:
@@ -269,7 +83,7 @@ class Session:
             except zenoh.ZError as error:
                 # As where a peer has stopped in the middle of a message. The end of the process
                 # ends it all the same; nobody could do anything about an error here.
-                self._log.warning("Left the bus untidily: %s", _first_sentence(str(error)))
+                self._log.warning("Left the bus untidily: %s", first_sentence(str(error)))
 
     def _end_with_process(self) -> None:
         # Threads of Zenoh's that come back from it into an interpreter that is being taken down
@@ -295,7 +109,7 @@ class Session:
             try:
                 return zenoh.open(config)
             except zenoh.ZError as error:
-                if not _is_nobody_there(error) or time.monotonic() >= deadline:
+                if not is_nobody_there(error) or time.monotonic() >= deadline:
                     raise
             if not told:
                 told = True
@@ -314,13 +128,13 @@ class Session:
             publisher = self.zenoh.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=_priority(urgent),
+                priority=priority_of(urgent),
             )
         return BytesPublisher(key, publisher)
 
-    def publishers_within(self, expression: str, *, urgent: bool = False) -> "PublishersWithin":
+    def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
-        return PublishersWithin(self.zenoh, self.watch_heard(expression), _priority(urgent))
+        return PublishersWithin(self.zenoh, self.watch_heard(expression), priority_of(urgent))
 
     def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
         """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
@@ -351,7 +165,7 @@ class Session:
 
         with bus_errors(f"serve {key}"):
             guarded_query = self._guarded(what, on_query)
-            return Declaration(self.zenoh.declare_queryable(key, _direct(guarded_query)))
+            return Declaration(self.zenoh.declare_queryable(key, direct(guarded_query)))
 
     def ask(
         self,
@@ -393,13 +207,13 @@ class Session:
         """
 
         def on_reply(reply: zenoh.Reply) -> None:
-            on_answer(_answer(reply))
+            on_answer(answer_of(reply))
 
         guarded_end = self._guarded(f"end of the answers of {key}", lambda _: on_end())
         with bus_errors(f"ask for {key}"):
             self.zenoh.get(
                 key,
-                _direct(self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)),
+                direct(self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)),
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -429,12 +243,12 @@ class Session:
         keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
 
         def on_reply(reply: zenoh.Reply) -> None:
-            keys.put(_answer(reply).key)
+            keys.put(answer_of(reply).key)
 
         with bus_errors(f"list {key}"):
             self.zenoh.liveliness().get(
                 key,
-                _direct(on_reply, lambda: keys.put(None)),
+                direct(on_reply, lambda: keys.put(None)),
                 timeout=timeout_s,
             )
         return sorted(set(filter(None, iter(keys.get, None))))
@@ -450,7 +264,7 @@ class Session:
         with bus_errors(f"watch {key}"):
             guarded = self._guarded(f"token of {key}", on_sample)
             return Declaration(
-                self.zenoh.liveliness().declare_subscriber(key, _direct(guarded), history=True)
+                self.zenoh.liveliness().declare_subscriber(key, direct(guarded), history=True)
             )
 
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
@@ -477,7 +291,7 @@ class Session:
         """Call `callback()` whenever a link to another process opens or closes."""
         with bus_errors("watch links"):
             guarded = self._guarded("link", lambda _: callback())
-            listener = self.zenoh.info.declare_transport_events_listener(_direct(guarded))
+            listener = self.zenoh.info.declare_transport_events_listener(direct(guarded))
             return Declaration(listener)
 
     def sample_callback(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
@@ -486,7 +300,7 @@ class Session:
         def on_sample(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.payload.to_bytes())
 
-        return _direct(self._guarded(f"message of {key}", on_sample))
+        return direct(self._guarded(f"message of {key}", on_sample))
 
     def _guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         failures = 0
@@ -503,103 +317,6 @@ class Session:
         return guarded
 
 
-def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zenoh.Config:
-    """Zenoh's configuration for these settings: the file's, with what is given put over it.
-
-    `scouting_s` is how long others are looked for before the session opens without any.
-    Raises SettingsError where the file is not one.
-    """
-    config = _config_of(settings.config)
-    zenohs_own = zenoh.Config()
-    defaults = {
-        # Retained messages carry a time, by which late joiners order them.
-        "timestamping/enabled": True,
-        "scouting/multicast/interface": loopback_where_alone(),
-        # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
-        "transport/link/tx/lease": _LEASE_MS,
-        "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
-        # Zenoh looks after it 30 times a second, as much CPU as all else of an idle session.
-        "transport/shared_memory": {"enabled": False},
-    }
-    given: dict[str, Any] = {
-        "namespace": settings.namespace,
-        "mode": settings.mode,
-        "connect/endpoints": list(settings.connect),
-        "listen/endpoints": list(settings.listen),
-    }
-    if scouting_s is not None:
-        given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
-    unset = {
-        key: value
-        for key, value in defaults.items()
-        if config.get_json(key) == zenohs_own.get_json(key)
-    }
-    for key, value in {**unset, **given}.items():
-        if value:
-            config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _config_of(path: str) -> zenoh.Config:
-    try:
-        return zenoh.Config.from_file(path) if path else zenoh.Config()
-    except zenoh.ZError as error:
-        # Zenoh draws the place over several lines, the first and the last of which say it all.
-        drawn = _first_sentence(str(error)).splitlines()
-        reason = ", ".join(dict.fromkeys(line.strip(" =->|") for line in (drawn[0], drawn[-1])))
-        raise SettingsError(
-            f"{path} is not a configuration of Zenoh, in JSON5: {reason}"
-        ) from error
-
-
-def _direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
-    """The callback as Zenoh wants it: called on Zenoh's own thread.
-
-    By default zenoh-python starts a thread for each callback, which now and then outlives its
-    session and then keeps the process from ending. Ours only decode and store, or hand over to
-    the node's thread, and so one that falls behind holds up its own link, not the memory.
-    """
-    return zenoh.handlers.Callback(on_kept_thread(callback), drop, indirect=False)
-
-
-def _priority(urgent: bool) -> zenoh.Priority:
-    return zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA
-
-
-def _answer(reply: zenoh.Reply) -> Answer:
-    if reply.ok is not None:
-        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
-    payload = reply.err.payload.to_bytes() if reply.err is not None else b""
-    if payload == _NO_ANSWER_IN_TIME:
-        payload = b""
-    return Answer("", b"", refusal=payload.decode(errors="replace"))
-
-
-@contextmanager
-def bus_errors(doing: str) -> Iterator[None]:
-    """Zenoh's errors as BusError that says what could not be done: "publish turtle1/pose"."""
-    try:
-        yield
-    except zenoh.ZError as error:
-        raise _as_bus_error(doing, error) from error
-
-
-def _as_bus_error(doing: str, error: zenoh.ZError) -> BusError:
-    return BusError(f"could not {doing}: {_first_sentence(str(error))}")
-
-
-def _is_nobody_there(error: zenoh.ZError) -> bool:
-    """Whether a client could not be opened because no router answers, at its endpoints or, where
-    it has none, to its scouting.
-    """
-    return str(error).startswith(("Unable to connect", "timeout"))
-
-
-def _first_sentence(text: str) -> str:
-    """Zenoh's reason without the places in its source."""
-    return text.split(" at /", 1)[0].strip() or text
-
-
 def _towards(settings: NodeSettings) -> str:
     return f" through {', '.join(settings.connect)}" if settings.connect else ""
 
@@ -611,27 +328,3 @@ def _at(settings: NodeSettings) -> str:
 def within(key: str, expression: str) -> bool:
     """Whether the key lies within the key expression."""
     return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))
-
-
-def has_scouting(settings: NodeSettings) -> bool:
-    """Whether a session with these settings looks for others by multicast."""
-    enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
-    is_told_where = settings.mode == "client" and bool(settings.connect)
-    return enabled is not False and not is_told_where
-
-
-def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:
-    """The ids of the peers and routers that scouting finds, ended when `until` is among them."""
-    found: set[str] = set()
-    is_found = threading.Event()
-
-    def on_hello(hello: zenoh.Hello) -> None:
-        found.add(str(hello.zid))
-        if until in found:
-            is_found.set()
-
-    with bus_errors("look for others by scouting"):
-        scout = zenoh.scout(_direct(on_hello), what="peer|router", config=zenoh_config(settings))
-    is_found.wait(timeout_s)
-    scout.stop()
-    return found

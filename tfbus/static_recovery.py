@@ -14,9 +14,10 @@ from contextlib import suppress
 from tfbus.errors import BusError
 from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key_beside
+from tfbus.query import Answer
 from tfbus.reception import StreamReception
 from tfbus.retained import ask_retained_later
-from tfbus.session import Answer, Session
+from tfbus.session import Session
 
 _ANSWER_WITHIN_S = 2.0
 # The last of them is the pause before all further questions.

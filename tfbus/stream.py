@@ -19,8 +19,9 @@ from tfbus.description import STREAM_VERSION, StreamDescription
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key
+from tfbus.query import Query
 from tfbus.retained import declare_retained_publisher
-from tfbus.session import Query, Session
+from tfbus.session import Session
 from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.transform import TransformStamped

@@ -4,9 +4,9 @@ import difflib
 import threading
 from collections.abc import Callable, Mapping
 
+from tfbus.bytes_publisher import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
 from tfbus.executor import Executor
-from tfbus.session import BytesPublisher
 from tfbus.transform import check_frame_id
 
 # Of each child frame: its parent, and whether the transform is static.

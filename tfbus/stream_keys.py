@@ -7,10 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from tfbus.batch import TransformBatch
+from tfbus.bytes_publisher import BytesPublisher
 from tfbus.columns import Columns
 from tfbus.keys import escape, transforms_key
 from tfbus.octets import POSE_SIZE, STAMP_SIZE
-from tfbus.session import BytesPublisher, Session
+from tfbus.session import Session
 from tfbus.wire import TransformEncoder
 
 # Nearly always a frame has one row in a send: the first name is its parent, the second itself.

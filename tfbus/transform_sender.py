@@ -11,7 +11,8 @@ from tfbus.columns import Columns
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.kept_messages import KeptMessages
 from tfbus.newest_stamps import NewestStamps, Rows
-from tfbus.session import Query, Session, within
+from tfbus.query import Query
+from tfbus.session import Session, within
 from tfbus.stream_frames import Edges, StreamFrames
 from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
 from tfbus.stream_options import StreamOptions

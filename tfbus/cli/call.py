@@ -16,7 +16,8 @@ from tfbus.errors import ServiceError
 from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.session import Answer, Session
+from tfbus.query import Answer
+from tfbus.session import Session
 from tfbus.settings import NodeSettings
 from tfbus.signals import StopSignals
 

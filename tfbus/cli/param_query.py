@@ -6,7 +6,8 @@ from tfbus.description import ParameterDescription
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.keys import node_parameters_key, parameter_key
 from tfbus.presence import describe_nodes, relative_name
-from tfbus.session import Answer, Session
+from tfbus.query import Answer
+from tfbus.session import Session
 
 # A node that is in the middle of something answers later than that.
 _PATIENCE_S = 2.0

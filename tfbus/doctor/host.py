@@ -9,8 +9,10 @@ from importlib import metadata
 from tfbus.buffer import COMPILED
 from tfbus.doctor.examination import Host
 from tfbus.scouting import interfaces
-from tfbus.session import Session, found_by_scouting, has_scouting
+from tfbus.session import Session
 from tfbus.settings import NodeSettings
+from tfbus.zenoh_config import has_scouting
+from tfbus.zenoh_scout import found_by_scouting
 
 _PACKAGES = ("tfbus", "eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _CONNECT_WITHIN_S = 2.0

@@ -1,0 +1,74 @@
+"""Questions of other processes, and the answers to ours."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import zenoh
+
+from tfbus.errors import TfbusError
+from tfbus.zenoh_errors import bus_errors
+
+# What Zenoh itself puts in the place of an answer that has not come in time.
+_NO_ANSWER_IN_TIME = b"Timeout"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer to a query: its key and payload, or the text of a refusal, "" where it has not
+    come in time.
+    """
+
+    key: str
+    payload: bytes
+    refusal: str | None = None
+
+
+def answer_of(reply: zenoh.Reply) -> Answer:
+    """What a reply of Zenoh's says."""
+    if reply.ok is not None:
+        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+    payload = reply.err.payload.to_bytes() if reply.err is not None else b""
+    if payload == _NO_ANSWER_IN_TIME:
+        payload = b""
+    return Answer("", b"", refusal=payload.decode(errors="replace"))
+
+
+class Query:
+    """A question that another process asked; answered as often as wanted, then closed."""
+
+    def __init__(self, query: zenoh.Query):
+        self._query = query
+        self.key = str(query.key_expr)
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    def parameter(self, name: str) -> str | None:
+        """What the selector `key?name=value` says of this name; None for nothing."""
+        return self._query.parameters.get(name)
+
+    def answer(self, key: str, payload: bytes) -> None:
+        """Send one answer; `key` lies within the key expression that was asked."""
+        with bus_errors(f"answer the query for {self.key}"):
+            self._query.reply(key, payload)
+
+    def refuse(self, reason: str) -> None:
+        """Answer that this cannot be done, and why."""
+        with bus_errors(f"refuse the query for {self.key}"):
+            self._query.reply_err(reason.encode())
+
+    @contextmanager
+    def answering(self, what: str) -> Iterator[None]:
+        """Close the query at the end; an error becomes a refusal that says so."""
+        try:
+            yield
+        except TfbusError as error:
+            self.refuse(str(error))
+        except Exception as error:
+            self.refuse(f"{what} failed ({type(error).__name__}: {error})")
+            raise
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Tell the asker that no more answers come."""
+        self._query.drop()

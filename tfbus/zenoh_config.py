@@ -1,0 +1,74 @@
+"""How Zenoh is set: by a node's settings, by its configuration file, and where neither does."""
+
+import json
+from typing import Any
+
+import zenoh
+
+from tfbus.errors import SettingsError
+from tfbus.scouting import loopback_where_alone
+from tfbus.settings import NodeSettings
+from tfbus.zenoh_errors import first_sentence
+
+# How long a link may be silent before its tokens are lost; Zenoh fills it with four signs of life.
+_LEASE_MS = 1500
+
+# So many batches of 64 KiB of urgent messages wait on a link before one is dropped: a burst of
+# 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
+_URGENT_BATCHES = 8
+
+
+def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zenoh.Config:
+    """Zenoh's configuration for these settings: the file's, with what is given put over it.
+
+    `scouting_s` is how long others are looked for before the session opens without any.
+    Raises SettingsError where the file is not one.
+    """
+    config = _config_of(settings.config)
+    zenohs_own = zenoh.Config()
+    defaults = {
+        # Retained messages carry a time, by which late joiners order them.
+        "timestamping/enabled": True,
+        "scouting/multicast/interface": loopback_where_alone(),
+        # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
+        "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
+        # Zenoh looks after it 30 times a second, as much CPU as all else of an idle session.
+        "transport/shared_memory": {"enabled": False},
+    }
+    given: dict[str, Any] = {
+        "namespace": settings.namespace,
+        "mode": settings.mode,
+        "connect/endpoints": list(settings.connect),
+        "listen/endpoints": list(settings.listen),
+    }
+    if scouting_s is not None:
+        given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
+    unset = {
+        key: value
+        for key, value in defaults.items()
+        if config.get_json(key) == zenohs_own.get_json(key)
+    }
+    for key, value in {**unset, **given}.items():
+        if value:
+            config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def has_scouting(settings: NodeSettings) -> bool:
+    """Whether a session with these settings looks for others by multicast."""
+    enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
+    is_told_where = settings.mode == "client" and bool(settings.connect)
+    return enabled is not False and not is_told_where
+
+
+def _config_of(path: str) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(path) if path else zenoh.Config()
+    except zenoh.ZError as error:
+        # Zenoh draws the place over several lines, the first and the last of which say it all.
+        drawn = first_sentence(str(error)).splitlines()
+        reason = ", ".join(dict.fromkeys(line.strip(" =->|") for line in (drawn[0], drawn[-1])))
+        raise SettingsError(
+            f"{path} is not a configuration of Zenoh, in JSON5: {reason}"
+        ) from error

@@ -1,0 +1,34 @@
+"""Zenoh's errors in the words of tfbus."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from tfbus.errors import BusError
+
+
+@contextmanager
+def bus_errors(doing: str) -> Iterator[None]:
+    """Zenoh's errors as BusError that says what could not be done: "publish turtle1/pose"."""
+    try:
+        yield
+    except zenoh.ZError as error:
+        raise as_bus_error(doing, error) from error
+
+
+def as_bus_error(doing: str, error: zenoh.ZError) -> BusError:
+    """The error of Zenoh's as one that says what could not be done."""
+    return BusError(f"could not {doing}: {first_sentence(str(error))}")
+
+
+def is_nobody_there(error: zenoh.ZError) -> bool:
+    """Whether a client could not be opened because no router answers, at its endpoints or, where
+    it has none, to its scouting.
+    """
+    return str(error).startswith(("Unable to connect", "timeout"))
+
+
+def first_sentence(text: str) -> str:
+    """Zenoh's reason without the places in its source."""
+    return text.split(" at /", 1)[0].strip() or text

@@ -18,6 +18,7 @@ import click
 from tfbus import (
     Buffer,
     ExtrapolationException,
+    Fleet,
     FrameName,
     InvalidArgumentException,
     LookupException,
@@ -30,6 +31,7 @@ from tfbus import (
     TransformException,
     TransformListener,
     TransformStamped,
+    fleet_options,
     node_options,
 )
 from tfbus.nodes.echo_format import (
@@ -65,19 +67,19 @@ _LINES = {"json": json_line, "csv": csv_line}
 
 @dataclass(frozen=True)
 class Question:
-    """Where `target` is, seen from `source`: at the moment, or the latest time known at all.
+    """Where `source` is, seen from `target`: at the moment, or the latest time known at all.
 
-    With a fixed frame the moment is the target's alone: where the target was then, seen from
-    where the source is now.
+    With a fixed frame the moment is the source's alone: where the source was then, seen from
+    where the target is now.
     """
 
-    source: str
     target: str
+    source: str
     moment: Moment | None = None
     fixed_frame: str | None = None
 
     def __str__(self) -> str:
-        return f"{self.source} -> {self.target}"
+        return f"{self.target} -> {self.source}"
 
     @property
     def has_one_answer(self) -> bool:
@@ -98,9 +100,9 @@ class Question:
         """The answer, waited for; raises TransformException where there is none."""
         stamp_ns = self.moment.at(now_ns) if self.moment else None
         if self.fixed_frame is None:
-            return buffer.lookup_transform(self.source, self.target, stamp_ns, timeout_s=timeout_s)
+            return buffer.lookup_transform(self.target, self.source, stamp_ns, timeout_s=timeout_s)
         return buffer.lookup_transform_full(
-            self.source, None, self.target, stamp_ns, self.fixed_frame, timeout_s=timeout_s
+            self.target, None, self.source, stamp_ns, self.fixed_frame, timeout_s=timeout_s
         )
 
     def is_hopeless(self, reason: TransformException) -> bool:
@@ -148,7 +150,7 @@ def _tell_gone(
 ) -> frozenset[str]:
     """Say of each frame on the path that its publisher is gone, unless that was told; which are."""
     try:
-        path = buffer.path(question.source, question.target)
+        path = buffer.path(question.target, question.source)
         gone = frozenset(frame for frame in path if buffer.frame(frame).gone)
     except TransformException:
         return told  # a frame has just been removed
@@ -259,8 +261,8 @@ _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
 
 
 @click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
-@click.argument("source", type=FrameName())
 @click.argument("target", type=FrameName())
+@click.argument("source", type=FrameName())
 @click.option("-r", "--rate", type=Number(least=1e-6), default=1.0, help="Blocks per second; 1.")
 @click.option(
     "-p",
@@ -297,7 +299,7 @@ _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
     "--fixed-frame",
     metavar="FRAME",
     type=FrameName(),
-    help="Where TARGET was at --at, seen from SOURCE now; FRAME has not moved in between.",
+    help="Where SOURCE was at --at, seen from TARGET now; FRAME has not moved in between.",
 )
 @click.option(
     "--timeout",
@@ -305,11 +307,13 @@ _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
     metavar="SECONDS",
     help="Give up with exit code 1 when there is no transform for so long.",
 )
+@fleet_options
 @node_options(own_name("echo"))
 def main(
     settings: NodeSettings,
-    source: str,
+    fleet: Fleet | None,
     target: str,
+    source: str,
     rate: float,
     precision: int,
     style: str,
@@ -321,16 +325,19 @@ def main(
     fixed_frame: str | None,
     timeout: float | None,
 ) -> None:
-    """Print the pose of the frame TARGET seen from the frame SOURCE."""
+    """Print the pose of the frame SOURCE seen from the frame TARGET.
+
+    The frame to look from comes first, as in tf2_echo, which calls the two the other way round.
+    """
     if once and count is not None:
         raise click.UsageError("--once and --count say the same thing: give one of them")
-    question = Question(source, target, moment, fixed_frame)
+    question = Question(target, source, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
     with Node.from_settings(settings) as node:
         history_s = question.history_s(node.now_ns())
         buffer = Buffer(max(10.0, history_s))
-        with TransformListener(buffer, node, history_s=history_s):
+        with TransformListener(buffer, node, history_s=history_s, fleet=fleet):
             node.ready(f"Printing {question} at {rate:g} Hz")
             timeout_s = math.inf if timeout is None else timeout
             blocks = answers(node, buffer, question, rate_hz=rate, timeout_s=timeout_s)

@@ -18,10 +18,23 @@ from tfbus import (
 )
 from tfbus.nodes.names import own_name
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
+from tfbus.nodes.static_old_form import in_new_form
+
+
+class _Static(click.Command):
+    """Tells those who write what they wrote for ROS how it is written here."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if line := in_new_form(args):
+            raise click.UsageError(
+                f"numbers are given by flags here, not in a row; the same is: {line}", ctx
+            )
+        return super().parse_args(ctx, args)
 
 
 @click.command(
-    epilog="Examples: tfbus static world camera --x 1 --yaw 0.5; tfbus static --file edges.yaml"
+    cls=_Static,
+    epilog="Examples: tfbus static world camera --x 1 --yaw 0.5; tfbus static --file edges.yaml",
 )
 @click.argument("frame_id", required=False, shell_complete=FrameName().shell_complete)
 @click.argument("child_frame_id", required=False, shell_complete=FrameName().shell_complete)

@@ -81,7 +81,9 @@ def test_what_stands_still_is_a_straight_line() -> None:
     pytest.importorskip("matplotlib")
     count = 50
     noise = 1e-14 * np.sin(np.arange(3 * count)).reshape(count, 3)
-    poses = TransformArray(noise + (5.0, 2.0, 0.0), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    poses = TransformArray(
+        noise + np.array([5.0, 2.0, 0.0]), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+    )
     stamps_ns = np.arange(count) * 20_000_000
     track = Track("world", "rock", stamps_ns, poses)
     position, orientation, speed, path, angular = draw(track, PANELS).axes

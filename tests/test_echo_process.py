@@ -226,7 +226,7 @@ def node_name(process: Process) -> str:
         (["world", "turtle1", "--precision", "-1"], "0<=x<=17"),
         (["world", "turtle1", "--at", "noon"], "is not a time"),
         (["world", "turtle1", "--once", "--count", "2"], "give one of them"),
-        (["world"], "Missing argument 'TARGET'"),
+        (["world"], "Missing argument 'SOURCE'"),
     ],
 )
 def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:

@@ -47,8 +47,8 @@ def test_it_is_drawn_as_lines() -> None:
     assert tree_lines(tree_of(buffer), width=60) == [
         "world",
         "├─ camera    static, by sim",
-        "└─ turtle1   0.0 ms old, 10.0 Hz, by sim, 2.0 s kept",
-        "   └─ drone  0.0 ms old, 10.0 Hz, by sim, 2.0 s kept",
+        "└─ turtle1   0.0 ms old, 10.0 Hz over 2.0 s, by sim",
+        "   └─ drone  0.0 ms old, 10.0 Hz over 2.0 s, by sim",
     ]
 
 
@@ -66,8 +66,8 @@ def test_stale_and_gone_frames_say_so() -> None:
     buffer.mark_gone(["turtle2"], True, "sim")
     lines = tree_lines(tree_of(buffer, now_ns=NOW_NS + 2 * NS))
     assert lines[1:] == [
-        "├─ turtle1  STALE, 2.0 s old, 10.0 Hz, by sim, 2.0 s kept",
-        "└─ turtle2  GONE, 2.0 s old, 10.0 Hz, by sim, 2.0 s kept",
+        "├─ turtle1  STALE, 2.0 s old, 10.0 Hz over 2.0 s, by sim",
+        "└─ turtle2  GONE, 2.0 s old, 10.0 Hz over 2.0 s, by sim",
     ]
     assert "STALE" not in "".join(tree_lines(tree_of(buffer, now_ns=NOW_NS + NS)))
 

@@ -9,6 +9,7 @@ from conftest import Bus, Process
 
 from tfbus import Buffer, Transform, TransformListener
 from tfbus.nodes.static import main
+from tfbus.nodes.static_old_form import in_new_form
 
 
 def lookup(bus: Bus, target: str, source: str) -> Transform:
@@ -79,6 +80,30 @@ def test_a_mistake_in_a_file_is_one_sentence(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["--file", str(path)])
     assert result.exit_code == 1
     assert result.output == f"Error: {path}:3: x: 'far' is not a number\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("1 0 0.5 1.57 0 -0.1 /map base", "map base --x 1 --z 0.5 --yaw 1.57 --roll -0.1"),
+        ("0 0 0 0 0 0 map base 100", "map base"),
+        ("-1 2e-1 3 0 0 1 0 map base", "map base --x -1 --y 2e-1 --z 3 --qz 1"),
+        ("0 0 0 0 0 0 1 map base 100", "map base --qw 1"),
+    ],
+)
+def test_the_form_of_ros_is_told_in_flags(old: str, new: str) -> None:
+    """The numbers that ROS takes in a row are a mistake, told with the same in flags."""
+    result = CliRunner().invoke(main, old.split())
+    assert result.exit_code == 2
+    assert result.output.endswith(f"the same is: tfbus static {new}\n")
+
+
+@pytest.mark.parametrize(
+    "words", ["1 2", "a b", "1 2 3 map base", "1 2 3 4 5 6 map", "1 2 3 4 5 6"]
+)
+def test_other_rows_are_not_the_form_of_ros(words: str) -> None:
+    """Frames may be called as numbers, and what has no frames has no other form."""
+    assert in_new_form(words.split()) == ""
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Why a lookup has no answer: each fault of a path is told at its edge, with what to do."""
 
 import json
+from collections.abc import Collection
 
 import pytest
 from conftest import Bus, eventually
@@ -44,7 +45,7 @@ def ask(
     at_s: float | None = None,
     *,
     stream: StreamInfo = SIM,
-    elsewhere: dict[str, str] | None = None,
+    elsewhere: Collection[tuple[str, str]] = (),
 ) -> Explanation:
     """How the lookup goes, at so many seconds from now."""
     tree = frame_tree(buffer, [stream], NOW_NS)
@@ -80,7 +81,7 @@ class TestExplain:
         assert told.answer is not None
         assert (told.failure, told.remedies) == ("", ())
         assert verdicts(told) == [("camera", "ok"), ("base", "ok"), ("arm", "ok")]
-        assert told.steps[1].facts == ("0.0 ms old", "10.0 Hz", "by sim", "2.0 s kept")
+        assert told.steps[1].facts == ("0.0 ms old", "10.0 Hz over 2.0 s", "by sim")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""
@@ -94,11 +95,17 @@ class TestExplain:
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
         """A frame that only another namespace has is told with that namespace."""
-        told = ask(buffer, "world", "gripper", elsewhere={"gripper": "robot7"})
+        told = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
         assert told.remedies == (
             "look from within its namespace, 'gripper' is known there: --namespace robot7",
+            "look at all robots together, where it is 'robot7/gripper': --fleet",
             "start the node that publishes 'gripper'",
         )
+
+    def test_a_frame_as_a_fleet_calls_it_needs_the_fleet(self, buffer: Buffer) -> None:
+        """A frame with its robot's name in front is told to be seen with --fleet."""
+        told = ask(buffer, "world", "robot7/gripper", elsewhere={("robot7", "gripper")})
+        assert told.remedies[0] == "look at all robots together: --fleet"
 
     def test_two_trees_are_told_with_their_roots(self, buffer: Buffer) -> None:
         """Where no path joins the two, all edges above them are told, and which one is missing."""

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from tfbus.name_types import TopicName as TopicName
     from tfbus.node import Node as Node
     from tfbus.numbers import Number as Number
+    from tfbus.options import fleet_options as fleet_options
     from tfbus.options import node_options as node_options
     from tfbus.parameters import Parameter as Parameter
     from tfbus.sampling import Sampling as Sampling
@@ -103,6 +104,7 @@ _MODULE_OF = {
     "TransformListener": "listener",
     "TransformStamped": "transform",
     "TwistStamped": "twist",
+    "fleet_options": "options",
     "node_options": "options",
 }
 

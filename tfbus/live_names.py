@@ -14,6 +14,7 @@ from pathlib import Path
 from tfbus.codec import from_map
 from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import TfbusError
+from tfbus.keys import namespace_of
 from tfbus.settings import NodeSettings
 
 # How long names are remembered: as long as one line is typed.
@@ -30,11 +31,13 @@ _ANSWER_S = 0.4
 class LiveNames:
     """What there is, as names are written within the namespace of who looks.
 
-    `topics` and `services` have the types that are told of them, `parameters` is by the relative
+    `frames` are those of its own namespace, `robots` those of the namespaces below; `topics` and
+    `services` have the types that are told of them, `parameters` is by the relative
     names of nodes.
     """
 
     frames: tuple[str, ...] = ()
+    robots: dict[str, tuple[str, ...]] = field(default_factory=dict)
     nodes: tuple[str, ...] = ()
     topics: dict[str, str] = field(default_factory=dict)
     services: dict[str, str] = field(default_factory=dict)
@@ -76,16 +79,19 @@ def _names(
     from tfbus.presence import relative_name
 
     graph = graph_of(nodes, streams, namespace)
-    # A listener hears the streams of its own namespace, and of none within it.
-    own = [stream for key, stream in streams.items() if key.startswith("@tfbus/")]
-    edges = [edge for stream in own for edge in stream.frames]
+    # A listener hears the streams of its own namespace; with a fleet also of those within it.
+    frames: dict[str, set[str]] = {}
+    for key, stream in streams.items():
+        names = {name for parent, child, _ in stream.frames for name in (parent, child)}
+        frames.setdefault(namespace_of(key), set()).update(names)
     parameters = {
         relative_name(node.name, namespace): tuple(each.name for each in node.parameters)
         for node in nodes
         if not node.name.rpartition("/")[2].startswith("_")
     }
     return LiveNames(
-        frames=tuple(sorted({name for parent, child, _ in edges for name in (parent, child)})),
+        frames=tuple(sorted(frames.pop("", ()))),
+        robots={robot: tuple(sorted(names)) for robot, names in frames.items()},
         nodes=tuple(sorted(parameters)),
         topics={name: ", ".join(topic.types) for name, topic in graph.topics.items()},
         services={

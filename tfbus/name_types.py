@@ -57,8 +57,16 @@ class FrameName(_BusName):
     name = "frame"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The frames that living streams of this namespace have."""
-        return dict.fromkeys(names.frames, "")
+        """The frames that living streams of this namespace have, and with --fleet of those below,
+        as they are called then.
+        """
+        if not ctx.params.get("fleet"):
+            return dict.fromkeys(names.frames, "")
+        from tfbus.fleet import Fleet  # numpy, which most completion does not need
+
+        fleet = Fleet(ctx.params.get("shared_frames") or ())
+        robots = {"": names.frames, **names.robots}
+        return {fleet.names(at).outside(name): "" for at in robots for name in robots[at]}
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None

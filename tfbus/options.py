@@ -23,8 +23,34 @@ def bus_options(name: str) -> Callable[[F], F]:
 
 
 def listening_options(name: str) -> Callable[[F], F]:
-    """`bus_options` of a command that listens to transforms: it may go by simulated time."""
-    return _with_options(name, {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS})
+    """`bus_options` of a command that listens to transforms: it may go by simulated time, and has
+    `fleet_options`.
+    """
+    options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
+    return lambda function: fleet_options(_with_options(name, options)(function))
+
+
+def fleet_options(function: F) -> F:
+    """Give a click command the options that say whether it sees a whole fleet; its argument
+    `fleet` is then their value, a Fleet or None, as a TransformListener takes it.
+    """
+
+    @functools.wraps(function)
+    def command(*args: Any, fleet: bool, shared_frames: tuple[str, ...], **values: Any) -> Any:
+        from tfbus.fleet import Fleet  # numpy, which `--help` does not need
+
+        if shared_frames and not fleet:
+            raise click.UsageError("--shared names what the robots of a fleet share: add --fleet")
+        try:
+            seen = Fleet(shared_frames) if fleet else None
+        except TfbusError as error:
+            raise click.UsageError(f"--shared: {error}") from error
+        return function(*args, fleet=seen, **values)
+
+    decorated: Any = command
+    for option in reversed(_FLEET_OPTIONS):
+        decorated = option(decorated)
+    return cast(F, decorated)
 
 
 def node_options(default_name: str) -> Callable[[F], F]:
@@ -144,6 +170,20 @@ _BUS_OPTIONS = {
         "--log-level", type=click.Choice(LOG_LEVELS), help="info by default."
     ),
 }
+_FLEET_OPTIONS = (
+    click.option(
+        "--fleet",
+        is_flag=True,
+        help="See the robots in the namespaces below too; their frames are robot7/base_link.",
+    ),
+    click.option(
+        "--shared",
+        "shared_frames",
+        multiple=True,
+        metavar="FRAME",
+        help="With --fleet: a frame that all robots share, such as map; repeatable.",
+    ),
+)
 _NODE_OPTIONS = {
     "name": click.option("--name", metavar="NAME", help="The node's name."),
     "sim_time": click.option(

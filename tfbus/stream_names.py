@@ -32,6 +32,11 @@ class StreamNames:
             names = self._names[namespace] = self._fleet.names(namespace)
         return names
 
+    def of_message(self, key: str, frames: tuple[str, ...]) -> tuple[str, ...]:
+        """What the frames of a message on a key are called here."""
+        names = self.at(key)
+        return frames if names is None else names.all_outside(frames)
+
     def called(self, state: StreamState) -> StreamState:
         """The state of a stream, its frames as they are called here."""
         names, description = self.at(state.key), state.description

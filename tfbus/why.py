@@ -1,6 +1,6 @@
 """Why a lookup has no answer, or would have none: its path, edge by edge, and what to do."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,6 +17,9 @@ Verdict = Literal["ok", "warn", "fail"]
 
 # Clocks that differ by more than this make stamps look late, or of the future.
 _CLOCKS_AGREE_S = 0.05
+
+# Of the namespaces that have a frame so many are named.
+_NAMED = 3
 
 _REMEDIES = {
     "loop": "turn one of the edges of the loop round, or publish it no more",
@@ -66,16 +69,16 @@ def explain(
     source: str,
     stamp_ns: int | None = None,
     *,
-    elsewhere: Mapping[str, str] | None = None,
+    elsewhere: Collection[tuple[str, str]] = (),
 ) -> Explanation:
     """How the lookup goes in this buffer, of which `tree` was just made.
 
-    `elsewhere` are frames of other namespaces, each with its namespace.
+    `elsewhere` are frames of other namespaces, each behind its namespace.
     """
     answer, error = _look_up(buffer, target, source, stamp_ns)
     steps = tuple(_judge(tree, child, stamp_ns) for child in _children(tree, target, source))
     remedies = [
-        *_remedies_of(error, elsewhere or {}),
+        *_remedies_of(error, elsewhere),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
         *_remedies_of_problems(tree, {target, source, *(step.child for step in steps)}, error),
@@ -178,13 +181,11 @@ def _skew(stream: StreamInfo) -> str:
     return f"the clock of its publisher is {duration(abs(offset_s))} {side} ours"
 
 
-def _remedies_of(error: TransformException | None, elsewhere: Mapping[str, str]) -> Iterator[str]:
+def _remedies_of(
+    error: TransformException | None, elsewhere: Collection[tuple[str, str]]
+) -> Iterator[str]:
     if isinstance(error, LookupException):
-        if error.frame in elsewhere:
-            yield (
-                f"look from within its namespace, {error.frame!r} is known there: "
-                f"--namespace {elsewhere[error.frame]}"
-            )
+        yield from _remedies_elsewhere(error.frame, elsewhere)
         yield (
             f"use {error.nearest[0]!r}, if that is meant"
             if error.nearest
@@ -192,6 +193,19 @@ def _remedies_of(error: TransformException | None, elsewhere: Mapping[str, str])
         )
     if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
         yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
+
+
+def _remedies_elsewhere(frame: str, elsewhere: Collection[tuple[str, str]]) -> Iterator[str]:
+    """For a frame that the namespaces below have, by its own name or as a fleet calls it."""
+    if frame in {f"{namespace}/{name}" for namespace, name in elsewhere}:
+        yield "look at all robots together: --fleet"
+    namespaces = sorted(namespace for namespace, name in elsewhere if name == frame)
+    if namespaces:
+        yield (
+            f"look from within its namespace, {frame!r} is known there: "
+            f"--namespace {' or '.join(namespaces[:_NAMED])}"
+        )
+        yield f"look at all robots together, where it is '{namespaces[0]}/{frame}': --fleet"
 
 
 def _remedies_of_problems(

@@ -42,7 +42,7 @@ NODES = {
     "carrot": "Broadcast a frame fixed to another one, or circling it.",
     "clock": "Tell the simulated time to all nodes with --sim-time.",
     "draw_square": "Drive a turtle along a square.",
-    "echo": "Print the pose of the frame TARGET seen from the frame SOURCE.",
+    "echo": "Print the pose of the frame SOURCE seen from the frame TARGET.",
     "follow": "Spawn a turtle that follows a frame.",
     "mimic": "Command the speeds of input/pose to output/cmd_vel.",
     "share": "Show frames of one robot to others.",

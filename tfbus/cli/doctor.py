@@ -10,6 +10,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, 
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examine import examine
 from tfbus.doctor.finding import Finding, Verdict
+from tfbus.fleet import Fleet
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
@@ -41,6 +42,7 @@ _INDENT = " " * 4
 @listening_options(own_name("_doctor"))
 def command(
     settings: NodeSettings,
+    fleet: Fleet | None,
     names: tuple[str, ...],
     listen_s: float,
     list_checks: bool,
@@ -50,7 +52,7 @@ def command(
     if list_checks:
         print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in CHECKS.items())
         return
-    seen = examine(settings, listen_s, warn)
+    seen = examine(settings, listen_s, warn, fleet)
     findings = {name: CHECKS[name](seen) for name in CHECKS if not names or name in names}
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})

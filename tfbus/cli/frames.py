@@ -1,6 +1,7 @@
 """`tfbus frames`: the tree of frames in the terminal, as a picture, or for other programs."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -9,6 +10,7 @@ from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
+from tfbus.fleet import Fleet
 from tfbus.frames import document
 from tfbus.frames.facts import State
 from tfbus.frames.picture import write_picture
@@ -79,6 +81,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path,
 @listening_options(own_name("_frames"))
 def command(
     settings: NodeSettings,
+    fleet: Fleet | None,
     outputs: tuple[Path, ...],
     watch: bool,
     long: bool,
@@ -89,9 +92,10 @@ def command(
     """Show the tree of frames, who publishes it, and what is wrong with it."""
     if watch and (outputs or as_json):
         raise click.UsageError("--watch shows the tree in the terminal: leave -o and --json away")
-    with listening(settings, within_s=wait_s) as heard:
+    with listening(settings, fleet, within_s=wait_s) as heard:
         if watch:
-            _watch(heard, long)
+            with suppress(KeyboardInterrupt):  # which is its end wherever it comes
+                _watch(heard, long)
             return
         tree = heard.tree()
     if as_json:

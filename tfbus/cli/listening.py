@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from tfbus.buffer import Buffer
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TimeoutException
+from tfbus.fleet import Fleet
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
@@ -24,11 +25,12 @@ _QUIET_S = 0.3
 
 @dataclass(frozen=True)
 class Listening:
-    """A node of this command's own, and what it hears."""
+    """A node of this command's own, and what it hears: of a whole fleet, or of its namespace."""
 
     node: Node
     buffer: Buffer
     listener: TransformListener
+    fleet: Fleet | None
 
     def tree(self) -> FrameTree:
         """All that is known now."""
@@ -38,6 +40,7 @@ class Listening:
 @contextmanager
 def listening(
     settings: NodeSettings,
+    fleet: Fleet | None,
     *,
     within_s: float = 2.0,
     history_s: float = _HISTORY_S,
@@ -51,10 +54,10 @@ def listening(
     buffer = Buffer(cache_time_s)
     with (
         Node(settings=replace(settings, log_level="error")) as node,
-        TransformListener(buffer, node, history_s=history_s) as listener,
+        TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener,
     ):
         wait_for_clock(node)
-        heard = Listening(node, buffer, listener)
+        heard = Listening(node, buffer, listener, fleet)
         _meet_everybody(heard, within_s)
         if node.ok:
             yield heard

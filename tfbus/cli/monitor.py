@@ -1,14 +1,18 @@
 """`tfbus monitor`: how transforms come, live: rates, jitter, delays, misses, clocks."""
 
+import itertools
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 
 import click
 
 from tfbus.cli.listening import Listening, listening
-from tfbus.cli.monitor_report import PairWatch, as_lines, as_map, make_report
+from tfbus.cli.monitor_report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
 from tfbus.cli.transform_meter import TransformMeter
 from tfbus.clock import SYSTEM_CLOCK
+from tfbus.fleet import Fleet
 from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
@@ -36,30 +40,50 @@ _LOOK_EVERY_S = 0.05
 @listening_options(own_name("_monitor"))
 def command(
     settings: NodeSettings,
+    fleet: Fleet | None,
     target: str | None,
     source: str | None,
     period_s: float,
     once: bool,
     as_json: bool,
 ) -> None:
-    """Measure how transforms come: all, or those between two frames."""
+    """Measure how transforms come: all, or those between two frames.
+
+    Of two frames they are those over which SOURCE is seen from TARGET.
+    """
     if target is not None and source is None:
         raise click.UsageError(f"a pair is two frames: tfbus monitor {target} FRAME, or none")
     pair = PairWatch(target, source) if target is not None and source is not None else None
-    with listening(settings) as heard:
-        meter = TransformMeter(heard.node)
-        while _measure(heard, pair, period_s):
-            report = make_report(heard, meter, pair)
-            if as_json:
-                print_json(as_map(report))
-            else:
-                print_lines(in_place(as_lines(report)))
-            if once:
-                if not report.edges():
-                    raise click.ClickException("no transform has come: is a broadcaster running?")
-                if report.pair and report.pair.failure:
-                    raise SystemExit(1)
-                return
+    with listening(settings, fleet) as heard:
+        reports = _reports(heard, pair, period_s)
+        first = next(reports, None)
+        if first is None:
+            raise KeyboardInterrupt
+        _check(first, once)
+        with suppress(KeyboardInterrupt):  # which is its end wherever it comes
+            for report in [first] if once else itertools.chain([first], reports):
+                if as_json:
+                    print_json(as_map(report))
+                else:
+                    print_lines(in_place(as_lines(report)))
+
+
+def _check(report: Report, once: bool) -> None:
+    """Raises ClickException where there is nothing to measure, and waiting is no good."""
+    pair = report.pair
+    if pair and pair.failure:
+        raise click.ClickException(
+            f"{pair.failure} (tfbus why {pair.target} {pair.source} says what to do)"
+        )
+    if once and not report.edges():
+        raise click.ClickException("no transform has come: is a broadcaster running?")
+
+
+def _reports(heard: Listening, pair: PairWatch | None, period_s: float) -> Iterator[Report]:
+    """What is known after each period, until the node is shut down."""
+    meter = TransformMeter(heard.node, heard.fleet)
+    while _measure(heard, pair, period_s):
+        yield make_report(heard, meter, pair)
 
 
 def _measure(heard: Listening, pair: PairWatch | None, period_s: float) -> bool:

@@ -113,13 +113,17 @@ def make_report(heard: Listening, meter: TransformMeter, pair: PairWatch | None)
 def as_lines(report: Report) -> list[str]:
     """The report as tables."""
     lines = _pair_lines(report.pair) if report.pair else []
+    if report.pair and report.pair.failure:
+        return lines
+    if not report.edges():
+        return ["No transform has come yet."]
     return [*lines, *_edge_table(report), "", *_stream_table(report)]
 
 
 def _pair_lines(pair: Pair) -> list[str]:
     lines = [paint(f"{pair.target} -> {pair.source}", "heading")]
     if pair.failure:
-        return [*lines, paint(f"No transform: {pair.failure}", "bad"), ""]
+        return [*lines, paint(f"No transform: {pair.failure}", "bad")]
     lines.append(f"Chain: {' -> '.join(pair.chain)}")
     if pair.net_delay_s:
         delay = pair.net_delay_s

@@ -12,6 +12,7 @@ from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
+from tfbus.fleet import Fleet
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.name_types import FrameName
@@ -76,6 +77,7 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
 @listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
+    fleet: Fleet | None,
     target: str | None,
     source: str | None,
     output: Path | None,
@@ -94,7 +96,7 @@ def command(
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
     else:
-        track = _listen(settings, target, source, for_s, rate_hz)
+        track = _listen(settings, fleet, target, source, for_s, rate_hz)
     if len(track) < 2:
         raise click.ClickException(
             f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
@@ -104,10 +106,15 @@ def command(
 
 
 def _listen(
-    settings: NodeSettings, target: str, source: str, for_s: float | None, rate_hz: float
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    target: str,
+    source: str,
+    for_s: float | None,
+    rate_hz: float,
 ) -> Track:
     with listening(
-        settings, history_s=_KEPT_S, cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0
+        settings, fleet, history_s=_KEPT_S, cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0
     ) as heard:
         from_ns = heard.node.now_ns()
         if for_s is None:

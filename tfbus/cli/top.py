@@ -5,6 +5,7 @@ import click
 from tfbus.cli.listening import listening
 from tfbus.cli.output import is_terminal
 from tfbus.errors import TfbusError
+from tfbus.fleet import Fleet
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
@@ -12,7 +13,7 @@ from tfbus.settings import NodeSettings
 
 @click.command(epilog="Example: tfbus top")
 @listening_options(own_name("_top"))
-def command(settings: NodeSettings) -> None:
+def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:
         from tfbus.top.app import TopApp
@@ -26,5 +27,5 @@ def command(settings: NodeSettings) -> None:
             "top needs a terminal: for scripts there are tfbus frames, monitor and doctor, "
             "all with --json"
         )
-    with listening(settings) as heard:
+    with listening(settings, fleet) as heard:
         TopApp(Source(heard)).run()

@@ -8,8 +8,10 @@ from itertools import pairwise
 
 from tfbus.cli.window import Spread, Window, spread_of
 from tfbus.errors import DecodeError
-from tfbus.keys import ALL_TRANSFORMS, stream_of
+from tfbus.fleet import Fleet
+from tfbus.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.node import Node
+from tfbus.stream_names import StreamNames
 from tfbus.wire import TransformMessage, decode_transforms
 
 # What is older than this tells of a past that is over.
@@ -62,15 +64,19 @@ class _EdgeMeter:
 
 
 class TransformMeter:
-    """Measures the dynamic transforms that come, from when it is made until the node is closed."""
+    """Measures the dynamic transforms that come, of a fleet or of the node's namespace, from when
+    it is made until the node is closed.
+    """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, fleet: Fleet | None = None):
         self._node = node
         self._since_s = time.monotonic()
         self._lock = threading.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
-        node.session.subscriber(ALL_TRANSFORMS, self._take)
+        self._names = StreamNames(fleet)
+        keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
+        node.session.subscriber(keys, self._take)
 
     def edges(self) -> Iterator[EdgeFlow]:
         """How the samples of each edge came."""
@@ -103,17 +109,24 @@ class TransformMeter:
             message = decode_transforms(payload)
         except DecodeError:
             return  # the listener counts it, and says so
-        stream = stream_of(key)
+        stream, frames = stream_of(key), self._names.of_message(key, message.batch.frames)
         with self._lock:
-            self._take_rows(stream, message, at_s, now_ns)
+            self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or len(self._streams) < _MOST_EDGES:
                 self._streams.setdefault(stream, Window(_MOST_SAMPLES)).add(at_s, len(payload))
 
-    def _take_rows(self, stream: str, message: TransformMessage, at_s: float, now_ns: int) -> None:
+    def _take_rows(
+        self,
+        stream: str,
+        frames: tuple[str, ...],
+        message: TransformMessage,
+        at_s: float,
+        now_ns: int,
+    ) -> None:
         batch = message.batch
         rows = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), strict=True)
         for (parent, child), stamp_ns in rows:
-            edge = (stream, batch.frames[parent], batch.frames[child])
+            edge = (stream, frames[parent], frames[child])
             meter = self._edges.get(edge)
             if meter is None and len(self._edges) < _MOST_EDGES:
                 meter = self._edges[edge] = _EdgeMeter()

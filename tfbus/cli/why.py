@@ -7,6 +7,7 @@ import click
 from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.errors import DecodeError
+from tfbus.fleet import Fleet
 from tfbus.frames.facts import duration
 from tfbus.keys import namespace_of
 from tfbus.name_types import FrameName
@@ -45,14 +46,21 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
 @json_option("Print a JSON object.")
 @listening_options(own_name("_why"))
 def command(
-    settings: NodeSettings, target: str, source: str, moment: Moment | None, as_json: bool
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    target: str,
+    source: str,
+    moment: Moment | None,
+    as_json: bool,
 ) -> None:
     """Say why SOURCE is not seen from TARGET, edge by edge, and what to do.
 
     It asks publishers for what they have kept, so a time of the last seconds can be asked for.
     The exit code is 1 where the lookup has no answer.
     """
-    with listening(settings, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S) as heard:
+    with listening(
+        settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
+    ) as heard:
         now_ns = heard.node.now_ns()
         explanation = explain(
             heard.tree(),
@@ -60,7 +68,7 @@ def command(
             target,
             source,
             moment.at(now_ns) if moment else None,
-            elsewhere=_frames_elsewhere(heard.node.session),
+            elsewhere=() if fleet else _frames_elsewhere(heard.node.session),
         )
     if as_json:
         print_json(_as_map(explanation))
@@ -76,15 +84,15 @@ def _history_s(moment: Moment | None) -> float:
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
 
 
-def _frames_elsewhere(session: Session) -> dict[str, str]:
-    """The frames that streams of other namespaces tell of, with their namespace."""
+def _frames_elsewhere(session: Session) -> set[tuple[str, str]]:
+    """The frames that streams of the namespaces below tell of, each behind its namespace."""
 
     def pass_over(error: DecodeError) -> None:
         """Nothing is said of strangers here."""
 
     streams = describe_streams(session, pass_over)
     return {
-        frame: namespace
+        (namespace, frame)
         for key, stream in streams.items()
         if (namespace := namespace_of(key))
         for parent, child, _ in stream.frames

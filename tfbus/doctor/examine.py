@@ -11,6 +11,7 @@ from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
+from tfbus.fleet import Fleet
 from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
@@ -23,9 +24,13 @@ _CLOCK_WITHIN_S = 5.0
 
 
 def examine(
-    settings: NodeSettings, listen_s: float, on_unreadable: Callable[[DecodeError], object]
+    settings: NodeSettings,
+    listen_s: float,
+    on_unreadable: Callable[[DecodeError], object],
+    fleet: Fleet | None = None,
 ) -> Examination:
-    """Look at this host and at the bus, listening for so many seconds.
+    """Look at this host and at the bus, listening for so many seconds: to the transforms of its
+    namespace, or of a fleet.
 
     Raises BusError where the bus cannot be joined.
     """
@@ -37,8 +42,8 @@ def examine(
         nodes = _others(node, describe_all(node.session, on_unreadable))
         host = examine_host(settings, len(node.session.routers()))
         buffer = Buffer(_HISTORY_S)
-        with TransformListener(buffer, node, history_s=_HISTORY_S) as listener:
-            meter = FlowMeter(node)
+        with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
+            meter = FlowMeter(node, fleet)
             listened_s = _listen(node, listen_s)
             meter.close()
             return Examination(

@@ -7,8 +7,10 @@ from itertools import pairwise
 
 from tfbus.doctor.examination import Flow
 from tfbus.errors import DecodeError
-from tfbus.keys import ALL_TRANSFORMS, stream_of
+from tfbus.fleet import Fleet
+from tfbus.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.node import Node
+from tfbus.stream_names import StreamNames
 from tfbus.wire import decode_transforms
 
 # Of more edges than these nothing is measured; names come from the bus.
@@ -19,13 +21,15 @@ _MOST_SAMPLES = 5_000
 class FlowMeter:
     """Notes when each sample came, from when it is made until it is closed."""
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, fleet: Fleet | None = None):
         self.largest: Counter[str] = Counter()
         self._node = node
         self._lock = threading.Lock()
         # Of each stream and frame: arrivals (monotonic s), stamps and ages at arrival (ns).
         self._samples: dict[tuple[str, str], list[tuple[float, int, int]]] = {}
-        self._subscriber = node.session.subscriber(ALL_TRANSFORMS, self._take)
+        self._names = StreamNames(fleet)
+        keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
+        self._subscriber = node.session.subscriber(keys, self._take)
 
     def close(self) -> None:
         """Note no more."""
@@ -44,12 +48,12 @@ class FlowMeter:
             batch = decode_transforms(payload).batch
         except DecodeError:
             return  # the listener counts it
-        stream = stream_of(key)
+        stream, frames = stream_of(key), self._names.of_message(key, batch.frames)
         with self._lock:
             self.largest[stream] = max(self.largest[stream], len(payload))
             rows = zip(batch.edges[:, 1].tolist(), batch.stamps_ns.tolist(), strict=True)
             for child, stamp_ns in rows:
-                edge = (stream, batch.frames[child])
+                edge = (stream, frames[child])
                 if edge in self._samples or len(self._samples) < _MOST_EDGES:
                     samples = self._samples.setdefault(edge, [])
                     if len(samples) < _MOST_SAMPLES:

@@ -44,11 +44,8 @@ def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
     else:
         words.append(duration(tree.age_s(frame)) + " old")
         if frame.rate_hz is not None:
-            words.append(f"{frame.rate_hz:.1f} Hz")
+            words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")
-    kept_s = tree.kept_s(frame)
-    if kept_s is not None:
-        words.append(f"{duration(kept_s)} kept")
     return words
 
 

@@ -32,7 +32,7 @@ class Source:
 
     def __init__(self, heard: Listening):
         self._heard = heard
-        self._meter = TransformMeter(heard.node)
+        self._meter = TransformMeter(heard.node, heard.fleet)
         self._past: dict[str, deque[tuple[float, float]]] = {}
         self._nodes: tuple[NodeDescription, ...] = ()
         self._graph = Graph()

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
 from signal import signal as set_handler
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import hypothesis
 import pytest
@@ -21,8 +21,8 @@ import pytest
 from tfbus import Node, NodeSettings
 from tfbus.session import Session
 
-# Options: how long to compare with the real tf2, and how often to injure the hosts.
-pytest_plugins = ["tf2_versus", "fault_options", "stress_options"]
+# Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
+pytest_plugins = ["tf2_versus", "fault_options", "stress_options", "view_pages"]
 
 T = TypeVar("T")
 
@@ -160,15 +160,14 @@ class Bus:
         meeting_point = NodeSettings("test", config=str(self.quick_config), listen=(self.endpoint,))
         self._meeting_point = Session(meeting_point, logging.getLogger("test"))
 
-    def node(self, name: str, *, namespace: str = "", **given: object) -> Node:
-        """A node in the process of the test."""
-        settings = NodeSettings(
-            name,
-            namespace=namespace,
-            # What is given are fields of NodeSettings.
-            **{"config": str(self.quick_config), "connect": (self.endpoint,), **given},  # type: ignore[arg-type]
-        )
-        node = Node(settings=settings)
+    def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
+        """A node in the process of the test; what is given are fields of NodeSettings."""
+        fields: dict[str, Any] = {
+            "config": str(self.quick_config),
+            "connect": (self.endpoint,),
+            **given,
+        }
+        node = Node(settings=NodeSettings(name, namespace=namespace, **fields))
         self._nodes.append(node)
         return node
 

@@ -1,106 +1,16 @@
 """The page of `tfbus view` in a real Chromium that nobody sees: what people do, and see."""
 
 import re
-import shutil
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from signal import SIGKILL
 from typing import Any
 
-import pytest
-from conftest import DEADLINE_S, Bus, Process, eventually, free_port
+from conftest import Bus, eventually, free_port
+from view_pages import PATIENCE_S, View, start_view
 
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
-from tfbus.messages import Pose
-
-pytest.importorskip("viser", reason="the extra view is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-if not (CHROMIUM := shutil.which("chromium")):
-    pytest.skip("there is no chromium (apt-get install chromium)", allow_module_level=True)
-
-from tfbus.nodes.viewer.screenshot import FLAGS  # noqa: E402  # needs none, but is for none
-
-# Chromium draws without a graphics card, on a machine that others use too.
-PATIENCE_S = 3 * DEADLINE_S
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """One Chromium for all tests; each has pages of its own."""
-    with playwright.sync_playwright() as driver:
-        flags = [flag for flag in FLAGS if not flag.startswith("--headless")]
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=[*flags, "--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-class View:
-    """A page of a running `tfbus view`."""
-
-    def __init__(self, page: Any, address: str) -> None:
-        self.page = page
-        self.errors: list[str] = []
-        page.set_default_timeout(PATIENCE_S * 1e3)
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(address)
-        self.headline("")
-
-    def headline(self, part: str) -> str:
-        """The line at the top, once it has this part in it."""
-        line = self.page.get_by_role("status").filter(has_text=part)
-        line.wait_for()
-        return str(line.inner_text())
-
-    def row(self, frame: str) -> Any:
-        """A frame's row in the tree."""
-        return self.page.locator(f"[data-row='{frame}']")
-
-    def wait_for_status(self, frame: str, status: str) -> None:
-        """Wait until a frame has this badge."""
-        self.page.locator(f"[data-row='{frame}'][data-status='{status}']").wait_for()
-
-    def select(self, frame: str) -> None:
-        """Click on a frame's name in the tree."""
-        self.row(frame).get_by_role("button").click()
-        self.page.locator(f".tf-selected[data-row='{frame}']").wait_for()
-
-    def tab(self, name: str) -> None:
-        """Open a tab of the panel."""
-        self.page.get_by_text(name, exact=True).click()
-
-    def field(self, label: str) -> Any:
-        """The input beside a label."""
-        return self.page.locator(
-            f"xpath=//label[normalize-space()='{label}']/ancestor::div[.//input][1]"
-            "//input[not(@type='hidden')]"
-        ).first
-
-    def choose(self, label: str, option: str) -> None:
-        """Choose an entry of the dropdown beside a label."""
-        self.field(label).click()
-        self.page.get_by_role("option", name=option, exact=True).click()
-
-    def block(self, element: str) -> str:
-        """A block of numbers: tf-in-parent, tf-in-fixed, tf-echo."""
-        return str(self.page.locator(f"#{element}").inner_text())
-
-
-def start_view(bus: Bus, *options: str) -> tuple[Process, str]:
-    """`tfbus view` as a process, and the address that it tells."""
-    # Seldom, because it is the processor that draws here.
-    process = bus.start("view", "--port", str(free_port()), "--rate", "5", *options)
-    line = process.wait_for_line(r"View: http://", within_s=PATIENCE_S)
-    return process, line.rpartition("View: ")[2]
-
-
-@pytest.fixture
-def pages(browser: Any) -> Iterator[Any]:
-    """A window of the browser, closed after the test."""
-    context = browser.new_context(viewport={"width": 900, "height": 500})
-    yield context
-    context.close()
 
 
 class Arm:
@@ -184,50 +94,6 @@ def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
     assert view.errors == []
 
 
-def test_a_turtle_is_driven_from_the_page(bus: Bus, pages: Any) -> None:
-    """By arrows and keys, each request with its reply; and the measure tab prints as echo does."""
-    bus.start("simulator", "--headless")
-    bus.start("broadcaster")
-    _, address = start_view(bus)
-    node = bus.node("witness")
-    poses: dict[str, Pose] = {}
-    for name in ("turtle1", "leo"):
-        node.create_subscription(
-            Pose, f"{name}/pose", lambda pose, name=name: poses.update({name: pose})
-        )
-    eventually(lambda: "turtle1" in poses)
-    view = View(pages.new_page(), address)
-    view.wait_for_status("drone", "fresh")
-    view.tab("Turtles")
-    reply = view.page.get_by_role("log")
-
-    view.page.get_by_label("drive forward").click()
-    eventually(lambda: poses["turtle1"].x > 5.6, within_s=PATIENCE_S)
-    view.page.get_by_label("drive by keyboard").focus()
-    view.page.keyboard.press("g")
-    reply.filter(has_text="rotation of turtle1 succeeded").wait_for()
-    start_m = poses["turtle1"].x
-    eventually(
-        lambda: view.page.keyboard.press("ArrowDown") or poses["turtle1"].x < start_m - 0.1,
-        within_s=PATIENCE_S,
-    )
-
-    view.field("New name").fill("leo")
-    view.page.get_by_role("button", name="Spawn").click()
-    reply.filter(has_text="spawned leo").wait_for()
-    eventually(lambda: "leo" in poses, within_s=PATIENCE_S)
-    view.page.get_by_role("button", name="Spawn").click()
-    reply.filter(has_text="spawn: A turtle named [leo] already exists").wait_for()
-
-    view.tab("Measure")
-    view.choose("Seen from", "turtle1")
-    view.choose("Frame", "drone")
-    echo = view.page.locator("#tf-echo").filter(has_text="Translation: [-0.500, 0.000, 1.000]")
-    echo.wait_for()
-    view.page.get_by_text("1.118 m apart").wait_for()
-    assert view.errors == []
-
-
 def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
     """The file opens the same view again; a filter that cannot be read changes nothing."""
     path = tmp_path / "view.yaml"
@@ -252,6 +118,72 @@ def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_
     view.tab("Frames")
     view.page.get_by_text("3 left out by Only '^t'").wait_for()
     assert view.row("base").count() == 0
+
+
+def test_what_one_browser_chooses_all_of_them_show(bus: Bus, pages: Any) -> None:
+    """Three of them: boxes, the fixed frame, time; each stays itself when another leaves."""
+    _, address = start_view(bus)
+    Arm(bus.node("arm"))
+    views = [View(pages.new_page(), address) for _ in range(3)]
+    for view in views:
+        view.wait_for_status("tool", "fresh")
+    views[0].page.get_by_role("button", name="none").click()
+    for view in views:
+        eventually(
+            lambda view=view: not view.page.get_by_label("show tool").is_checked(),
+            within_s=PATIENCE_S,
+        )
+    views[1].choose("Fixed frame", "tool")
+    views[2].button("Pause")
+    for view in views:
+        view.headline("4 frames, seen from tool · paused at")
+    views[1].page.close()
+    views[0].button("Follow")
+    eventually(lambda: "paused" not in views[2].headline("4 frames"), within_s=PATIENCE_S)
+    assert [view.errors for view in views] == [[], [], []]
+
+
+def test_a_click_on_axes_selects_their_frame(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """In the scene as in the tree."""
+    settings = tmp_path / "view.yaml"
+    settings.write_text("scale: 10\nnames: false\n")
+    _, address = start_view(bus, "--settings", str(settings))
+    static = StaticTransformBroadcaster(bus.node("lamps"))
+    # So that the map is in the middle of the picture, with its z upwards.
+    static.send_transform(
+        [
+            Stamped(0, "map", "left", Transform((-1.0, 0.0, 0.0))),
+            Stamped(0, "map", "right", Transform((1.0, 0.0, 0.0))),
+        ]
+    )
+    view = View(pages.new_page(), address)
+    view.wait_for_status("right", "static")
+    canvas = view.page.locator("canvas[data-engine]")
+    selected = view.page.locator(".tf-selected[data-row='map']")
+
+    def clicked() -> bool:
+        box = canvas.bounding_box()
+        canvas.click(position={"x": box["width"] / 2, "y": box["height"] / 2 - 25})
+        return selected.count() > 0
+
+    eventually(clicked, within_s=PATIENCE_S)
+    assert view.errors == []
+
+
+def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """The rest of it is; the line stands below the tree."""
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(
+        "<robot name='r'><link name='base'><visual><geometry><box size='1 1 1'/></geometry>"
+        "</visual><visual><geometry><mesh filename='package://arm/a.stl'/></geometry></visual>"
+        "</link></robot>"
+    )
+    _, address = start_view(bus, "--urdf", str(urdf))
+    Arm(bus.node("arm"))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("base", "fresh")
+    said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
+    assert "--package-path names the folder with package 'arm'" in said.inner_text()
 
 
 def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:

@@ -151,7 +151,7 @@ class Page:
         with self._server.atomic():
             self._draw(placed, around, wanted, stamp_ns)
             if is_due:
-                self._look_first(placed, around)
+                self._look_first(placed)
                 now_ns = self._node.now_ns()
                 self._panel.refresh(self._frames, placed, wanted.fixed_frame, self._buffer, now_ns)
         self._name(placed, settings, is_due)
@@ -209,9 +209,9 @@ class Page:
             else:
                 labels.move(placed, self._scene.size_m)
 
-    def _look_first(self, placed: Placed, around: Placed) -> None:
+    def _look_first(self, placed: Placed) -> None:
         if self._turtle_scene.is_shown:
-            middle, radius_m = around.xyz[around.index[WORLD]], _FIELD_RADIUS_M
+            middle, radius_m = self._turtle_scene.middle, _FIELD_RADIUS_M
         elif len(placed.names) >= 2:
             middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
             radius_m = 0.75 * max(placed.extent_m(), 1.0)

@@ -9,7 +9,7 @@ import viser
 from tfbus import Transform
 from tfbus.nodes.turtle import field
 from tfbus.nodes.turtle.livery import Rgb, livery
-from tfbus.nodes.viewer.placing import Placed
+from tfbus.nodes.viewer.placing import Floats, Placed
 from tfbus.nodes.viewer.turtles import Picture, Turtles
 
 # The frame in whose middle the field lies.
@@ -34,6 +34,11 @@ class TurtleScene:
     def is_shown(self) -> bool:
         """Whether there is a field in the scene."""
         return bool(self._root.visible)
+
+    @property
+    def middle(self) -> Floats:
+        """Where the middle of the field is."""
+        return np.array(self._root.position, np.float64)
 
     def draw(self, placed: Placed, fixed_frame: str) -> None:
         """Show the turtles where their frames are, or where they say that they are."""

@@ -1,0 +1,159 @@
+"""The turtles' tab of the page in a real Chromium: each button and key, and what comes of it."""
+
+import math
+import zlib
+from typing import Any
+
+import pytest
+from conftest import Bus, eventually
+from view_pages import PATIENCE_S, View, start_view
+
+from tfbus import Node
+from tfbus.messages import Field, Pose
+
+
+class Witness:
+    """What the bus says of the turtles."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._poses: dict[str, Pose] = {}
+        self._field = node.create_client(Field, "field")
+        self.watch("turtle1")
+
+    def watch(self, turtle: str) -> None:
+        """Follow a turtle's pose."""
+        self._node.create_subscription(
+            Pose, f"{turtle}/pose", lambda pose: self._poses.update({turtle: pose})
+        )
+
+    def knows(self, turtle: str) -> bool:
+        """Whether it has said where it is."""
+        return turtle in self._poses
+
+    def pose(self, turtle: str = "turtle1") -> Pose:
+        """Where it said last that it is."""
+        return self._poses[turtle]
+
+    def field(self) -> Field.Response:
+        """The field as the simulator tells it."""
+        return self._field.call(Field.Request(), timeout_s=PATIENCE_S)
+
+    def has_ink(self) -> bool:
+        """Whether something is drawn on the field."""
+        return any(zlib.decompress(self.field().ink))
+
+
+@pytest.fixture
+def witness(bus: Bus) -> Witness:
+    """Sees what the turtles of a simulator do, which runs."""
+    bus.start("simulator", "--headless")
+    witness = Witness(bus.node("witness"))
+    eventually(lambda: witness.knows("turtle1"), within_s=PATIENCE_S)
+    return witness
+
+
+@pytest.fixture
+def view(bus: Bus, pages: Any, witness: Witness) -> View:
+    """The turtles' tab of a page."""
+    _, address = start_view(bus)
+    view = View(pages.new_page(), address)
+    view.tab("Turtles")
+    view.page.get_by_text("No simulator is on this bus").wait_for(state="detached")
+    return view
+
+
+def reply(view: View, text: str) -> None:
+    """Wait for this reply."""
+    view.page.get_by_role("log").filter(has_text=text).wait_for()
+
+
+def fill(view: View, label: str, *values: str) -> None:
+    """Write into the fields beside a label."""
+    inputs = view.page.locator(
+        f"xpath=//label[normalize-space()='{label}']/ancestor::div[.//input][1]//input"
+    )
+    for at, value in enumerate(values):
+        inputs.nth(at).fill(value)
+        inputs.nth(at).press("Tab")
+
+
+def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) -> None:
+    """An arrow drives it, a key of the teleop turns it, F cancels that: read from the bus."""
+    view.page.get_by_label("drive forward").click()
+    eventually(lambda: witness.pose().x > 5.6, within_s=PATIENCE_S)
+    view.page.get_by_label("rotate to 90°").click()
+    reply(view, "rotation of turtle1 succeeded: turned by")
+    assert witness.pose().theta == pytest.approx(math.pi / 2, abs=0.1)
+
+    view.page.get_by_label("drive by keyboard").focus()
+    start_m = witness.pose().y
+    eventually(
+        lambda: view.page.keyboard.press("ArrowUp") or witness.pose().y > start_m + 0.1,
+        within_s=PATIENCE_S,
+    )
+    # Half a turn takes three seconds; what is cancelled ends before.
+    view.page.keyboard.press("v")
+    reply(view, "rotating turtle1 to -90°")
+    view.page.get_by_label("cancel the rotation").click()
+    reply(view, "rotation of turtle1 canceled")
+    assert abs(witness.pose().theta + math.pi / 2) > 0.1
+    assert view.errors == []
+
+
+def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View) -> None:
+    """Each with its reply, the refusal too, and seen on the bus."""
+    fill(view, "x, y, °", "2", "3", "90")
+    fill(view, "New name", "leo")
+    view.button("Spawn")
+    reply(view, "spawned leo")
+    witness.watch("leo")
+    eventually(lambda: witness.knows("leo"), within_s=PATIENCE_S)
+    leo = witness.pose("leo")
+    assert (leo.x, leo.y, leo.theta) == pytest.approx((2.0, 3.0, math.pi / 2), abs=1e-3)
+
+    view.button("Spawn")
+    reply(view, "spawn: A turtle named [leo] already exists")
+
+    eventually(lambda: view.choose("Turtle", "leo") is None, within_s=PATIENCE_S)
+    fill(view, "x, y, °", "8", "1", "-90")
+    view.button("Teleport")
+    reply(view, "teleported leo to (8, 1), -90°")
+    eventually(lambda: witness.pose("leo").x == pytest.approx(8.0), within_s=PATIENCE_S)
+    assert witness.pose("leo").theta == pytest.approx(-math.pi / 2, abs=1e-3)
+
+    view.button("Kill")
+    reply(view, "killed leo")
+    assert witness.field().turtles == ["turtle1"]
+    assert view.errors == []
+
+
+def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
+    """What was drawn is gone; after a reset the turtle is back in the middle."""
+    view.page.get_by_label("drive forward").click()
+    eventually(witness.has_ink, within_s=PATIENCE_S)
+    view.button("Clear")
+    reply(view, "cleared the field")
+    eventually(lambda: not witness.has_ink() or view.button("Clear"), within_s=PATIENCE_S)
+    moved_m = witness.pose().x
+    assert moved_m > 5.6
+
+    view.button("Reset")
+    reply(view, "reset the field")
+    eventually(lambda: witness.pose().x < moved_m, within_s=PATIENCE_S)
+    assert witness.pose().x == pytest.approx(5.544, abs=1e-3)
+    assert view.errors == []
+
+
+def test_what_lies_between_two_frames_is_printed_as_echo_does(
+    bus: Bus, witness: Witness, view: View
+) -> None:
+    """The drone is behind its turtle and above."""
+    bus.start("broadcaster")
+    view.tab("Measure")
+    eventually(lambda: view.choose("Seen from", "turtle1") is None, within_s=PATIENCE_S)
+    view.choose("Frame", "drone")
+    echo = view.page.locator("#tf-echo").filter(has_text="Translation: [-0.500, 0.000, 1.000]")
+    echo.wait_for()
+    view.page.get_by_text("1.118 m apart").wait_for()
+    assert view.errors == []

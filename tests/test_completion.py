@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import click
@@ -130,6 +131,14 @@ class Terminal:
         lines = [line for line in self.screen().splitlines() if "tfbus" in line]
         return lines[-1][lines[-1].index("tfbus") :] if lines else ""
 
+    def shows(self, line: str) -> bool:
+        """Whether that is the last line."""
+        return self.line() == line
+
+    def shows_no_longer(self, line: str) -> bool:
+        """Whether the last line has become another one."""
+        return not self.shows(line)
+
     def close(self) -> None:
         """End the shell."""
         self._tmux("kill-server")
@@ -185,10 +194,10 @@ def test_a_shell_completes_what_is_typed(bus: Bus, env: dict[str, str], terminal
         eventually(lambda: not terminal.line())
         terminal.type(typed)
         shown = typed.rstrip()
-        eventually(lambda shown=shown: terminal.line() == shown)  # type: ignore[misc]
+        eventually(partial(terminal.shows, shown))
         refresh(env)
         terminal.type("Tab")
-        eventually(lambda shown=shown: terminal.line() != shown)  # type: ignore[misc]
+        eventually(partial(terminal.shows_no_longer, shown))
         terminal.type("X")
         eventually(lambda: terminal.line().endswith("X"))
         assert terminal.line() == completed

@@ -54,8 +54,8 @@ def test_it_is_drawn_as_lines() -> None:
 
 def test_lines_fit_the_width() -> None:
     """Where a line would be too long, what matters least is left away."""
-    lines = tree_lines(tree_of(buffer_of(("world", "turtle1"))), width=34)
-    assert lines[1] == "└─ turtle1  0.0 ms old, 10.0 Hz"
+    lines = tree_lines(tree_of(buffer_of(("world", "turtle1"))), width=46)
+    assert lines[1] == "└─ turtle1  0.0 ms old, 10.0 Hz over 2.0 s"
 
 
 def test_stale_and_gone_frames_say_so() -> None:

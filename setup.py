@@ -10,7 +10,7 @@ import sys
 from setuptools import Extension, setup
 
 # Beside each stands a .pxd file that says its C types.
-KERNEL = ("kernel", "transform", "columns", "tree", "buffer")
+KERNEL = ("kernel", "transform", "columns", "one_message", "tree", "buffer")
 
 # The arithmetic of a pose is many small functions, which are to become one, however large; and no
 # part of it asks errno about a square root. Nothing here changes a result.

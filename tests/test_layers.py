@@ -30,7 +30,7 @@ LAYERS = [
     {"kernel"},
     {"transform"},
     {"batch", "transform_array", "twist", "describe"},
-    {"columns"},
+    {"columns", "one_message"},
     {"tree"},
     {"explain", "waiting", "freshness", "shortfall"},
     {"buffer"},

@@ -186,6 +186,39 @@ def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
 
 
 @settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.booleans(),
+            st.sampled_from(["a", "b"]),
+            st.sampled_from(["world", "map"]),
+            st.integers(0, 5).map(lambda s: s * S // 2),
+        ),
+        max_size=12,
+    ),
+    st.booleans(),
+)
+def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
+    sends: list[tuple[bool, str, str, int]], split: bool
+) -> None:
+    """Whatever is sent alone and whatever in batches, the messages are the same."""
+    mixed, batches = Sent(), Sent()
+    senders = mixed.sender(split=split), batches.sender(split=split)
+    for number, (alone, child, parent, stamp_ns) in enumerate(sends):
+        transform = at(number, child, parent=parent, stamp_ns=stamp_ns)
+        columns = Columns.of_transforms([transform])
+        if alone:
+            senders[0].send_one(transform)
+        else:
+            senders[0].send(columns)
+        senders[1].send(columns)
+    assert numbers_of(mixed) == numbers_of(batches)
+    assert [list(message.batch) for _, message in mixed.messages] == [
+        list(message.batch) for _, message in batches.messages
+    ]
+
+
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.lists(st.sampled_from("abcd"), max_size=4), st.integers(0, 5))))
 def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
     """Of each frame the newest stamp is known, also where a send has a frame twice."""

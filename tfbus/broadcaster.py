@@ -47,7 +47,10 @@ class TransformBroadcaster:
         InvalidArgumentException where parent and child are the same frame, or a name in a batch
         can be no frame's.
         """
-        self._sender.send(_as_columns(transforms))
+        if isinstance(transforms, TransformStamped):
+            self._sender.send_one(transforms)
+        else:
+            self._sender.send(_as_columns(transforms))
 
     def remove(self, frame: str) -> None:
         """Take a child frame out of the stream, and so out of every listener's buffer.
@@ -81,9 +84,7 @@ class StaticTransformBroadcaster:
         self._stream.remove_static(frame)
 
 
-def _as_columns(transforms: Transforms) -> Columns:
-    if isinstance(transforms, TransformStamped):
-        return Columns.of_transforms((transforms,))
+def _as_columns(transforms: TransformBatch | Iterable[TransformStamped]) -> Columns:
     if isinstance(transforms, TransformBatch):
         return Columns.of_batch(transforms)
     return Columns.of_transforms(transforms)

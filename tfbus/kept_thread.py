@@ -19,7 +19,7 @@ def on_kept_thread(callback: Callable[[Any], None]) -> Callable[[Any], None]:
     """The callback, so wrapped that the threads that call it are kept."""
 
     def called(event: Any) -> None:
-        _thread.known = True  # the first time in a thread, this makes its _Thread
+        kept.known = True
         callback(event)
 
     return called
@@ -37,4 +37,6 @@ class _Thread(threading.local):
             ctypes.pythonapi.PyGILState_Ensure()
 
 
-_thread = _Thread()
+# To set `kept.known` in a callback keeps the thread that it is called on: the first time in a
+# thread, that makes its _Thread.
+kept = _Thread()

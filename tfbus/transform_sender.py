@@ -1,6 +1,7 @@
 """Sends what moves in a stream, and keeps it for a while for those who join."""
 
 import math
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -11,14 +12,19 @@ from tfbus.columns import Columns
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.kept_messages import KeptMessages
 from tfbus.newest_stamps import NewestStamps, Rows
+from tfbus.one_message import OneMessage
 from tfbus.query import Query
 from tfbus.session import Session, within
 from tfbus.stream_frames import Edges, StreamFrames
-from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
+from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.stream_options import StreamOptions
+from tfbus.transform import TransformStamped
 
 # What sends have in common is remembered for tables of so many edges in all.
 _MOST_EDGES = 50_000
+
+# Whether columns stand on this machine as they do in a message.
+_AS_ON_THE_WIRE = sys.byteorder == "little"
 
 
 @dataclass(slots=True, eq=False)
@@ -35,6 +41,20 @@ class _Table:
     stamp_rows: Rows
     first_stamp_row: int
     parts: Sequence[RowsOfKey]
+
+
+@dataclass(slots=True, eq=False)
+class _Single:
+    """What sends of one transform alone, of the same frames, have in common; `noted` as above.
+
+    `sent_ns` is the newest stamp that the frame was sent with.
+    """
+
+    message: OneMessage
+    noted: int
+    stamp_row: int
+    key: StreamKey
+    sent_ns: int
 
 
 class TransformSender:
@@ -65,6 +85,8 @@ class TransformSender:
         self._newest = NewestStamps()
         self._tables: dict[tuple[tuple[str, ...], bytes], _Table] = {}
         self._last_table: _Table | None = None
+        # By their child frame.
+        self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
         self._kept = KeptMessages(options.history_s) if options.history_s else None
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
@@ -83,17 +105,64 @@ class TransformSender:
         the same.
         """
         with self._lock:
+            self._send(columns)
+
+    def send_one(self, transform: TransformStamped) -> None:
+        """Send one transform alone: as `send`, in a third of the time."""
+        with self._lock:
+            single = self._singles.get(transform.child_frame_id)
+            if single is None or not self._send_again(single, transform):
+                columns = Columns.of_transforms((transform,))
+                self._remember_single(transform, self._send(columns))
+
+    def _send_again(self, single: _Single, transform: TransformStamped) -> bool:
+        """Send a transform of the same frames as the last; False where it is not as usual.
+
+        What can be done after the put, is: whoever listens need not wait for it.
+        """
+        stamp_ns = transform.stamp_ns
+        if stamp_ns < single.sent_ns or single.noted != self._frames.moves:
+            return False
+        key = single.key
+        payload = single.message.encode(key.sent, transform)
+        if payload is None:
+            return False
+        key.publisher.put(payload)
+        key.sent += 1
+        single.sent_ns = stamp_ns
+        if self._kept is not None:
+            self._kept.append(key.key, payload)
+        self._newest.note_one(single.stamp_row, stamp_ns)
+        return True
+
+    def _send(self, columns: Columns) -> _Table:
+        table = self._table(columns)
+        late = self._note(table, columns)
+        if late is not None:
+            self._restart(columns.as_batch(), late, int(table.stamp_rows[late]))
             table = self._table(columns)
-            late = self._note(table, columns)
-            if late is not None:
-                self._restart(columns.as_batch(), late, int(table.stamp_rows[late]))
-                table = self._table(columns)
-                self._note(table, columns)
-            for part in table.parts:
-                payload = part.encode(columns)
-                if self._kept is not None:
-                    self._kept.append(part.key.key, payload)
-                part.key.publisher.put(payload)
+            self._note(table, columns)
+        if not self._singles.keys().isdisjoint(table.by_child.keys()):
+            for child in table.by_child:
+                self._singles.pop(child, None)
+        for part in table.parts:
+            payload = part.encode(columns)
+            part.key.publisher.put(payload)
+            if self._kept is not None:
+                self._kept.append(part.key.key, payload)
+        return table
+
+    def _remember_single(self, transform: TransformStamped, table: _Table) -> None:
+        if _AS_ON_THE_WIRE:
+            part = table.parts[0]
+            frames = transform.frame_id, transform.child_frame_id
+            self._singles[frames[1]] = _Single(
+                OneMessage(*frames, *part.encoder.fixed),
+                table.noted,
+                table.first_stamp_row,
+                part.key,
+                transform.stamp_ns,
+            )
 
     def wait_sent(self) -> None:
         """Wait for the end of the send that another thread is at."""
@@ -149,6 +218,7 @@ class TransformSender:
 
     def _forget_tables(self) -> None:
         self._tables.clear()
+        self._singles.clear()
         self._last_table = None
         self._edges_remembered = 0
 

@@ -71,6 +71,13 @@ class TransformEncoder:
         self._stamps = pack("stamps") + _bin_header(count * _STAMP.itemsize)
         self._poses = pack("poses") + _bin_header(count * 7 * _POSE.itemsize)
 
+    @property
+    def fixed(self) -> tuple[bytes, bytes, bytes]:
+        """What all numbered messages have in common: up to their number, which takes eight bytes;
+        from there to the stamps; and from there to the poses.
+        """
+        return self._counted, self._stamps, self._poses
+
     def encode(self, seq: int | None, stamps: bytes, poses: bytes) -> bytes:
         """The payload of one message: as many stamps and poses as there are edges, as the bytes
         of their columns on this machine.

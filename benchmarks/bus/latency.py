@@ -1,19 +1,25 @@
 """How long a transform takes from its sending to a lookup that answers with it, in another
-process; beside a bare message of Zenoh of the same size.
+process; beside a bare message of Zenoh of the same size, between two processes without tfbus.
 """
 
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.bus.intake import Template
 from benchmarks.bus.place import Place, Process, place, say
 
 PERIOD_S = 0.001
-# Sent in turns of so many, lest one has the quiet hour.
+# The two take turns of so many messages, lest one has the quiet hour.
 TURN = 50
+# The first that are sent meet memory and code that nobody has used yet.
+_WARM_UP = 100
 _BARE_KEY = "bare"
+_KINDS = ("ours", "bare")
+
+# Of each message by its number: when it was sent, or when it was there, in nanoseconds.
+Times = list[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -27,24 +33,40 @@ class Latency:
 
 def measure(messages: int, runs: int) -> tuple[Latency, Latency]:
     """Of tfbus and of bare Zenoh, each sent so many messages a run."""
-    ours: list[float] = []
-    bare: list[float] = []
+    taken: dict[str, list[float]] = {kind: [] for kind in _KINDS}
     for _ in range(runs):
-        with place() as at:
-            heard = _once(at, messages)
-        ours += heard["ours"]
-        bare += heard["bare"]
-    return _latency(ours), _latency(bare)
+        with place() as ours, place() as bare:
+            for kind, some_us in _once({"ours": ours, "bare": bare}, messages).items():
+                taken[kind] += some_us
+    return _latency(taken["ours"]), _latency(taken["bare"])
 
 
-def _once(at: Place, messages: int) -> dict[str, list[float]]:
-    with Process(at, "latency:listen", at.listening()) as listener:
-        listener.hear()
-        with Process(at, "latency:send", at.connecting(), messages=messages) as sender:
-            sender.hear()
-            listener.tell()
-            heard: dict[str, list[float]] = listener.hear()
-            return heard
+def _once(places: dict[str, Place], messages: int) -> dict[str, list[float]]:
+    size = _size()
+    listeners = {
+        kind: Process(at, f"latency:listen_{kind}", at.listening()) for kind, at in places.items()
+    }
+    with listeners["ours"], listeners["bare"]:
+        for listener in listeners.values():
+            listener.hear()
+        senders = {
+            kind: Process(at, f"latency:send_{kind}", at.connecting(), messages=messages, size=size)
+            for kind, at in places.items()
+        }
+        with senders["ours"], senders["bare"]:
+            for sender in senders.values():
+                sender.hear()
+            starts_s = time.monotonic() + 0.5
+            for turn, kind in enumerate(_KINDS):
+                senders[kind].tell(str(starts_s + turn * TURN * PERIOD_S))
+            sent = {kind: dict(senders[kind].hear()) for kind in _KINDS}
+            for listener in listeners.values():
+                listener.tell()
+            came: dict[str, Times] = {kind: listeners[kind].hear() for kind in _KINDS}
+    return {
+        kind: [(at_ns - sent[kind][number]) / 1e3 for number, at_ns in came[kind][_WARM_UP:]]
+        for kind in _KINDS
+    }
 
 
 def _latency(taken_us: list[float]) -> Latency:
@@ -52,63 +74,124 @@ def _latency(taken_us: list[float]) -> Latency:
     return Latency(taken_us[len(taken_us) // 2], taken_us[len(taken_us) * 99 // 100], len(taken_us))
 
 
-def listen() -> None:
-    """The process that hears both."""
-    import zenoh
+def _size() -> int:
+    """How many bytes a message of one transform is."""
+    from tfbus import Transform, TransformBatch, TransformStamped
+    from tfbus.wire import TransformMessage, encode_transforms
 
+    one = TransformStamped(0, "base_link", "frame_0", Transform.identity())
+    batch = TransformBatch.from_transforms([one])
+    return len(encode_transforms(TransformMessage(batch, time.time_ns(), 0)))
+
+
+def _due(messages: int) -> Iterator[int]:
+    """The numbers of so many messages, each when it is to be sent, from when this is told."""
+    starts_s = float(sys.stdin.readline())
+    for number in range(messages):
+        turn, step = divmod(number, TURN)
+        due_s = starts_s + (2 * turn * TURN + step) * PERIOD_S
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        yield number
+
+
+def listen_ours() -> None:
+    """The process that looks up, as soon as something has been put into its buffer."""
     import tfbus
 
-    ours: list[float] = []
-    bare: list[float] = []
+    came: Times = []
 
     class Timed(tfbus.Buffer):
         """Notes when a lookup answers with what has just come."""
 
         def set_transforms(self, batch: Any, **how: Any) -> int:
             taken = super().set_transforms(batch, **how)
-            sent_ns = self.lookup_transform("base_link", "frame_0").stamp_ns
-            ours.append((time.time_ns() - sent_ns) / 1000.0)
+            number = self.lookup_transform("base_link", "frame_0").stamp_ns
+            came.append((number, time.time_ns()))
             return taken
 
-    def on_bare(sample: zenoh.Sample) -> None:
-        payload = sample.payload.to_bytes()
-        bare.append((time.time_ns() - int.from_bytes(payload[:8], "little")) / 1000.0)
-
     with tfbus.Node("listener") as node:
-        handler: Any = zenoh.handlers.Callback(on_bare, None, indirect=False)
-        node.session.zenoh.declare_subscriber(_BARE_KEY, handler)
         tfbus.TransformListener(Timed(), node)
-        say("ready")
-        sys.stdin.readline()
-        say({"ours": ours[TURN:], "bare": bare[TURN:]})
-        sys.stdin.readline()
+        _say_what_came(came)
 
 
-def send(messages: int) -> None:
-    """The process that sends both."""
-    import zenoh
-
+def send_ours(messages: int, size: int) -> None:
+    """The process that sends transforms, whose stamps are their numbers."""
     import tfbus
 
+    sent: Times = []
     with tfbus.Node("sender") as node:
         broadcaster = tfbus.TransformBroadcaster(node)
-        bare = node.session.zenoh.declare_publisher(
-            _BARE_KEY, congestion_control=zenoh.CongestionControl.DROP
+        pose = tfbus.Transform((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+        _say_ready()
+        for number in _due(messages):
+            transform = tfbus.TransformStamped(number, "base_link", "frame_0", pose)
+            sent.append((number, time.time_ns()))
+            broadcaster.send_transform(transform)
+        _say_what_was_sent(sent)
+
+
+def listen_bare() -> None:
+    """The process with a callback on Zenoh's own thread, which is the fastest that it has."""
+    import zenoh
+
+    came: Times = []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        payload = sample.payload.to_bytes()
+        came.append((int.from_bytes(payload[:8], "little"), time.time_ns()))
+
+    with zenoh.open(_bare_config("listen")) as session:
+        handler: Any = zenoh.handlers.Callback(on_sample, None, indirect=False)
+        session.declare_subscriber(_BARE_KEY, handler)
+        _say_what_came(came)
+
+
+def send_bare(messages: int, size: int) -> None:
+    """The process that puts, with the options that tfbus has for transforms."""
+    import zenoh
+
+    sent: Times = []
+    with zenoh.open(_bare_config("connect")) as session:
+        publisher = session.declare_publisher(
+            _BARE_KEY,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
         )
-        filling = bytes(Template(1).size - 8)
-        transform = tfbus.Transform((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
-        time.sleep(1.0)
-        due = time.monotonic()
-        for number in range(2 * messages):
-            due += PERIOD_S
-            time.sleep(max(0.0, due - time.monotonic()))
-            now_ns = time.time_ns()
-            if number // TURN % 2:
-                broadcaster.send_transform(
-                    tfbus.TransformStamped(now_ns, "base_link", "frame_0", transform)
-                )
-            else:
-                bare.put(now_ns.to_bytes(8, "little") + filling)
-        time.sleep(0.5)
-        say("sent")
-        sys.stdin.readline()
+        filling = bytes(size - 8)
+        _say_ready()
+        for number in _due(messages):
+            payload = number.to_bytes(8, "little") + filling
+            sent.append((number, time.time_ns()))
+            publisher.put(payload)
+        _say_what_was_sent(sent)
+
+
+def _bare_config(what: str) -> Any:
+    import json
+    import os
+
+    import zenoh
+
+    config = zenoh.Config.from_file(os.environ["TFBUS_CONFIG"])
+    endpoint = os.environ[f"TFBUS_{what.upper()}"]
+    config.insert_json5(f"{what}/endpoints", json.dumps([endpoint]))
+    return config
+
+
+def _say_what_came(came: Times) -> None:
+    say("ready")
+    sys.stdin.readline()
+    say(came)
+    sys.stdin.readline()
+
+
+def _say_ready() -> None:
+    # Until what is listened to is known here.
+    time.sleep(1.0)
+    say("ready")
+
+
+def _say_what_was_sent(sent: Times) -> None:
+    time.sleep(0.5)
+    say(sent)
+    sys.stdin.readline()

@@ -104,10 +104,10 @@ class Process:
             raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}\n{told}")
         return json.loads(line)
 
-    def tell(self) -> None:
+    def tell(self, line: str = "") -> None:
         """Send it one line, which it may wait for."""
         assert self._popen.stdin is not None
-        self._popen.stdin.write("\n")
+        self._popen.stdin.write(f"{line}\n")
         self._popen.stdin.flush()
 
 

@@ -1,0 +1,10 @@
+cimport cython
+from tfbus cimport octets
+from tfbus.transform cimport TransformStamped
+
+@cython.final
+cdef class OneMessage:
+    cdef str _frame_id, _child_frame_id
+    cdef bytes _head, _stamps, _poses
+
+    cpdef bytes encode(self, object seq, TransformStamped transform)

@@ -1,12 +1,13 @@
-"""Processes for tests of loads: a publisher that sends as much as it is asked to, and a listener
-that tells what it has received.
+"""Processes for tests of loads: a publisher that sends as much as it is asked to; a listener that
+tells what it has received; and one that takes two milliseconds for each message.
 
-python load_roles.py publish|listen
+python load_roles.py publish|listen|dawdle
 """
 
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +26,8 @@ TRICKLE_S = 0.05
 
 
 class Load:
-    """Sends: so many in a row, of so many frames each; then a static frame, if any, `static_x`
-    metres ahead.
+    """Sends: so many in a row, of so many frames each, at a rate per second (0: as many as can be);
+    then a static frame, if any, `static_x` metres ahead.
     """
 
     @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Load:
 
         sends: int = 0
         frames: int = 1
+        rate: float = 0.0
         static_x: float = 0.0
 
     @dataclass(frozen=True)
@@ -57,17 +59,20 @@ class Told:
 
     @dataclass(frozen=True)
     class Response:
-        """Messages that came and that did not, the x of the newest and that of the static frame."""
+        """Messages that came and that did not; the x of the newest and that of the static frame;
+        and the memory of the process, in bytes, where another one tells.
+        """
 
         messages: int
         missed: int
         x: float
         static_x: float
+        memory: int = 0
 
 
 def heard(listener: TransformListener) -> Told.Response:
-    """What a listener has received of the publisher, at a moment at which nothing came: what has
-    been counted is in the buffer, too.
+    """What a listener has received of the publisher, at a moment at which nothing came: what is in
+    the buffer has been counted, too.
     """
     while True:
         before = _heard(listener)
@@ -113,7 +118,9 @@ def publish(node: Node) -> None:
 
     def load(request: Load.Request) -> Load.Response:
         started = time.monotonic()
-        for _ in range(request.sends):
+        for sent in range(request.sends):
+            if request.rate:
+                time.sleep(max(0.0, started + sent / request.rate - time.monotonic()))
             send(request.frames)
         if request.static_x:
             pose = Transform((request.static_x, 0.0, 0.0))
@@ -125,10 +132,19 @@ def publish(node: Node) -> None:
     node.spin()
 
 
-def listen(node: Node) -> None:
+class SlowBuffer(Buffer):
+    """Takes five hundred messages a second at most."""
+
+    def set_transforms(self, batch: Any, **how: Any) -> int:
+        """As a buffer does, but slowly."""
+        time.sleep(0.002)
+        return super().set_transforms(batch, **how)
+
+
+def listen(node: Node, buffer: Buffer) -> None:
     """Listen, and tell who asks."""
-    listener = TransformListener(Buffer(), node)
-    node.create_service(Told, "told", lambda request: heard(listener))
+    listener = TransformListener(buffer, node)
+    node.create_service(Told, "told", lambda request: replace(heard(listener), memory=memory()))
     node.spin()
 
 
@@ -140,6 +156,9 @@ def memory(pid: int | str = "self") -> int:
 
 
 if __name__ == "__main__":
-    role = {"publish": publish, "listen": listen}[sys.argv[1]]
-    with Node("publisher" if role is publish else "slow") as this_node:
-        role(this_node)
+    role = sys.argv[1]
+    with Node("publisher" if role == "publish" else "slow") as this_node:
+        if role == "publish":
+            publish(this_node)
+        else:
+            listen(this_node, Buffer() if role == "listen" else SlowBuffer(cache_time_s=0.5))

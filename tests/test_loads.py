@@ -136,6 +136,40 @@ def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
     eventually(lambda: told_by_slow().static_x == 2.0, within_s=PATIENCE_S)
 
 
+def test_five_thousand_sends_a_second_come_or_are_counted_also_where_a_subscriber_is_slow(
+    bus: Bus, node: Node
+) -> None:
+    """At 5,000 sends a second nothing grows, neither where they are sent nor where they are taken;
+    who is fast enough and who is not know of each send that it came or was missed, and both have
+    the static transforms.
+    """
+    listener = TransformListener(Buffer(cache_time_s=0.5), node)
+    publisher = start(bus, "publish")
+    start(bus, "dawdle")
+    client = node.create_client(Told, "told")
+
+    def told_by_slow() -> Told.Response:
+        told: Told.Response = answer(client, Told.Request())
+        return told
+
+    slow_before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    before = after(listener, load(node, sends=2_000, frames=30, rate=5_000.0).number)
+    former, former_here = memory(publisher.pid), memory()
+
+    sent = load(node, sends=15_000, frames=30, rate=5_000.0, static_x=3.0)
+    told = after(listener, sent.number)
+    assert not_counted(told) == not_counted(before)
+    slow = eventually(
+        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+    )
+    assert not_counted(slow) == not_counted(slow_before)
+    assert slow.missed > 0
+    grown = sent.memory - former, memory() - former_here, slow.memory - slow_before.memory
+    assert max(grown) < 50 * MB
+    eventually(lambda: heard(listener).static_x == 3.0, within_s=PATIENCE_S)
+    eventually(lambda: told_by_slow().static_x == 3.0, within_s=PATIENCE_S)
+
+
 def test_a_buffer_under_load_keeps_its_size(bus: Bus, node: Node) -> None:
     """A listener's memory does not grow with what it has received, but with what it keeps."""
     listener = TransformListener(Buffer(cache_time_s=0.5), node)

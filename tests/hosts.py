@@ -3,9 +3,16 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from conftest import Bus, Process
 
 BRIDGE = "tfbr"
+ROUTER_HOST = "hub"
+
+_HERE = Path(__file__).parent
 
 
 def why_not() -> str:
@@ -52,10 +59,52 @@ class Hosts:
         """Plug the host's cable in, or pull it out."""
         _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
 
+    def set_way(self, one: str, other: str, *, up: bool) -> None:
+        """Open or close the way between two hosts; the others reach both."""
+        for host, far in ((one, other), (other, one)):
+            way = ("blackhole", f"{self.address[far]}/32")
+            _ip("-n", self._space[host], "route", "del" if up else "add", *way)
+
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():
             _ip("netns", "del", space)
+
+
+class Network:
+    """Hosts, and processes of Python on them: peers that scout, or clients of a router."""
+
+    def __init__(self, bus: Bus, *names: str):
+        self._bus = bus
+        self.hosts = Hosts(*names, ROUTER_HOST)
+        self.router = f"tcp/{self.hosts.address[ROUTER_HOST]}:7447"
+
+    def start(
+        self,
+        host: str,
+        *arguments: str,
+        client: bool = False,
+        env: Mapping[str, str] | None = None,
+    ) -> Process:
+        """`python ARGUMENTS` on the host; a script of the tests is found by its name."""
+        program, *rest = arguments
+        if program.endswith(".py"):
+            program = str(_HERE / program)
+        alone = {"TFBUS_CONFIG": "", "TFBUS_CONNECT": ""}
+        joined = {"TFBUS_MODE": "client", "TFBUS_CONNECT": self.router} if client else {}
+        command = self.hosts.command(host, sys.executable, program, *rest)
+        return self._bus.start_command(command, env=alone | joined | dict(env or {}))
+
+    def start_router(self, *, env: Mapping[str, str] | None = None) -> Process:
+        """The router, ready."""
+        router = self.start(ROUTER_HOST, "-m", "tfbus", "router", env=env)
+        router.wait_for_line("Routing on")
+        return router
+
+    def close(self) -> None:
+        """End the processes and take the network down."""
+        self._bus.close()
+        self.hosts.close()
 
 
 def _ip(*arguments: str) -> None:

@@ -2,19 +2,16 @@
 
 import json
 import signal
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
-import hosts
 import pytest
 from conftest import Bus, Process, eventually
+from hosts import Network, why_not
 
-REASON = hosts.why_not()
+REASON = why_not()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
-HERE = Path(__file__).parent
 FRAMES = ["--moving", "robot", "--static", "camera", "--static", "lamp"]
 # Without tfbus's own setting Zenoh notices a silent link after 10 s.
 NOTICED_WITHIN_S = 8.0
@@ -22,34 +19,11 @@ NOTICED_WITHIN_S = 8.0
 HEALED_WITHIN_S = 40.0
 
 
-class Network:
-    """Three hosts; on one a publisher, on another a listener, on the third a router."""
-
-    def __init__(self, bus: Bus) -> None:
-        self._bus = bus
-        self.hosts = hosts.Hosts("robot", "desk", "hub")
-        self._router = f"tcp/{self.hosts.address['hub']}:7447"
-
-    def start(self, host: str, script: str, *arguments: str, client: bool = False) -> Process:
-        env = {"TFBUS_CONFIG": "", "TFBUS_CONNECT": ""}
-        if client:
-            env |= {"TFBUS_MODE": "client", "TFBUS_CONNECT": self._router}
-        command = self.hosts.command(host, sys.executable, str(HERE / script), *arguments)
-        return self._bus.start_command(command, env=env)
-
-    def start_router(self) -> Process:
-        command = self.hosts.command("hub", sys.executable, "-m", "tfbus", "router")
-        router = self._bus.start_command(command, env={"TFBUS_CONFIG": "", "TFBUS_CONNECT": ""})
-        router.wait_for_line("Routing on")
-        return router
-
-
 @pytest.fixture
 def network(bus: Bus) -> Iterator[Network]:
-    network = Network(bus)
+    network = Network(bus, "robot", "desk")
     yield network
-    bus.close()
-    network.hosts.close()
+    network.close()
 
 
 def frames(witness: Process) -> dict[str, Any]:

@@ -43,6 +43,7 @@ LAYERS = [
     {"scouting"},
     {"kept_thread"},
     {"zenoh_errors", "zenoh_config", "zenoh_scout", "declaration", "bytes_publisher", "query"},
+    {"lost_links"},
     {"session"},
     {"retained"},
     {"stream_frames", "stream_keys"},

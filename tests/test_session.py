@@ -55,6 +55,14 @@ def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_
     assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
 
 
+def test_two_peers_that_a_third_introduces_have_one_link(bus: Bus) -> None:
+    """Of two peers that learn of each other by a third one calls, and not both."""
+    peers = [bus.node(f"peer{number}").session.zenoh for number in range(4)]
+    for peer in peers:
+        eventually(lambda peer=peer: len(list(peer.info.peers_zid())) == 4)
+    assert [len(peer.info.links()) for peer in peers] == [4, 4, 4, 4]
+
+
 def test_a_bus_that_does_not_let_go_is_told_in_the_log(
     bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -20,10 +20,11 @@ from tfbus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
 from tfbus.declaration import Declaration, HeardWatch, ServedWatch, direct
 from tfbus.errors import BusError
 from tfbus.kept_thread import kept
+from tfbus.lost_links import LostLinks
 from tfbus.query import Answer, Query, answer_of
 from tfbus.settings import NodeSettings
 from tfbus.workers import Workers
-from tfbus.zenoh_config import zenoh_config
+from tfbus.zenoh_config import is_peer, zenoh_config
 from tfbus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 
 # How soon a client looks for its router again.
@@ -57,8 +58,11 @@ class Session:
         self._closed = False
         self._ending: list[Callable[[], None]] = []
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
+        config = zenoh_config(settings, scouting_s)
         with bus_errors(f"join the bus{_towards(settings)}"):
-            self.zenoh = self._open(zenoh_config(settings, scouting_s), patience_s)
+            self.zenoh = self._open(config, patience_s)
+        if is_peer(config):
+            self._ending.append(LostLinks(self.zenoh, settings, log).close)
         self.id = str(self.zenoh.zid())
         self._process = os.getpid()
         atexit.register(self._end_with_process)

@@ -17,6 +17,11 @@ _LEASE_MS = 1500
 # 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
 _URGENT_BATCHES = 8
 
+# Of two peers that a third introduces one calls the other. By Zenoh's own "always" both do, and
+# have two links. After a host was unplugged one of them stayed, and with it tokens of who was away;
+# and such a link may be in half for good (eclipse-zenoh/zenoh#2806).
+_ONE_CALLS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
+
 
 def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file's, with what is given put over it.
@@ -30,6 +35,7 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
         # Retained messages carry a time, by which late joiners order them.
         "timestamping/enabled": True,
         "scouting/multicast/interface": loopback_where_alone(),
+        "scouting/gossip/autoconnect_strategy": _ONE_CALLS,
         # A host that was unplugged is noticed after this time; Zenoh's own is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
         "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
@@ -53,6 +59,11 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
+
+
+def is_peer(config: zenoh.Config) -> bool:
+    """Whether a session of this configuration is a peer, as it is where nothing is said."""
+    return json.loads(config.get_json("mode")) in (None, "peer")
 
 
 def has_scouting(settings: NodeSettings) -> bool:

@@ -7,7 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks import growth, machine, page, report
+from benchmarks import growth, machine, page, parts, report
 from benchmarks.bus import page as bus_page
 from benchmarks.bus import plot
 from benchmarks.bus.measure import measure as measure_bus
@@ -35,7 +35,7 @@ def main() -> None:
         plot.draw(measured.publishers, measured.frames, str(arguments.docs / "performance-bus.svg"))
         part = bus_page.part(measured, machine.describe())
         print(part)
-        bus_page.put_in(arguments.docs / "performance.md", part)
+        parts.put_in(arguments.docs / "performance.md", bus_page.MARK, part)
 
 
 def _measure_buffer(arguments: argparse.Namespace) -> None:
@@ -52,7 +52,7 @@ def _measure_buffer(arguments: argparse.Namespace) -> None:
     if curves:
         growth.plot(curves, str(arguments.docs / "performance.svg"))
         file = arguments.docs / "performance.md"
-        kept = bus_page.former(file)
+        kept = parts.former(file)
         file.write_text(page.performance(results, curves, place, versions) + kept)
 
 

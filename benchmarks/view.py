@@ -3,7 +3,8 @@
 Frames move at 30 Hz, all of them, in a tree two deep. For each number of frames and of browsers it
 measures the processor time of the view's process, and the bytes and messages a second that one
 browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
-pictures a second that it draws are counted; without a graphics card that is slow.
+pictures a second that it draws are counted; without a graphics card that is slow. With --write the
+part of docs/performance.md is written.
 """
 
 import argparse
@@ -15,26 +16,52 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgpack
 
-from benchmarks import machine
+from benchmarks import machine, parts
+from benchmarks.report import markdown_table
+from tfbus import kernel
 from tfbus.nodes.viewer.screenshot import FLAGS
 
 RATE_HZ = 30.0
 SIZES = (3, 300, 3000)
-BROWSERS = (1, 3)
+BROWSERS = (0, 1, 3)
+
+DOCS = Path(__file__).parent.parent / "docs"
+MARK = "<!-- the view -->"
 
 # How long a browser is given to get all that there is, before what follows is counted.
 _SETTLE_S = 3.0
 
-HEADER = """\
-| frames | browsers | server, cores | bytes a second to each | messages a second |
-| ---: | ---: | ---: | ---: | ---: |"""
+_PART = """\
+{mark}
+
+## The view
+
+`python -m benchmarks.view --write` measured this part, with the {kernel} kernel. {place}
+
+{table}
+
+- All frames move at 30 Hz, each message has all of them, and `tfbus view` sends at most 30 updates
+  a second. A core is one second of processor time a second, of all threads of the view's process.
+  Where nobody has the page open it receives the frames, and looks at them once a second.
+- These browsers read what they are sent and draw nothing, so that they leave the processor to the
+  view. Fewer messages a second than 30 say that the view did not get round to more.
+- Pictures a second are those that a Chromium draws of the page, 1280 by 800{drawn}.
+"""
+
+# How the pictures came about.
+_DRAWN = {
+    True: """. This machine has no
+  graphics card: SwiftShader draws them on the same cores, which the view and the publisher want
+  too, so that they are few. They are no measure of a browser with a graphics card""",
+    False: "; they were not counted",
+}
 
 # What a page says first: where it looks from. Before that it is none of the page's browsers.
 _CAMERA = {
@@ -70,6 +97,7 @@ class Cost:
     server_cores: float
     bytes_s: float
     messages_s: float
+    pictures_hz: float | None = None
 
 
 def main() -> None:
@@ -78,19 +106,33 @@ def main() -> None:
     parser.add_argument("--frames", type=int, nargs="*", default=SIZES)
     parser.add_argument("--seconds", type=float, default=5.0, help="for each row; 5")
     parser.add_argument("--pictures", action="store_true", help="draw the page in a Chromium")
+    parser.add_argument("--write", action="store_true", help="write the part of performance.md")
+    parser.add_argument("--docs", type=Path, default=DOCS, help="the folder with performance.md")
     parser.add_argument("--publish", type=int, metavar="N", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.publish:
         publish(arguments.publish)
         return
-    print(machine.describe(), HEADER, sep="\n\n", flush=True)
+    place = machine.describe()
+    costs = []
     for count in arguments.frames:
         with serving(count) as (address, server):
             for browsers in BROWSERS:
-                print(row(measure(count, browsers, address, server, arguments.seconds)), flush=True)
-            if arguments.pictures:
-                pictures_hz = draw(address, arguments.seconds)
-                print(f"{count} frames: {pictures_hz:.0f} pictures a second", file=sys.stderr)
+                cost = measure(count, browsers, address, server, arguments.seconds)
+                if arguments.pictures and browsers == 1:
+                    cost = replace(cost, pictures_hz=draw(address, arguments.seconds))
+                costs.append(cost)
+                print(cost, file=sys.stderr, flush=True)
+    part = _PART.format(
+        mark=MARK,
+        kernel="compiled" if kernel.__file__.endswith(".so") else "interpreted",
+        place=place,
+        table=table(costs),
+        drawn=_DRAWN[arguments.pictures],
+    )
+    print(part)
+    if arguments.write:
+        parts.put_in(arguments.docs / "performance.md", MARK, part)
 
 
 def publish(count: int) -> None:
@@ -132,16 +174,18 @@ def measure(count: int, browsers: int, address: str, server: int, seconds: float
         counters = [stack.enter_context(Counter(address)) for _ in range(browsers)]
         time.sleep(_SETTLE_S)
         start_s, cpu_start_s = time.monotonic(), cpu_s(server)
-        bytes_start, messages_start = counters[0].bytes, counters[0].messages
+        before = [(counter.bytes, counter.messages) for counter in counters]
         time.sleep(seconds)
         elapsed_s = time.monotonic() - start_s
-        return Cost(
-            count,
-            browsers,
-            (cpu_s(server) - cpu_start_s) / elapsed_s,
-            (counters[0].bytes - bytes_start) / elapsed_s,
-            (counters[0].messages - messages_start) / elapsed_s,
+        cores = (cpu_s(server) - cpu_start_s) / elapsed_s
+        after = [(counter.bytes, counter.messages) for counter in counters]
+        sent, messages = (
+            sum(now[at] - then[at] for now, then in zip(after, before, strict=True))
+            / max(browsers, 1)
+            / elapsed_s
+            for at in (0, 1)
         )
+        return Cost(count, browsers, cores, sent, messages)
 
 
 class Counter:
@@ -221,12 +265,21 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def row(cost: Cost) -> str:
-    """A row of the table, in Markdown."""
-    return (
-        f"| {cost.frames:,} | {cost.browsers} | {cost.server_cores:.2f} "
-        f"| {cost.bytes_s / 1e3:,.0f} kB | {cost.messages_s:.0f} |"
-    )
+def table(costs: Sequence[Cost]) -> str:
+    """A row for each, in Markdown."""
+    cells = [
+        [
+            f"{cost.frames:,}",
+            str(cost.browsers),
+            f"{cost.server_cores:.2f}",
+            f"{cost.bytes_s / 1e3:,.0f} kB" if cost.browsers else "",
+            f"{cost.messages_s:.0f}" if cost.browsers else "",
+            "" if cost.pictures_hz is None else f"{cost.pictures_hz:.1f}",
+        ]
+        for cost in costs
+    ]
+    headings = ["browsers", "server, cores", "bytes a second to each", "messages a second"]
+    return markdown_table(["frames", *headings, "pictures a second"], cells)
 
 
 if __name__ == "__main__":

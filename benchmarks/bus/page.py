@@ -1,7 +1,6 @@
 """The part of docs/performance.md that is about the bus, written by the benchmark."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from benchmarks.bus.growth import RATE, Size
 from benchmarks.bus.latency import TURN
@@ -111,18 +110,6 @@ def _rows(measured: Measured) -> list[tuple[str, str, str, str]]:
     what, taken = "process start to first lookup", f"{slowest_s:.2f} s"
     rows.append(_row(what, taken, f"at most {_STARTUP_S:g} s", slowest_s <= _STARTUP_S))
     return rows
-
-
-def put_in(page: Path, part: str) -> None:
-    """Write the part into the page, in the place of the former."""
-    before, _, _ = page.read_text().partition(MARK)
-    page.write_text(f"{before.rstrip()}\n\n{part}")
-
-
-def former(page: Path) -> str:
-    """The part that the page has now, to be kept where only the rest is measured."""
-    _, mark, part = page.read_text().partition(MARK) if page.exists() else ("", "", "")
-    return f"\n{mark}{part}" if mark else ""
 
 
 def _row(what: str, taken: str, at_least: str, reached: bool) -> tuple[str, str, str, str]:

@@ -29,6 +29,7 @@ from tfbus.nodes.viewer.urdf import Visual
 
 # The panel is read by people, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25
+_REFRESH_UNWATCHED_S = 1.0
 
 _BY_DEFAULT = ViewSettings()
 
@@ -91,6 +92,7 @@ class Page:
         self._labels: dict[int, Labels] = {}
         self._refresh_at_s = 0.0
         self._is_held = False
+        self._was_watched = False
         self._first_look = FirstLook(self._server)
         scene = self._server.scene
         self._turtles = turtles = Turtles(node, lambda: self.is_watched)
@@ -136,14 +138,16 @@ class Page:
     def step(self) -> None:
         """Look at the frames, where it is time, and draw them, where somebody watches."""
         now_s = time.monotonic()
-        is_due = now_s >= self._refresh_at_s
+        is_watched = self.is_watched
+        is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
+        self._was_watched = is_watched
         playback, settings = self.desk.playback, self.desk.settings
         if is_due:
-            self._refresh_at_s = now_s + _REFRESH_S
+            self._refresh_at_s = now_s + (_REFRESH_S if is_watched else _REFRESH_UNWATCHED_S)
             self._frames = self._look(settings)
         if is_due or settings is not self._wanted.settings:
             self._wanted = self._choose(settings)
-        if not self.is_watched and not is_due:
+        if not is_watched and not is_due:
             return
         wanted, stamp_ns = self._wanted, playback.stamp_ns
         around = place(self._buffer, wanted.fixed_frame, wanted.names, stamp_ns)

@@ -1,6 +1,5 @@
 """Broadcasters and listeners: what one node sends is in the buffers of all others."""
 
-import logging
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -9,6 +8,7 @@ import msgpack
 import numpy as np
 import pytest
 from conftest import Bus, eventually
+from publishers import Lines
 
 from tfbus import (
     Buffer,
@@ -33,18 +33,6 @@ def at(
 ) -> TransformStamped:
     """`child` at (x, 0, 0) in `parent`."""
     return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
-
-class Lines(logging.Handler):
-    """What a node's log says."""
-
-    def __init__(self, node: Node) -> None:
-        super().__init__()
-        self.lines: list[str] = []
-        node.log.addHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
 
 
 @pytest.fixture

@@ -1,36 +1,13 @@
 """Two processes that send one frame: who is told, and whose transforms are taken."""
 
-import logging
 import signal
-import sys
-from pathlib import Path
 
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, eventually
+from publishers import Lines, start
 
-from tfbus import Buffer, Change, Node, TransformListener
+from tfbus import Buffer, Change, TransformListener
 from tfbus.claims import Rule
-
-PUBLISHER = Path(__file__).parent / "stream_publisher.py"
-
-
-class Lines(logging.Handler):
-    """What a node's log says."""
-
-    def __init__(self, node: Node) -> None:
-        super().__init__()
-        self.lines: list[str] = []
-        node.log.addHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
-
-
-def start(bus: Bus, *arguments: str) -> Process:
-    """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
-    process.wait_for_line("ready")
-    return process
 
 
 class Listening:

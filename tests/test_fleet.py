@@ -1,12 +1,11 @@
 """Robots with equal frame names: apart by their namespaces, and together for who sees the fleet."""
 
-import sys
 import time
-from pathlib import Path
 from signal import SIGKILL
 
 import pytest
 from conftest import Bus, Process, eventually
+from publishers import launch
 
 from tfbus import (
     Buffer,
@@ -20,20 +19,14 @@ from tfbus import (
     TransformStamped,
 )
 
-PUBLISHER = Path(__file__).parent / "edge_publisher.py"
 PATIENCE_S = 20.0
 FLEET = Fleet(shared_frames=("world", "map"))
-
-
-def start(bus: Bus, *arguments: str) -> Process:
-    """A publisher of its own process."""
-    return bus.start_command([sys.executable, str(PUBLISHER), *arguments])
 
 
 def robot(bus: Bus, number: int, *arguments: str) -> Process:
     """A robot whose wheels move in the map, as many metres ahead as its number says."""
     moving = ("--moving", "map:base_link", "--x", str(number))
-    return start(bus, "wheels", "--namespace", f"robot{number}", *moving, *arguments)
+    return launch(bus, "wheels", "--namespace", f"robot{number}", *moving, *arguments)
 
 
 def edge(parent: str, child: str, x: float, stamp_ns: int = 10**9) -> TransformStamped:
@@ -209,8 +202,8 @@ def test_only_frames_of_one_name_outside_are_in_conflict(bus: Bus, receiver: Nod
 
 def test_a_fleet_may_be_in_a_namespace_itself(bus: Bus) -> None:
     """Who sees a fleet from within a namespace sees the robots below it, and no others."""
-    start(bus, "wheels", "--namespace", "lab/robot7", "--moving", "map:base_link", "--x", "7")
-    start(bus, "wheels", "--namespace", "hall/robot3", "--moving", "map:base_link", "--x", "3")
+    launch(bus, "wheels", "--namespace", "lab/robot7", "--moving", "map:base_link", "--x", "7")
+    launch(bus, "wheels", "--namespace", "hall/robot3", "--moving", "map:base_link", "--x", "3")
     lab, everywhere = Buffer(), Buffer()
     with (
         TransformListener(lab, bus.node("tower", namespace="lab"), fleet=FLEET),

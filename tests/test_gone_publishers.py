@@ -1,13 +1,11 @@
 """Publishers that are killed, closed and started again, as another process sees it."""
 
-import logging
 import signal
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, eventually
+from publishers import Lines, start
 
 from tfbus import (
     Buffer,
@@ -20,27 +18,6 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-
-PUBLISHER = Path(__file__).parent / "stream_publisher.py"
-
-
-class Lines(logging.Handler):
-    """What a node's log says."""
-
-    def __init__(self, node: Node) -> None:
-        super().__init__()
-        self.lines: list[str] = []
-        node.log.addHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
-
-
-def start(bus: Bus, *arguments: str) -> Process:
-    """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
-    process.wait_for_line("ready")
-    return process
 
 
 def at(x: float, child: str, stamp_ns: int = 10**9) -> TransformStamped:

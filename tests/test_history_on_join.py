@@ -1,13 +1,12 @@
 """Listeners that ask for what was sent before they came."""
 
 import signal
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Bus, Process, eventually, free_port
+from conftest import Bus, eventually, free_port
+from publishers import start
 
 from tfbus import (
     Buffer,
@@ -18,15 +17,7 @@ from tfbus import (
     TransformStamped,
 )
 
-PUBLISHER = Path(__file__).parent / "stream_publisher.py"
 S = 10**9
-
-
-def start(bus: Bus, *arguments: str, env: dict[str, str] | None = None) -> Process:
-    """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments], env=env)
-    process.wait_for_line("ready")
-    return process
 
 
 def oldest_ns(buffer: Buffer, child: str) -> int:

@@ -1,15 +1,14 @@
 """Listeners that read only what the lookups of their buffer need."""
 
 import asyncio
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from signal import SIGKILL
 
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, eventually
+from publishers import launch, start
 
 from tfbus import (
     Buffer,
@@ -29,15 +28,7 @@ from tfbus.description import StreamDescription
 from tfbus.interest import Interest
 from tfbus.stream_watch import StreamState
 
-PUBLISHER = Path(__file__).parent / "edge_publisher.py"
 PATIENCE_S = 20.0
-
-
-def start(bus: Bus, *arguments: str) -> Process:
-    """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
-    process.wait_for_line("ready")
-    return process
 
 
 def edge(parent: str, child: str, x: float = 1.0) -> TransformStamped:
@@ -159,7 +150,7 @@ def test_who_waits_may_be_there_before_the_publishers(
     async def look() -> TransformStamped:
         task = asyncio.create_task(buffer.wait_for_transform("map", "base", timeout_s=PATIENCE_S))
         await asyncio.sleep(0)
-        bus.start_command([sys.executable, str(PUBLISHER), "late", "--moving", "map:base"])
+        launch(bus, "late", "--moving", "map:base")
         return await task
 
     assert asyncio.run(look()).child_frame_id == "base"

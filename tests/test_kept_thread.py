@@ -1,12 +1,10 @@
 """Threads that are not Python's own, kept from one callback to the next."""
 
 import sys
-from pathlib import Path
 
 import pytest
 from conftest import Bus
-
-PUBLISHER = Path(__file__).parent / "edge_publisher.py"
+from publishers import launch
 
 # Ends in the middle of what comes in, without closing anything.
 NO_CLOSE = """
@@ -44,7 +42,7 @@ def busy(bus: Bus) -> Bus:
     moving = [argument for child in "abcdefgh" for argument in ("--moving", f"base:{child}")]
     for name in ("one", "two"):
         edges = ("--moving", "map:base") if name == "one" else moving
-        bus.start_command([sys.executable, str(PUBLISHER), name, *edges])
+        launch(bus, name, *edges)
     return bus
 
 

@@ -1,23 +1,13 @@
 """Frames that are taken out, corrected or cleared, as listeners in other processes see it."""
 
 import signal
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, eventually
+from publishers import start
 
 from tfbus import Buffer, Change, TransformListener
-
-PUBLISHER = Path(__file__).parent / "stream_publisher.py"
-
-
-def start(bus: Bus, *arguments: str) -> Process:
-    """A publisher of its own process, ready."""
-    process = bus.start_command([sys.executable, str(PUBLISHER), *arguments])
-    process.wait_for_line("ready")
-    return process
 
 
 def x_of(buffer: Buffer, child: str) -> float | None:

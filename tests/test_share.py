@@ -1,27 +1,22 @@
 """`tfbus share`: frames of one robot, shown to others."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from signal import SIGINT, SIGKILL
 
 import pytest
 from click.testing import CliRunner
 from conftest import Bus, Process, eventually
+from publishers import launch
 
 from tfbus import Buffer, BusError, NodeSettings, TransformListener
 from tfbus.nodes import share
-
-PUBLISHER = Path(__file__).parent / "edge_publisher.py"
 
 
 def robot(bus: Bus, number: int, *arguments: str) -> Process:
     """A robot in the map that all share, as many metres ahead as its number says."""
     where = ("--namespace", f"robot{number}", "--x", str(number))
-    return bus.start_command(
-        [sys.executable, str(PUBLISHER), "wheels", *where, "--moving", "map:base_link", *arguments]
-    )
+    return launch(bus, "wheels", *where, "--moving", "map:base_link", *arguments)
 
 
 class Eyes:

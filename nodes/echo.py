@@ -260,7 +260,16 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
 _SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
 
 
-@click.command(epilog="Example: tfbus echo world turtle1 --rate 10")
+class _Echo(click.Command):
+    """Tells those who give the rate where older versions of tf2_echo have it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if len(args) > 2 and args[2].replace(".", "", 1).isdigit() and not args[0].startswith("-"):
+            raise click.UsageError(f"the rate is an option: --rate {args[2]}", ctx)
+        return super().parse_args(ctx, args)
+
+
+@click.command(cls=_Echo, epilog="Example: tfbus echo world turtle1 --rate 10")
 @click.argument("target", type=FrameName())
 @click.argument("source", type=FrameName())
 @click.option("-r", "--rate", type=Number(least=1e-6), default=1.0, help="Blocks per second; 1.")

@@ -304,6 +304,23 @@ class TestCommands:
         assert err[-1] == "Error: there is no command 'nod'; did you mean 'node'?"
 
     @pytest.mark.parametrize(
+        ("command", "hint"),
+        [
+            (["tf2_echo", "a", "b"], "'tf2_echo'; here it is: tfbus echo"),
+            (["run", "turtlesim"], "'run'; a node is a command itself, as in: tfbus simulator"),
+            (["topic", "lst"], "'lst'; did you mean 'list'?"),
+            (["param", "delete", "sim"], "'delete'; a parameter belongs to its node"),
+        ],
+    )
+    def test_what_is_called_otherwise_in_ros_is_told(
+        self, bus: Bus, command: list[str], hint: str
+    ) -> None:
+        """A command of ROS 2 that is not there is a usage error with what there is instead."""
+        code, out, err = run(bus, *command)
+        assert (code, out) == (2, [])
+        assert f"there is no command {hint}" in err[-1]
+
+    @pytest.mark.parametrize(
         "arguments", [["node"], ["node", "info"], ["param", "get"], ["call"], ["node", "lst"]]
     )
     def test_a_mistake_ends_with_2(self, bus: Bus, arguments: list[str]) -> None:

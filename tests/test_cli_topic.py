@@ -1,6 +1,7 @@
 """`tfbus topic`: what there is, who is at its ends, and what goes over it."""
 
 import json
+import re
 
 import pytest
 from conftest import Bus, eventually, free_port
@@ -80,6 +81,16 @@ class TestList:
         assert out.splitlines()[2:4] == ["  Node name: /sim", "    Type: Pose"]
         assert json.loads(run(bus, "info", "turtle1/pose", "--json")[1])["types"] == ["Pose"]
 
+    def test_a_topic_has_a_type_and_is_found_by_it(self, bus: Bus) -> None:
+        """`type` is the way from the name to the type, `find` the way back, also by ROS's names."""
+        sim(bus)
+        assert run(bus, "type", "turtle1/pose") == (0, "Pose\n", "")
+        assert run(bus, "find", "Pose") == (0, "turtle1/pose\n", "")
+        assert run(bus, "find", "turtlesim/msg/Pose", "--count") == (0, "1\n", "")
+        code, out, err = run(bus, "find", "Poes")
+        assert (code, out) == (1, "")
+        assert err == "Error: there is no topic of type 'Poes'; did you mean 'Pose'?\n"
+
     def test_a_topic_that_is_not_there_is_told_with_the_nearest(self, bus: Bus) -> None:
         """A misspelt topic fails with the one that is meant."""
         assert run(bus, "info", "x")[2] == (
@@ -123,6 +134,13 @@ class TestEcho:
         """As CSV, one field as JSON where a filter takes it, or the bytes as they came."""
         sim(bus)
         assert run(bus, "echo", "turtle1/pose", "--once", *options) == (0, printed, "")
+
+    def test_when_it_came_is_a_comment_before_it(self, bus: Bus) -> None:
+        """With -i a comment says when a message came, and its size."""
+        sim(bus)
+        code, out, err = run(bus, "echo", "turtle1/pose", "--once", "-i", "--field", "x")
+        assert (code, err) == (0, "")
+        assert re.fullmatch(r"# came at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
 
     def test_messages_of_any_type_are_printed(self, bus: Bus) -> None:
         """What tfbus has no type for is printed as it comes; long values are cut unless told."""

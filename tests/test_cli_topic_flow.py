@@ -130,6 +130,12 @@ class TestPub:
         assert pub.stop() == 0
         assert (pub.out, pub.err) == ([], [])
 
+    def test_a_type_may_be_called_as_in_ros(self, bus: Bus, heard: list[Twist]) -> None:
+        """What was copied from a line for ROS is published as it is there."""
+        twist = ("geometry_msgs/msg/Twist", "{linear: {x: 2.0}}")
+        assert run(bus, "pub", "--once", "cmd_vel", *twist)[0] == 0
+        eventually(lambda: [message.linear.x for message in heard] == [2.0])
+
     def test_a_type_of_ones_own(self, bus: Bus) -> None:
         """A message of a type that is not supplied goes as it is typed in."""
         heard: list[Battery] = []

@@ -227,6 +227,7 @@ def node_name(process: Process) -> str:
         (["world", "turtle1", "--at", "noon"], "is not a time"),
         (["world", "turtle1", "--once", "--count", "2"], "give one of them"),
         (["world"], "Missing argument 'SOURCE'"),
+        (["world", "turtle1", "2.5"], "the rate is an option: --rate 2.5"),
     ],
 )
 def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:

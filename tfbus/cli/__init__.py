@@ -4,7 +4,6 @@ Subcommands are the tools listed here, and every node of the entry-point group `
 and those of other packages.
 """
 
-import difflib
 import os
 import signal
 from collections.abc import Callable
@@ -12,6 +11,8 @@ from importlib import import_module
 from typing import Any
 
 import click
+
+from tfbus.cli.verbs import Verbs
 
 NODE_GROUP = "tfbus.nodes"
 
@@ -53,7 +54,7 @@ NODES = {
 }
 
 
-class Commands(click.Group):
+class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
     def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
@@ -94,18 +95,6 @@ class Commands(click.Group):
         found = entry_points().get(name)
         return _as_command(name, found.load()) if found else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        name = args[0]
-        is_known = name.startswith("-") or self.get_command(ctx, name) is not None
-        if not is_known and not ctx.resilient_parsing:
-            known = self.list_commands(ctx)
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(known)}"
-            ctx.fail(f"there is no command {name!r}; {hint}")
-        return super().resolve_command(ctx, args)
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         own = NODES.keys()
         others = {
@@ -119,8 +108,25 @@ class Commands(click.Group):
                     formatter.write_dl(sorted(commands.items()))
 
 
+# What programs are called in ROS that are commands here.
+_CALLED_IN_ROS = {
+    "action": "call",
+    "bag": "echo --format csv",
+    "pkg": "create",
+    "rviz2": "view",
+    "static_transform_publisher": "static",
+    "tf2_echo": "echo",
+    "tf2_monitor": "monitor",
+    "turtle_teleop_key": "teleop",
+    "turtlesim_node": "simulator",
+    "view_frames": "frames",
+}
+
+
 @click.command(
     cls=Commands,
+    hints={theirs: f"here it is: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
+    | {"run": "a node is a command itself, as in: tfbus simulator"},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Begin with: tfbus launch turtle",
 )

@@ -4,6 +4,7 @@ import queue
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tfbus.cli.output import say, warn
@@ -20,8 +21,16 @@ _PENDING = 1000
 _LOOK_UP_S = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """The bytes of a message, and when they came, by the clock of who listens."""
+
+    payload: bytes
+    received_ns: int
+
+
 class Inbox:
-    """Iterates over the bytes of each message of a topic, without end; closed by `with`.
+    """Iterates over the messages of a topic, without end; closed by `with`.
 
     Says what is waited for when nothing comes at first, and raises BusError where that lasts for
     `timeout_s` (None: never).
@@ -31,7 +40,7 @@ class Inbox:
         self._node = node
         self._topic = topic
         self._timeout_s = timeout_s
-        self._pending: queue.Queue[bytes] = queue.Queue(_PENDING)
+        self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
         self._left_out = 0
         self._subscription = subscribe(node, topic, type_name, self._take)
 
@@ -43,13 +52,13 @@ class Inbox:
         if self._left_out:
             warn(f"{counted(self._left_out, 'message')} left out: more came than could be printed")
 
-    def __iter__(self) -> Iterator[bytes]:
+    def __iter__(self) -> Iterator[Arrival]:
         if (first := self._first()) is not None:
             yield first
-        while (payload := self._next()) is not None:
-            yield payload
+        while (arrival := self._next()) is not None:
+            yield arrival
 
-    def _first(self) -> bytes | None:
+    def _first(self) -> Arrival | None:
         timeout_s = self._timeout_s
         started_s = time.monotonic()
         soon_s = TELL_AFTER_S if timeout_s is None else min(TELL_AFTER_S, timeout_s)
@@ -61,7 +70,7 @@ class Inbox:
             raise BusError(f"no message came on {self._topic!r} in {timeout_s:g} s")
         return first
 
-    def _next(self, until_s: float | None = None) -> bytes | None:
+    def _next(self, until_s: float | None = None) -> Arrival | None:
         """The next one; None where none comes until then, or the node is shut down."""
         while self._node.ok:
             left_s = _LOOK_UP_S if until_s is None else until_s - time.monotonic()
@@ -72,9 +81,10 @@ class Inbox:
         return None
 
     def _take(self, payload: bytes) -> None:
+        arrival = Arrival(payload, self._node.now_ns())
         while True:
             try:
-                self._pending.put_nowait(payload)
+                self._pending.put_nowait(arrival)
                 break
             except queue.Full:
                 self._left_out += 1

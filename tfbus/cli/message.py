@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import click
 
 from tfbus.cli.nearest import nearest
+from tfbus.cli.of_type import bare
 from tfbus.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 from tfbus.errors import DecodeError
 from tfbus.graph import TRANSFORMS_TYPE
@@ -37,16 +38,19 @@ def supplied_names() -> list[str]:
 
 
 def find_type(text: str) -> type:
-    """The type that `Pose`, or `my_robot.messages:Battery`, stands for. Raises click.UsageError."""
+    """The type that `Pose`, ROS's `turtlesim/msg/Pose`, or `my_robot.messages:Battery` stands for.
+
+    Raises click.UsageError.
+    """
     module, colon, name = text.partition(":")
     if colon:
         return _imported(module, name)
-    found = supplied_type(text)
+    found = supplied_type(bare(text))
     if found is None:
         hint = nearest(text, _supplied(), none="")
         raise click.UsageError(
-            f"tfbus.messages has no message {text!r}{hint} A type of your own is given as "
-            "package.module:Name"
+            f"tfbus.messages has no message {text!r}{hint}{'' if hint.endswith('?') else '.'} "
+            "A type of your own is given as package.module:Name"
         )
     return found
 

@@ -7,6 +7,7 @@ import click
 
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
+from tfbus.cli.verbs import Verbs
 from tfbus.codec import as_map
 from tfbus.description import NodeDescription
 from tfbus.name_types import NodeName
@@ -17,7 +18,7 @@ from tfbus.settings import NodeSettings
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 
 
-@click.group()
+@click.group(cls=Verbs)
 def command() -> None:
     """List nodes, or show what one of them does."""
 

@@ -10,6 +10,7 @@ from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
 from tfbus.cli.param_file import read_parameter_file
 from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set_parameter
+from tfbus.cli.verbs import Verbs
 from tfbus.codec import as_map
 from tfbus.description import ParameterDescription
 from tfbus.errors import ParameterError, TfbusError
@@ -29,7 +30,10 @@ def _complete_pair(
     return [] if is_value else ParameterName().shell_complete(ctx, param, incomplete)
 
 
-@click.group()
+@click.group(
+    cls=Verbs,
+    hints={"delete": "a parameter belongs to its node, as long as that runs; set it instead"},
+)
 def command() -> None:
     """List, read, set, save and load the parameters of nodes."""
 

@@ -9,8 +9,10 @@ from tfbus.cli.bus import look, open_bus
 from tfbus.cli.call import TIMEOUT, follow
 from tfbus.cli.message import checked_map, encode_values, read_map
 from tfbus.cli.nearest import nearest
+from tfbus.cli.of_type import bare, names_of_type
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
 from tfbus.cli.prototype import complete_request
+from tfbus.cli.verbs import Verbs
 from tfbus.errors import ServiceError
 from tfbus.graph import ServiceInfo
 from tfbus.name_types import ServiceName
@@ -19,7 +21,7 @@ from tfbus.session import Session
 from tfbus.settings import NodeSettings
 
 
-@click.group()
+@click.group(cls=Verbs)
 def command() -> None:
     """List, show and call services."""
 
@@ -53,17 +55,34 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     """Print the type of SERVICE, and how many call and serve it."""
     with open_bus(settings) as session:
-        services = look(session).services
-    if service not in services:
-        hint = nearest(service, services, none=", nor any other: is a node running?")
-        raise ServiceError(f"there is no service {service!r}{hint}")
-    info = services[service]
+        info = _find(session, service)
     if as_json:
         print_json(_as_map(info))
         return
     click.echo(f"Type: {paint(_types(info), 'type')}")
     click.echo(f"Clients count: {len(info.clients)}")
     click.echo(f"Services count: {len(info.servers)}")
+
+
+@command.command("type", epilog="Example: tfbus service type spawn")
+@click.argument("service", type=ServiceName())
+@bus_options("service")
+def type_command(settings: NodeSettings, service: str) -> None:
+    """Print the type of SERVICE."""
+    with open_bus(settings) as session:
+        click.echo(_types(_find(session, service)))
+
+
+@command.command("find", epilog="Example: tfbus service find Spawn")
+@click.argument("type_name", metavar="TYPE")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@bus_options("service")
+def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
+    """Print the names of the services and goals of TYPE, one a line."""
+    with open_bus(settings) as session:
+        served = {service.name: service for service in _served(session)}
+    found = names_of_type(served, type_name, "service")
+    click.echo(len(found)) if only_count else print_lines(found)
 
 
 @command.command("call", epilog="Example: tfbus service call spawn '{x: 2, y: 3, name: turtle2}'")
@@ -96,6 +115,14 @@ def _served(session: Session) -> list[ServiceInfo]:
     return [service for service in look(session).services.values() if service.servers]
 
 
+def _find(session: Session, service: str) -> ServiceInfo:
+    services = look(session).services
+    if service not in services:
+        hint = nearest(service, services, none=", nor any other: is a node running?")
+        raise ServiceError(f"there is no service {service!r}{hint}")
+    return services[service]
+
+
 def _split(words: Sequence[str]) -> tuple[str, str]:
     """The name of a type, "" where it is left out, and the request."""
     if len(words) > 2:
@@ -104,14 +131,14 @@ def _split(words: Sequence[str]) -> tuple[str, str]:
         )
     if len(words) == 2:
         return words[0], words[1]
-    if words and words[0].isidentifier() and read_map(words[0]) is None:
+    if words and bare(words[0]).isidentifier() and read_map(words[0]) is None:
         return words[0], "{}"
     return "", words[0] if words else "{}"
 
 
 def _check_type(session: Session, service: str, type_name: str) -> None:
     info = look(session).services.get(service)
-    if info and info.servers and type_name not in info.types:
+    if info and info.servers and bare(type_name) not in info.types:
         raise click.UsageError(f"{service!r} is of type {_types(info)}, not {type_name}")
 
 

@@ -5,11 +5,13 @@ from dataclasses import asdict
 import click
 
 from tfbus.cli.bus import look, open_bus
+from tfbus.cli.of_type import names_of_type
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.cli.topic_echo import echo_command
 from tfbus.cli.topic_measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic_pub import pub_command
 from tfbus.cli.topic_source import find_topic
+from tfbus.cli.verbs import Verbs
 from tfbus.graph import Endpoint, TopicInfo
 from tfbus.name_types import TopicName
 from tfbus.options import bus_options
@@ -17,7 +19,7 @@ from tfbus.settings import NodeSettings
 from tfbus.words import counted
 
 
-@click.group()
+@click.group(cls=Verbs)
 def command() -> None:
     """List, show, print, measure and publish topics."""
 
@@ -74,6 +76,26 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
         click.echo(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
+
+
+@command.command("type", epilog="Example: tfbus topic type turtle1/pose")
+@click.argument("topic", type=TopicName())
+@bus_options("topic")
+def type_command(settings: NodeSettings, topic: str) -> None:
+    """Print the type of TOPIC."""
+    with open_bus(settings) as session:
+        click.echo(_types(find_topic(look(session), topic)))
+
+
+@command.command("find", epilog="Example: tfbus topic find Pose")
+@click.argument("type_name", metavar="TYPE")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@bus_options("topic")
+def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
+    """Print the names of the topics of TYPE, one a line."""
+    with open_bus(settings) as session:
+        found = names_of_type(look(session).topics, type_name, "topic")
+    click.echo(len(found)) if only_count else print_lines(found)
 
 
 def _as_map(topic: TopicInfo) -> dict[str, object]:

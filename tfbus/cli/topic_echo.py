@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfbus.cli.bus import look
-from tfbus.cli.inbox import Inbox
+from tfbus.cli.inbox import Arrival, Inbox
 from tfbus.cli.message import Reader, reader_of
 from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
@@ -18,6 +18,7 @@ from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
+from tfbus.words import counted
 
 if TYPE_CHECKING:
     from tfbus.node import Node
@@ -30,15 +31,22 @@ class _Form:
     kind: str
     part: str | None
     shortening: Shortening
+    with_info: bool
 
-    def text(self, message: dict[str, Any]) -> str:
+    def text(self, arrival: Arrival, message: dict[str, Any]) -> str:
         shown = part_of(message, self.part) if self.part else message
         if self.kind == "json":
             return json_line(shown)
         short = self.shortening.shorten(shown)
         if self.kind == "csv":
             return csv_row(short)
-        return f"{yaml_text(short)}\n{paint('---', 'faint')}"
+        info = f"{paint(_info(arrival), 'faint')}\n" if self.with_info else ""
+        return f"{info}{yaml_text(short)}\n{paint('---', 'faint')}"
+
+
+def _info(arrival: Arrival) -> str:
+    seconds, nanoseconds = divmod(arrival.received_ns, 10**9)
+    return f"# came at {seconds}.{nanoseconds:09}, {counted(len(arrival.payload), 'byte')}"
 
 
 @click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
@@ -50,6 +58,13 @@ class _Form:
 @click.option("--csv", "as_csv", is_flag=True, help="Print the values of each as one line.")
 @json_option("Print each as one line of JSON, of full length.")
 @click.option("--raw", is_flag=True, help="Print the bytes of each in hexadecimal digits.")
+@click.option(
+    "-i",
+    "--include-message-info",
+    "with_info",
+    is_flag=True,
+    help="Print when each came, and its size, as a comment before it.",
+)
 @click.option("--no-arr", is_flag=True, help="Print of lists only how long they are.")
 @click.option("--no-str", is_flag=True, help="Print of texts only how long they are.")
 @click.option(
@@ -72,6 +87,7 @@ def echo_command(
     as_csv: bool,
     as_json: bool,
     raw: bool,
+    with_info: bool,
     no_arr: bool,
     no_str: bool,
     truncate_length: int,
@@ -85,17 +101,19 @@ def echo_command(
     """
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are three forms: give one of them")
+    if with_info and (as_csv or as_json or raw):
+        raise click.UsageError("-i is a comment of YAML: leave --csv, --json and --raw away")
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
-    form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening)
+    form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
     with visiting(settings, "echo") as node:
         type_name = type_of(look(node.session), topic)
         with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
             if raw:
-                texts: Iterable[str] = (payload.hex() for payload in inbox)
+                texts: Iterable[str] = (arrival.payload.hex() for arrival in inbox)
             else:
-                messages = _read(node, topic, inbox)
-                texts = (form.text(m) for m in messages if wanted is None or wanted.takes(m))
+                read = _read(node, topic, inbox)
+                texts = (form.text(a, m) for a, m in read if wanted is None or wanted.takes(m))
             for text in texts:
                 if clear and is_terminal():
                     click.clear()
@@ -104,15 +122,17 @@ def echo_command(
                     break
 
 
-def _read(node: "Node", topic: str, payloads: Iterable[bytes]) -> Iterator[dict[str, Any]]:
+def _read(
+    node: "Node", topic: str, arrivals: Iterable[Arrival]
+) -> Iterator[tuple[Arrival, dict[str, Any]]]:
     """The messages as maps; what is no message is counted, told once, and left out."""
     read: Reader | None = None
     rejected = 0
-    for payload in payloads:
+    for arrival in arrivals:
         if read is None:  # who has sent it is there by now, and tells its type
             read = reader_of(type_of(look(node.session), topic))
         try:
-            yield read(payload)
+            yield arrival, read(arrival.payload)
         except DecodeError as error:
             rejected += 1
             if rejected == 1:

@@ -1,0 +1,31 @@
+"""Names of types as people type them, and topics or services by their type."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from tfbus.cli.nearest import nearest
+from tfbus.errors import BusError
+
+
+class _Typed(Protocol):
+    @property
+    def types(self) -> tuple[str, ...]: ...
+
+
+def bare(type_name: str) -> str:
+    """The name of a type that may be written as in ROS: `geometry_msgs/msg/Twist` is `Twist`."""
+    return type_name.rpartition("/")[2]
+
+
+def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
+    """The names of those that somebody tells this type of.
+
+    Raises BusError, with the nearest type, where there is none; `kind` is what they are.
+    """
+    wanted = bare(type_name)
+    found = sorted(name for name, info in known.items() if wanted in info.types)
+    if not found:
+        types = {each for info in known.values() for each in info.types}
+        hint = nearest(wanted, types, none=f", nor any other {kind}: is a node running?")
+        raise BusError(f"there is no {kind} of type {wanted!r}{hint}")
+    return found

@@ -54,4 +54,8 @@ def kernel_extensions() -> list[Extension]:
     return extensions
 
 
-setup(ext_modules=kernel_extensions())
+setup(
+    ext_modules=kernel_extensions(),
+    # A compiler for each processor, instead of one file after the other.
+    options={"build_ext": {"parallel": os.cpu_count()}},
+)

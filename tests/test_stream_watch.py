@@ -1,15 +1,24 @@
 """Which streams there are: their tokens and descriptions, without their data."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from conftest import Bus, eventually, free_port
 
-from tfbus import Node, NodeSettings, Transform, TransformBroadcaster, TransformStamped
+from tfbus import (
+    Node,
+    NodeSettings,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+    stream_watch,
+)
 from tfbus.bytes_publisher import BytesPublisher
 from tfbus.codec import encode_message
 from tfbus.description import StreamDescription
 from tfbus.retained import declare_retained_publisher
+from tfbus.session import Session
 from tfbus.stream_watch import StreamState, StreamWatch
 
 
@@ -122,6 +131,30 @@ def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching
             eventually(lambda: watching.alive() == ["lone"])
             token.close()
             eventually(lambda: watching.alive() == [])
+
+
+def test_a_description_that_does_not_come_is_asked_for_on_and_on(
+    bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stream that is there and not described is asked for as long as it is there."""
+    asked: list[str] = []
+
+    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+        asked.append(key)
+        on_end()
+
+    monkeypatch.setattr(stream_watch, "ask_retained_later", ask)
+    monkeypatch.setattr(stream_watch, "_ASK_AGAIN_S", (0.001, 0.002))
+    session = bus.node("sim").session
+    first = session.token("@tfbus/stream/first")
+    eventually(lambda: len(asked) > 20)
+    first.close()
+    eventually(lambda: watching.alive() == [])
+    before = len(asked)
+    second = session.token("@tfbus/stream/second")
+    eventually(lambda: asked.count("@tfbus/stream/second") > 20)
+    second.close()
+    assert asked[before:].count("@tfbus/stream/first") <= 1
 
 
 def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watching) -> None:

@@ -27,7 +27,7 @@ from tfbus.settings import NodeSettings
 from tfbus.zenoh_config import zenoh_config
 
 # At random, so that not all peers send a guest at once: one brings together all that it meets.
-_LOOK_EVERY_S = (4.0, 8.0)
+_LOOK_EVERY_S = (2.0, 6.0)
 # Who answers may be about to call, or to be introduced, by itself: Zenoh calls every 4 s. Two that
 # are brought together while they meet have two links, which Zenoh does not always bear.
 _MEETS_WITHIN_S = 5.0

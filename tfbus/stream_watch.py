@@ -20,6 +20,7 @@ MOST_GONE = 1000
 
 # A token may come before its publisher can answer, or has anything to tell.
 _ANSWER_WITHIN_S = 2.0
+# The last of them is the pause before all further questions.
 _ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
 # One that came back, and is not described again after so many of them, is taken for the same.
 _PATIENCE = 3
@@ -112,7 +113,7 @@ class StreamWatch:
         else:
             self._returning.add(former.name)
         if alive:
-            self._ask_for_description(key, list(_ASK_AGAIN_S))
+            self._ask_for_description(key, 0)
 
     def _take_description(self, key: str, description: StreamDescription) -> None:
         former = self._state(key)
@@ -120,7 +121,7 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_for_description(self, key: str, pauses_s: list[float]) -> None:
+    def _ask_for_description(self, key: str, turn: int) -> None:
         """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
         at keys that begin with `@`.
         """
@@ -142,12 +143,10 @@ class StreamWatch:
                 if answers:
                     self._take_description(key, max(answers, key=lambda answer: answer.epoch))
                     return
-                if len(pauses_s) <= len(_ASK_AGAIN_S) - _PATIENCE:
+                if turn >= _PATIENCE:
                     self._take_back(key)
-                if pauses_s:
-                    self._executor.after(
-                        pauses_s[0], lambda: self._ask_for_description(key, pauses_s[1:])
-                    )
+                pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
+                self._executor.after(pause_s, lambda: self._ask_for_description(key, turn + 1))
 
         with suppress(BusError):  # the session has been closed
             ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)

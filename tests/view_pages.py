@@ -7,6 +7,10 @@ from typing import Any
 import pytest
 from conftest import DEADLINE_S, Bus, Process, free_port
 
+from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
+from tfbus import TransformStamped as Stamped
+from tfbus.nodes.viewer.screenshot import CLOSE_NOTES, FLAGS
+
 # Chromium draws without a graphics card, on a machine that others use too.
 PATIENCE_S = 3 * DEADLINE_S
 
@@ -18,8 +22,6 @@ def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if not (chromium := shutil.which("chromium")):
         pytest.skip("there is no chromium (apt-get install chromium)")
-    from tfbus.nodes.viewer.screenshot import FLAGS
-
     with playwright.sync_playwright() as driver:
         flags = [flag for flag in FLAGS if not flag.startswith("--headless")]
         browser = driver.chromium.launch(executable_path=chromium, args=[*flags, "--no-sandbox"])
@@ -61,6 +63,21 @@ class View:
         """Click on a button."""
         self.page.get_by_role("button", name=name, exact=True).click()
 
+    def click_at(self, x: float, y: float) -> None:
+        """Click on a place of the window, which viser's note on slow machines may lie over."""
+        self.page.evaluate(CLOSE_NOTES)
+        self.page.mouse.click(x, y)
+
+    def shows(self, locator: Any, within_s: float) -> bool:
+        """Whether something is there, or comes within that time."""
+        try:
+            locator.wait_for(timeout=within_s * 1e3)
+        # The only one that the library raises here; it may not be installed to be named above.
+        except Exception as error:
+            assert type(error).__name__ == "TimeoutError", error
+            return False
+        return True
+
     def tab(self, name: str) -> None:
         """Open a tab of the panel."""
         self.page.get_by_text(name, exact=True).click()
@@ -93,6 +110,29 @@ def start_view(bus: Bus, *options: str) -> tuple[Process, str]:
 @pytest.fixture
 def pages(browser: Any) -> Iterator[Any]:
     """A window of the browser, closed after the test."""
-    context = browser.new_context(viewport={"width": 800, "height": 450})
+    context = browser.new_context(viewport={"width": 720, "height": 330})
     yield context
     context.close()
+
+
+class Arm:
+    """map -> base -> tool at 20 Hz, the tool a metre a second away from base; and a static lamp."""
+
+    def __init__(self, node: Node) -> None:
+        self.ticks = 0
+        self._node = node
+        self._dynamic = TransformBroadcaster(node)
+        static = StaticTransformBroadcaster(node)
+        static.send_transform(Stamped(0, "map", "lamp", Transform((0.0, 2.0, 0.0))))
+        node.create_timer(0.05, self._tick)
+
+    def _tick(self) -> None:
+        self.ticks += 1
+        now_ns = self._node.now_ns()
+        tool = Transform((self.ticks * 0.05, 0.0, 0.0))
+        self._dynamic.send_transform(
+            [
+                Stamped(now_ns, "map", "base", Transform((1.0, 0.0, 0.0))),
+                Stamped(now_ns, "base", "tool", tool),
+            ]
+        )

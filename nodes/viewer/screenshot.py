@@ -41,7 +41,7 @@ _SETTLE_S = 2.0
 
 _IS_THERE = "!!document.querySelector('canvas') && !!document.querySelector('[role=status]')"
 # viser tells that WebGL is slow without a graphics card, which nobody needs to see here.
-_CLOSE_NOTES = (
+CLOSE_NOTES = (
     "document.querySelectorAll('.mantine-Notification-closeButton')"
     ".forEach(button => button.click())"
 )
@@ -156,7 +156,7 @@ class Screenshot:
                     raise BrowserError(f"the page was not there within {_PATIENCE_S:g} s")
                 time.sleep(0.1)
             time.sleep(self._after_s)
-            ask("Runtime.evaluate", expression=_CLOSE_NOTES)
+            ask("Runtime.evaluate", expression=CLOSE_NOTES)
             hold()
             time.sleep(_SETTLE_S)
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])

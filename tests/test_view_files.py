@@ -1,0 +1,66 @@
+"""What `tfbus view` reads and writes, seen in a real Chromium: settings, a robot, pictures."""
+
+import struct
+from pathlib import Path
+from signal import SIGKILL
+from typing import Any
+
+from conftest import Bus, eventually, free_port
+from view_pages import PATIENCE_S, Arm, View, start_view
+
+
+def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """The file opens the same view again; a filter that cannot be read changes nothing."""
+    path = tmp_path / "view.yaml"
+    Arm(bus.node("arm"))
+    process, address = start_view(bus, "--settings", str(path))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("tool", "fresh")
+    view.tab("View")
+    view.field("Only").fill("tool(")
+    mistake = view.page.get_by_role("alert").filter(has_text="no regular expression")
+    mistake.wait_for()
+    view.field("Only").fill("^t")
+    mistake.wait_for(state="detached")
+    view.page.get_by_role("button", name="Save settings").click()
+    eventually(lambda: path.exists() and "only: ^t" in path.read_text(), within_s=PATIENCE_S)
+    process.signal(SIGKILL)
+    process.wait()
+
+    # On the same port, where the page that is open finds it by itself.
+    again = bus.start("view", "--port", address.rpartition(":")[2], "--settings", str(path))
+    again.wait_for_line(r"View: http://", within_s=PATIENCE_S)
+    view.tab("Frames")
+    view.page.get_by_text("3 left out by Only '^t'").wait_for()
+    assert view.row("base").count() == 0
+
+
+def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """The rest of it is; the line stands below the tree."""
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(
+        "<robot name='r'><link name='base'><visual><geometry><box size='1 1 1'/></geometry>"
+        "</visual><visual><geometry><mesh filename='package://arm/a.stl'/></geometry></visual>"
+        "</link></robot>"
+    )
+    _, address = start_view(bus, "--urdf", str(urdf))
+    Arm(bus.node("arm"))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("base", "fresh")
+    said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
+    assert "--package-path names the folder with package 'arm'" in said.inner_text()
+
+
+def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
+    """Of the size that was asked for, after which the process ends by itself."""
+    Arm(bus.node("arm"))
+    path = tmp_path / "out.png"
+    done = bus.run(
+        "view",
+        *("--port", str(free_port())),
+        *("--screenshot", str(path), "--after", "0", "--size", "640x480"),
+    )
+    assert done.returncode == 0, done.stderr
+    picture = path.read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", picture[16:24]) == (640, 480)

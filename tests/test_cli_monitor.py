@@ -72,6 +72,15 @@ def test_it_prints_tables(robot: Bus) -> None:
     assert max(map(len, lines)) <= 80
 
 
+def test_what_is_wrong_with_an_edge_is_said_in_words(robot: Bus) -> None:
+    """A frame that two publish is marked behind its publisher, also where there is no colour."""
+    keep_sending(robot.node("rival"), "world", "base")
+    lines = robot.run("monitor", "--once").stdout.splitlines()
+    (base,) = [line for line in lines if line.startswith("base ")]
+    assert base.split()[1] in ("odometry", "rival")
+    assert base.split()[2] == "CONFLICT"
+
+
 def test_a_pair_has_its_chain_and_who_holds_it_back(robot: Bus) -> None:
     """Of two frames it tells the chain between them, the net delay and the edge that is latest."""
     pair = json.loads(robot.run("monitor", "world", "camera", "--once", "--json").stdout)["pair"]

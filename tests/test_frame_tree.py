@@ -225,6 +225,7 @@ def test_no_two_frames_are_drawn_over_each_other(choices: list[int]) -> None:
         (4.2, "4.2 s"),
         (200.0, "3 min"),
         (7300.0, "2 h"),
+        (500_000.0, "6 days"),
         (-2.0, "-2.0 s"),
         (None, "?"),
     ],

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection
+from dataclasses import replace
 
 import pytest
 from conftest import Bus, eventually
@@ -82,6 +83,15 @@ class TestExplain:
         assert (told.failure, told.remedies) == ("", ())
         assert verdicts(told) == [("camera", "ok"), ("base", "ok"), ("arm", "ok")]
         assert told.steps[1].facts == ("0.0 ms old", "10.0 Hz over 2.0 s", "by sim")
+
+    def test_an_edge_that_several_publish_is_no_good_sign(self, buffer: Buffer) -> None:
+        """An answer over a frame that two publish is one of two, and that is told."""
+        sim = replace(SIM, frames=(("base", "arm", False),))
+        tree = frame_tree(buffer, [sim, replace(sim, name="rival")], NOW_NS)
+        told = explain(tree, buffer, "world", "arm")
+        assert verdicts(told) == [("base", "ok"), ("arm", "warn")]
+        assert fault(told, "arm").reason == "the answer is of one of its publishers"
+        assert told.remedies[0].startswith("'arm' is published by several at once: ")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""

@@ -124,10 +124,12 @@ def _chain(tree: FrameTree, frame: str) -> list[str]:
 
 def _judge(tree: FrameTree, child: str, stamp_ns: int | None) -> Step:
     frame = tree.frames[child]
-    told = tuple(facts(tree, frame, conflicting(tree)))
-    step = Step(frame.parent or "", child, told)
+    conflicts = conflicting(tree)
+    step = Step(frame.parent or "", child, tuple(facts(tree, frame, conflicts)))
     for verdict, reason, remedy in _faults(tree, frame, stamp_ns):
         return replace(step, verdict=verdict, reason=reason, remedy=remedy)
+    if child in conflicts:
+        return replace(step, verdict="warn", reason="the answer is of one of its publishers")
     return step
 
 

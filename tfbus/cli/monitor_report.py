@@ -21,6 +21,9 @@ _ROLES: dict[State, str] = {
     "conflict": "bad",
 }
 
+# What is said in words too, for those who see no colour.
+_TOLD: tuple[State, ...] = ("stale", "gone", "conflict")
+
 _NO_FLOW = EdgeFlow("", "", "", None, None, None, 0)
 
 
@@ -157,7 +160,9 @@ def _edge_table(report: Report) -> list[str]:
                 str(flow.out_of_order),
             ]
         name = paint(frame.name, _ROLES[told]) if told in _ROLES else frame.name
-        by = paint(f"{frame.authority} GONE", "bad") if frame.gone else frame.authority
+        by = frame.authority
+        if told in _TOLD:
+            by = paint(f"{by} {told.upper()}", _ROLES[told])
         rows.append([name, by, *cells])
     return table(headings, rows, right=range(2, len(headings)))
 

@@ -145,7 +145,9 @@ def check_refused(seen: Examination) -> Finding:
         for stream in seen.tree.streams.values()
         if stream.rejected
     ]
-    return found("fail", evidence, "mend the publisher; each reason says what is allowed")
+    return found(
+        "fail", evidence, "mend the publisher; each reason says what is allowed", "all were taken"
+    )
 
 
 def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:

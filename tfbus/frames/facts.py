@@ -50,11 +50,14 @@ def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
 
 
 def duration(seconds: float | None) -> str:
-    """A time as people say it: `0.3 ms`, `21 ms`, `4.2 s`, `3 min`, `2 h`."""
+    """A time as people say it: `0.3 ms`, `21 ms`, `4.2 s`, `3 min`, `2 h`, `5 days`."""
     if seconds is None:
         return "?"
     size = abs(seconds)
     for limit, unit, digits in ((0.01, 1e3, 1), (1.0, 1e3, 0), (100.0, 1.0, 1)):
         if size < limit:
             return f"{seconds * unit:.{digits}f} {'ms' if unit > 1 else 's'}"
-    return f"{seconds / 60:.0f} min" if size < 6000 else f"{seconds / 3600:.0f} h"
+    for limit, unit_s, unit in ((6e3, 60, "min"), (2e5, 3600, "h")):
+        if size < limit:
+            return f"{seconds / unit_s:.0f} {unit}"
+    return f"{seconds / 86_400:.0f} days"

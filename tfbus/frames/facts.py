@@ -54,10 +54,13 @@ def duration(seconds: float | None) -> str:
     if seconds is None:
         return "?"
     size = abs(seconds)
-    for limit, unit, digits in ((0.01, 1e3, 1), (1.0, 1e3, 0), (100.0, 1.0, 1)):
-        if size < limit:
-            return f"{seconds * unit:.{digits}f} {'ms' if unit > 1 else 's'}"
-    for limit, unit_s, unit in ((6e3, 60, "min"), (2e5, 3600, "h")):
-        if size < limit:
+    if size < 0.01:
+        return f"{seconds * 1e3:.1f} ms"
+    if size < 1.0:
+        return f"{seconds * 1e3:.0f} ms"
+    if size < 100.0:
+        return f"{seconds:.1f} s"
+    for most_s, unit_s, unit in ((6e3, 60, "min"), (2e5, 3600, "h")):
+        if size < most_s:
             return f"{seconds / unit_s:.0f} {unit}"
     return f"{seconds / 86_400:.0f} days"

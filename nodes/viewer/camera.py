@@ -15,6 +15,9 @@ from tfbus.nodes.viewer.placing import Floats
 # At first one looks from behind, from the side a little, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
 
+# What is narrower than this is the window of a telephone.
+_NARROW = 0.75
+
 # The first frames come within this time, or are late.
 _SETTLE_S = 3.0
 
@@ -60,12 +63,12 @@ class Window:
 
 
 def overview(middle: Floats, radius_m: float, aspect: float = 1.0) -> tuple[Floats, Floats]:
-    """Where to look from, and at what, to see a ball whole: in the upper half of a window that is
-    higher than wide, which has the panel below.
+    """Where to look from, and at what, to see a ball whole: of a window that is much higher than
+    wide, in the upper half, since it has the panel below.
     """
     distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
     up = np.array((0.0, 0.0, 1.0)) - _FROM[2] * _FROM
-    below_m = 0.5 * distance_m * math.tan(_FOV_RAD / 2.0) if aspect < 1.0 else 0.0
+    below_m = 0.5 * distance_m * math.tan(_FOV_RAD / 2.0) if aspect < _NARROW else 0.0
     look_at = middle - up / np.linalg.norm(up) * below_m
     return look_at + distance_m * _FROM, look_at
 
@@ -96,6 +99,6 @@ class FirstLook:
             camera.position, camera.look_at = overview(middle, radius_m)
         for number, client in clients.items():
             camera = client.camera
-            if is_new or (number not in self._placed and camera.aspect < 1.0):
+            if is_new or (number not in self._placed and camera.aspect < _NARROW):
                 camera.position, camera.look_at = overview(middle, radius_m, camera.aspect)
         self._placed = set(clients)

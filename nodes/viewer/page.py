@@ -218,7 +218,7 @@ class Page:
             middle, radius_m = self._turtle_scene.middle, _FIELD_RADIUS_M
         elif len(placed.names) >= 2:
             middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
-            radius_m = 0.75 * max(placed.extent_m(), 1.0)
+            radius_m = 0.85 * max(placed.extent_m(), 1.0)
         else:
             return
         self._first_look.aim(middle, radius_m, self._turtle_scene.is_shown, len(placed.names))

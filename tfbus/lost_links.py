@@ -32,7 +32,7 @@ _LOOK_EVERY_S = (2.0, 6.0)
 # are brought together while they meet have two links, which Zenoh does not always bear.
 _MEETS_WITHIN_S = 5.0
 # So often is looked for one that does not answer: ten minutes.
-_MOST_LOOKS = 100
+_MOST_LOOKS = 150
 
 _ANSWERS_WITHIN_S = 0.5
 _GUEST_STAYS_S = 2.0

@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.bus.place import Place, Process, place, say
 
 SECONDS = 3.0
-_FRAMES_CACHED_S = 1.0
+_FRAMES_CACHED_S = 0.1
 
 
 @dataclass(frozen=True)

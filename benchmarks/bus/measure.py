@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from benchmarks.bus import growth, intake, latency, ros, startup
+from benchmarks.bus import growth, intake, interest, latency, ros, startup
 from benchmarks.bus.growth import Size
 from benchmarks.bus.intake import Intake
+from benchmarks.bus.interest import Cost
 from benchmarks.bus.latency import Latency
 
 # Sends of each kind in one run of the latency.
@@ -15,8 +16,8 @@ _SENDS = 2_000
 @dataclass(frozen=True)
 class Measured:
     """Intake of messages of one transform and of fifty, beside that of tf2_ros, or why there is
-    none; latency beside bare Zenoh's; startup in seconds by phase, for each way to be found;
-    growth.
+    none; latency beside bare Zenoh's; listeners by what they read; startup in seconds by phase, for
+    each way to be found; growth.
     """
 
     single: Intake
@@ -24,6 +25,7 @@ class Measured:
     theirs: Intake | str
     ours: Latency
     bare: Latency
+    reading: dict[str, Cost]
     starts: dict[str, dict[str, float]]
     publishers: Sequence[Size]
     frames: Sequence[Size]
@@ -41,6 +43,8 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         theirs = str(error)
     tell("latency")
     ours, bare = latency.measure(_SENDS, runs)
+    tell("interest")
+    reading = interest.measure(min(runs, 3))
     tell("startup")
     starts = {
         "found by scouting": startup.measure(3 * runs, scouting=True),
@@ -53,6 +57,7 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         theirs,
         ours,
         bare,
+        reading,
         starts,
         growth.of_publishers(),
         growth.of_frames(),

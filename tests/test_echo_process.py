@@ -15,11 +15,13 @@ from tfbus import (
     Buffer,
     InvalidArgumentException,
     Node,
+    StaticTransformBroadcaster,
     Transform,
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.nodes.echo import Question, answers, main
+from tfbus.nodes.echo import main
+from tfbus.nodes.echo_answers import Question, answers
 
 STAMP_NS = 1_649_109_418_061_570_822
 
@@ -157,6 +159,43 @@ def test_it_says_once_when_what_it_shows_is_not_sent_any_more(bus: Bus) -> None:
     eventually(lambda: len(echo.out) > before + 30)
     assert len([line for line in echo.err if "not sent any more" in line]) == 1
     assert echo.stop() == 0
+
+
+def test_data_that_stands_still_is_told_once(bus: Bus) -> None:
+    """Where a publisher lives but sends no more, one line says so, and the last pose goes on."""
+    node = bus.node("sim")
+    broadcaster = TransformBroadcaster(node)
+    echo = bus.start("echo", "world", "rock", "--rate", "20")
+    sending = node.create_timer(
+        0.02,
+        lambda: broadcaster.send_transform(
+            TransformStamped(node.now_ns(), "world", "rock", Transform.identity())
+        ),
+    )
+    eventually(lambda: echo.out)
+    sending.cancel()
+    echo.wait_for_line(r"Nothing newer has come for 5\.\d s; what follows is where it was last")
+    before = len(echo.out)
+    eventually(lambda: len(echo.out) > before + 30)
+    assert len([line for line in echo.err if "Nothing newer" in line]) == 1
+
+
+def test_only_changes_are_printed(bus: Bus) -> None:
+    """With --changed a pose is printed once, until it is another one."""
+    node = bus.node("sim")
+    broadcaster = StaticTransformBroadcaster(node)
+
+    def put(x: float) -> None:
+        broadcaster.send_transform(
+            TransformStamped(node.now_ns(), "world", "rock", Transform((x, 0, 0)))
+        )
+
+    put(1.0)
+    echo = bus.start("echo", "world", "rock", "--changed", "--rate", "50", "--format", "json")
+    eventually(lambda: len(echo.out) == 1)
+    put(2.0)
+    eventually(lambda: len(echo.out) == 2)
+    assert [json.loads(line)["xyz"][0] for line in echo.out] == [1.0, 2.0]
 
 
 def test_a_question_that_can_never_be_answered_fails_at_once(

@@ -1,0 +1,253 @@
+"""What `tfbus echo` asks again and again, and the answers as they come, with what is said while
+there is none.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from tfbus import (
+    Buffer,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    Node,
+    PastExtrapolationException,
+    SystemClock,
+    TimeoutException,
+    TransformException,
+    TransformStamped,
+)
+from tfbus.nodes.moment import Moment
+
+# What is missing is said this often, at most.
+_SAY_EVERY_S = 1.0
+
+# Under a clock that may stand still an answer is looked for so often, in real time.
+_LOOK_EVERY_S = 0.05
+
+# What publishers have kept is asked for at the start; it comes within this time.
+_HISTORY_WITHIN_S = 2.0
+_HISTORY_LOOK_S = 0.05
+_HISTORY_COMES_S = 0.5
+_KEPT_AT_MOST_S = 3600.0
+_MARGIN_S = 5.0
+
+# Where nothing newer comes for so long, that is said.
+_STALLED_S = 5.0
+
+# A message about what is missing lists at most so many frames.
+_FRAMES_LISTED = 20
+
+
+@dataclass(frozen=True)
+class Question:
+    """Where `source` is, seen from `target`: at the moment, or the latest time known at all.
+
+    With a fixed frame the moment is the source's alone: where the source was then, seen from
+    where the target is now.
+    """
+
+    target: str
+    source: str
+    moment: Moment | None = None
+    fixed_frame: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.target} -> {self.source}"
+
+    @property
+    def has_one_answer(self) -> bool:
+        """Whether asking again can bring nothing new."""
+        return self.moment is not None and not self.moment.is_relative and not self.fixed_frame
+
+    def history_s(self, now_ns: int) -> float:
+        """How many seconds back from now the answer reaches, with a margin; 0 for the present,
+        and for a date so long ago that nobody has kept it.
+        """
+        if self.moment is None:
+            return 0.0
+        back_s = (now_ns - self.moment.at(now_ns)) / 1e9
+        is_kept = self.moment.is_relative or back_s < _KEPT_AT_MOST_S
+        return back_s + _MARGIN_S if is_kept and back_s > 0.0 else 0.0
+
+    def ask(self, buffer: Buffer, now_ns: int, timeout_s: float) -> TransformStamped:
+        """The answer, waited for; raises TransformException where there is none."""
+        stamp_ns = self.moment.at(now_ns) if self.moment else None
+        if self.fixed_frame is None:
+            return buffer.lookup_transform(self.target, self.source, stamp_ns, timeout_s=timeout_s)
+        return buffer.lookup_transform_full(
+            self.target, None, self.source, stamp_ns, self.fixed_frame, timeout_s=timeout_s
+        )
+
+    def is_hopeless(self, reason: TransformException) -> bool:
+        """Whether no waiting will bring an answer: the past does not come back."""
+        is_absolute = self.moment is not None and not self.moment.is_relative
+        return is_absolute and _is_past(reason)
+
+
+def answers(
+    node: Node, buffer: Buffer, question: Question, *, rate_hz: float, timeout_s: float
+) -> Iterator[TransformStamped]:
+    """The answer once in every period, until the node is shut down.
+
+    Raises TransformException where there is none for `timeout_s`, or can be none. Seconds are
+    those of the node's clock.
+    """
+    _wait_for_clock(node, timeout_s)
+    has_history = question.history_s(node.now_ns()) > 0.0
+    history_by_s = time.monotonic() + (_HISTORY_WITHIN_S if has_history else 0.0)
+    due_s = _elapsed_s(node)
+    gone: frozenset[str] = frozenset()
+    progress = _Progress(node)
+    if question.fixed_frame and has_history:
+        # What was kept comes oldest first: while it comes, the latest is not the present.
+        _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        node.wait(_HISTORY_COMES_S)
+    while True:
+        answer = _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        if answer is None:
+            return
+        gone = _tell_gone(node, buffer, question, gone)
+        if question.moment is None and not gone:
+            progress.look(answer)
+        yield answer
+        now_s = _elapsed_s(node)
+        due_s = max(due_s + 1.0 / rate_hz, now_s)
+        node.wait(due_s - now_s)
+
+
+def _wait_for_clock(node: Node, timeout_s: float) -> None:
+    limit_s = None if math.isinf(timeout_s) else timeout_s
+    if not node.wait_for_clock(limit_s) and node.ok:
+        raise TimeoutException(f"nobody told the time within {timeout_s:g} s: is a clock running?")
+
+
+class _Progress:
+    """Says once of an answer that stays the same that nothing newer comes."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._newest_ns = 0
+        self._since_s = 0.0
+        self._is_told = False
+
+    def look(self, answer: TransformStamped) -> None:
+        """Take the next answer; what is all static, with the stamp 0, is never old."""
+        if answer.stamp_ns != self._newest_ns:
+            self._newest_ns, self._since_s = answer.stamp_ns, _elapsed_s(self._node)
+            self._is_told = False
+        elif answer.stamp_ns and not self._is_told:
+            since_s = _elapsed_s(self._node) - self._since_s
+            if since_s >= _STALLED_S:
+                self._is_told = True
+                self._node.log.warning(
+                    "Nothing newer has come for %.1f s; what follows is where it was last", since_s
+                )
+
+
+def _tell_gone(
+    node: Node, buffer: Buffer, question: Question, told: frozenset[str]
+) -> frozenset[str]:
+    """Say of each frame on the path that its publisher is gone, unless that was told; which are."""
+    try:
+        path = buffer.path(question.target, question.source)
+        gone = frozenset(frame for frame in path if buffer.frame(frame).gone)
+    except TransformException:
+        return told  # a frame has just been removed
+    if new := gone - told:
+        node.log.warning(
+            "%s: not sent any more; what follows is where it was last",
+            ", ".join(map(repr, sorted(new))),
+        )
+    return gone
+
+
+def _wait_for_answer(
+    node: Node, buffer: Buffer, question: Question, timeout_s: float, history_by_s: float
+) -> TransformStamped | None:
+    """The answer as soon as there is one; None where the node is shut down before."""
+    give_up_s = _elapsed_s(node) + timeout_s
+    # What is said is for people, and so in real time.
+    say_at_s, said_s = time.monotonic() + min(_SAY_EVERY_S, timeout_s), _elapsed_s(node)
+    while node.ok:
+        look_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
+        try:
+            wait_s = 0.0 if node.clock.is_simulated else _seconds_until(look_at_s, node)
+            return question.ask(buffer, node.now_ns(), wait_s)
+        except InvalidArgumentException:
+            raise  # no waiting makes it right
+        except TransformException as error:
+            reason = _reason(error)
+        if time.monotonic() < history_by_s:
+            node.wait(_HISTORY_LOOK_S, clock=SystemClock())
+        elif question.is_hopeless(reason):
+            raise PastExtrapolationException(
+                f"{reason}; known is what is sent while echo runs, and what publishers keep of the "
+                "time before, 10 s unless they say otherwise"
+            )
+        elif node.clock.is_simulated:
+            # It may stand still for ever: what is missing is to be told all the same.
+            node.wait(_LOOK_EVERY_S, clock=SystemClock())
+        else:
+            node.wait(min(_seconds_until(look_at_s, node), _gap_s(reason)))
+        if _elapsed_s(node) >= give_up_s:
+            raise TimeoutException(
+                f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
+            )
+        if time.monotonic() >= say_at_s:
+            stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
+            node.log.info(
+                "Waiting for transform %s%s: %s", question, stands, _explained(reason, buffer)
+            )
+            say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)
+    return None
+
+
+def _elapsed_s(node: Node) -> float:
+    return node.clock.elapsed_ns() / 1e9
+
+
+def _seconds_until(elapsed_s: float, node: Node) -> float:
+    return max(0.0, elapsed_s - _elapsed_s(node))
+
+
+def _is_past(reason: TransformException) -> bool:
+    """Whether the time asked for is before all samples, be they many or one."""
+    return (
+        isinstance(reason, ExtrapolationException)
+        and reason.requested_ns is not None
+        and reason.oldest_ns is not None
+        and reason.requested_ns < reason.oldest_ns
+    )
+
+
+def _gap_s(reason: TransformException) -> float:
+    """In how long a moment that goes with the clock comes to where data begins."""
+    if not isinstance(reason, ExtrapolationException) or not _is_past(reason):
+        return math.inf
+    if reason.oldest_ns is None or reason.requested_ns is None:
+        return math.inf
+    return (reason.oldest_ns - reason.requested_ns) / 1e9
+
+
+def _reason(error: TransformException) -> TransformException:
+    """What is missing, without the news that waiting for it took too long."""
+    return (error.reason or error) if isinstance(error, TimeoutException) else error
+
+
+def _explained(reason: TransformException, buffer: Buffer) -> str:
+    """Why there is no answer, what there is, and which names look like the one that is not."""
+    frames = sorted(buffer.frames())
+    if not frames:
+        return f"{reason}: is a broadcaster running?"
+    near = ""
+    if isinstance(reason, LookupException) and not reason.nearest:
+        matches = get_close_matches(reason.frame, frames)
+        near = f"; did you mean {' or '.join(map(repr, matches))}?" if matches else ""
+    listed = ", ".join(frames[:_FRAMES_LISTED])
+    more = f" and {len(frames) - _FRAMES_LISTED} more" if len(frames) > _FRAMES_LISTED else ""
+    end = "" if str(reason).endswith("?") else "."
+    return f"{reason}{near or end} Frames known: {listed}{more}"

@@ -1,0 +1,109 @@
+"""Which names the scene of `tfbus view` shows a browser, and where it looks from at first."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus import FrameInfo
+
+pytest.importorskip("viser", reason="the extra view is not installed")
+
+from tfbus.nodes.viewer.camera import Window, overview
+from tfbus.nodes.viewer.labels import MOST, readable
+from tfbus.nodes.viewer.settings import ViewSettings
+from tfbus.nodes.viewer.status import FrameState, Status
+
+# Looks down on the origin from 10 m above, x to the right: a metre is 50 pixels on the ground.
+ABOVE = Window(
+    np.array((0.0, 0.0, 10.0)),
+    np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
+    2.0 * math.atan(0.8),
+    (1000, 800),
+)
+
+
+def state(name: str, status: Status = Status.FRESH) -> FrameState:
+    """A frame's state; of all that it says only this matters here."""
+    return FrameState(FrameInfo(name, parent="map"), status, 0.0, 1.0, (), "map", 1)
+
+
+def names(
+    places: dict[str, tuple[float, float]],
+    settings: ViewSettings | None = None,
+    gone: tuple[str, ...] = (),
+    shown: frozenset[str] = frozenset(),
+) -> set[str]:
+    """What is written where frames lie there on the ground, in metres."""
+    states = [state(name, Status.GONE if name in gone else Status.FRESH) for name in places]
+    xyz = np.array([(x, y, 0.0) for x, y in places.values()]).reshape(-1, 3)
+    return set(readable(states, xyz, settings or ViewSettings(), 0.1, ABOVE, shown).values())
+
+
+def test_a_name_stands_where_none_covers_it() -> None:
+    """A letter is about 6 pixels wide: what is 30 apart is too near, but not 18 above."""
+    assert names({"a": (0.0, 0.0), "b": (0.2, 0.0), "c": (2.0, 0.0)}) == {"a", "c"}
+    assert names({"a": (0.0, 0.0), "b": (0.2, 0.5)}) == {"a", "b"}
+
+
+def test_frames_at_one_place_share_a_name_in_the_order_of_the_tree() -> None:
+    """Of many the first three."""
+    assert names({"map": (0.0, 0.0), "odom": (0.0, 0.0)}) == {"map, odom"}
+    assert names({name: (0.0, 0.0) for name in "abcde"}) == {"a, b, c and 2 more"}
+
+
+def test_the_selected_name_comes_first_then_those_that_something_is_the_matter_with() -> None:
+    """Then those that are written already, so that names do not flicker."""
+    crowd = {"a": (0.0, 0.0), "b": (0.1, 0.0), "c": (0.2, 0.0)}
+    assert names(crowd, ViewSettings(selected="c"), gone=("b",)) == {"c"}
+    assert names(crowd, gone=("b",)) == {"b (gone)"}
+    assert names(crowd, shown=frozenset("c")) == {"c"}
+    assert names(crowd, ViewSettings(selected="b", names=False)) == {"b"}
+    assert names(crowd, ViewSettings(names=False)) == set()
+
+
+def test_long_names_are_cut_in_the_middle() -> None:
+    """The beginning tells the robot, and the end the part."""
+    long = "robot1/camera_depth_optical_frame_rectified"
+    assert names({long: (0.0, 0.0)}) == {"robot1/camera_d…_frame_rectified"}
+
+
+def test_what_is_out_of_sight_has_no_name() -> None:
+    """Ten metres to the side, or behind the camera."""
+    assert names({"here": (0.0, 0.0), "aside": (11.0, 0.0)}) == {"here"}
+    behind = np.array([(0.0, 0.0, 11.0)])
+    assert readable([state("behind")], behind, ViewSettings(), 0.1, ABOVE) == {}
+
+
+@given(st.lists(st.tuples(*[st.floats(-9.0, 9.0)] * 2), max_size=60))
+def test_no_name_lies_over_another(places: list[tuple[float, float]]) -> None:
+    """Wherever the frames are, and no more than can be read."""
+    frames = [state(f"frame{at}") for at in range(len(places))]
+    xyz = np.array([(x, y, 0.0) for x, y in places]).reshape(-1, 3)
+    written = readable(frames, xyz, ViewSettings(), 1e-6, ABOVE)
+    assert len(written) <= MOST
+    rows = [int(name.removeprefix("frame")) for name in written]
+    pixels, _ = ABOVE.project(xyz[rows])
+    apart = np.abs(pixels[:, None] - pixels[None])
+    # The narrowest is a text of six letters.
+    covered = (apart[..., 0] < 6 * 6.2) & (apart[..., 1] < 17.0)
+    assert covered.sum() == len(rows)
+
+
+@given(st.tuples(*[st.floats(-100.0, 100.0)] * 3), st.floats(0.1, 100.0), st.floats(0.4, 3.0))
+def test_one_begins_where_all_is_in_sight(
+    middle: tuple[float, float, float], radius_m: float, aspect: float
+) -> None:
+    """Whatever the size of the scene, and the shape of the window."""
+    position, look_at = overview(np.array(middle), radius_m, aspect)
+    ahead = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(ahead, right), ahead], axis=1)
+    window = Window(position, rotation, math.radians(75.0), (round(800 * aspect), 800))
+    ends = np.array(middle) + radius_m * 0.7 * np.array(
+        [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.3, 0.3)]
+    ) / math.sqrt(2.0)
+    assert window.sees(*window.project(ends)).all()

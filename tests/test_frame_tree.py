@@ -85,6 +85,17 @@ def test_all_is_said_where_asked_for() -> None:
     ]
 
 
+def test_what_is_wrong_fits_the_width_too() -> None:
+    """Sentences about publishers and problems are wrapped, and set in."""
+    tree = tree_of(buffer_of(("world", "turtle1"), ("isle", "palm")))
+    lines = document.summary(tree, width=50)
+    told = lines[lines.index("Problems:") + 1 :]
+    assert told[0].startswith("  disconnected: ")
+    assert all(line.startswith("    ") for line in told[1:])
+    assert len(told) > 1
+    assert max(map(len, lines)) <= 50
+
+
 class TestProblems:
     def problems(self, buffer: Buffer, *streams: StreamInfo) -> list[tuple[str, str]]:
         return [(problem.kind, problem.text) for problem in tree_of(buffer, *streams).problems()]

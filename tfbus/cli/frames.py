@@ -115,8 +115,8 @@ def command(
 
 def _lines(tree: FrameTree, long: bool) -> list[str]:
     if long:
-        return [*edge_lines(tree), *document.summary(tree, [])]
-    return document.summary(tree, tree_lines(tree, width=width(), paint=_paint))
+        return [*edge_lines(tree), *document.summary(tree, [], width=width())]
+    return document.summary(tree, tree_lines(tree, width=width(), paint=_paint), width=width())
 
 
 def _paint(line: str, state: State) -> str:

@@ -65,7 +65,7 @@ def command(
                 if as_json:
                     print_json(as_map(report))
                 else:
-                    print_lines(in_place(as_lines(report)))
+                    print_lines(as_lines(report) if once else in_place(as_lines(report)))
 
 
 def _check(report: Report, once: bool) -> None:

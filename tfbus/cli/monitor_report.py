@@ -12,6 +12,7 @@ from tfbus.frame import FrameInfo
 from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree
+from tfbus.words import counted
 
 _MOST_SAMPLES = 1_000
 _ROLES: dict[State, str] = {
@@ -89,12 +90,15 @@ def _held_back_by(heard: Listening, chain: list[str]) -> str | None:
 
 @dataclass(frozen=True)
 class Report:
-    """All that the monitor knows at one moment."""
+    """All that the monitor knows at one moment; `dropped` are the messages that it could not take,
+    since transforms came on too many keys.
+    """
 
     tree: FrameTree
     flows: dict[tuple[str, str], EdgeFlow]
     meter: TransformMeter
     pair: Pair | None
+    dropped: int = 0
 
     def flow(self, frame: FrameInfo) -> EdgeFlow:
         """How the samples of a frame's edge came."""
@@ -110,7 +114,8 @@ class Report:
 def make_report(heard: Listening, meter: TransformMeter, pair: PairWatch | None) -> Report:
     """What is known now."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
-    return Report(heard.tree(), flows, meter, pair.report(heard) if pair else None)
+    told = pair.report(heard) if pair else None
+    return Report(heard.tree(), flows, meter, told, heard.listener.dropped)
 
 
 def as_lines(report: Report) -> list[str]:
@@ -120,7 +125,7 @@ def as_lines(report: Report) -> list[str]:
         return lines
     if not report.edges():
         return ["No transform has come yet."]
-    return [*lines, *_edge_table(report), "", *_stream_table(report)]
+    return [*lines, *_edge_table(report), "", *_stream_table(report), *_dropped_lines(report)]
 
 
 def _pair_lines(pair: Pair) -> list[str]:
@@ -187,10 +192,18 @@ def _stream_table(report: Report) -> list[str]:
     return table(headings, rows, right=range(3, len(headings)))
 
 
+def _dropped_lines(report: Report) -> list[str]:
+    if not report.dropped:
+        return []
+    told = f"Dropped {counted(report.dropped, 'message')}: transforms come on too many keys"
+    return ["", paint(told, "bad")]
+
+
 def as_map(report: Report) -> dict[str, Any]:
     """The report for programs: times in ns or s, as their names say."""
     return {
         "recorded_ns": report.tree.recorded_ns,
+        "dropped": report.dropped,
         "pair": None if report.pair is None else asdict(report.pair),
         "edges": [
             asdict(frame)

@@ -1,6 +1,7 @@
 """The tree of frames for other programs: JSON, tf2's YAML and graph, Mermaid."""
 
 import json
+import textwrap
 from dataclasses import asdict
 from typing import Any
 
@@ -67,13 +68,29 @@ def as_text(tree: FrameTree) -> str:
     return "\n".join(summary(tree)) + "\n"
 
 
-def summary(tree: FrameTree, tree_part: list[str] | None = None) -> list[str]:
-    """The lines of the tree, then who publishes, then what is wrong."""
-    lines = tree_lines(tree) if tree_part is None else tree_part
-    lines = [*lines, "", "Publishers:", *(f"  {line}" for line in publisher_lines(tree))]
+def summary(tree: FrameTree, tree_part: list[str] | None = None, *, width: int = 80) -> list[str]:
+    """The lines of the tree, then who publishes, then what is wrong; these no longer than that."""
+    lines = tree_lines(tree, width=width) if tree_part is None else list(tree_part)
+    lines += ["", "Publishers:"]
+    for line in publisher_lines(tree):
+        lines += _wrapped(line, width)
     if problems := tree.problems():
-        lines += ["", "Problems:", *(f"  {problem.kind}: {problem.text}" for problem in problems)]
+        lines += ["", "Problems:"]
+        for problem in problems:
+            lines += _wrapped(f"{problem.kind}: {problem.text}", width)
     return lines
+
+
+def _wrapped(line: str, width: int) -> list[str]:
+    """The line in lines that are set in, those after the first by more; words stay whole."""
+    return textwrap.wrap(
+        line,
+        width,
+        initial_indent="  ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def _mermaid(text: str) -> str:

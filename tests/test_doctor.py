@@ -213,6 +213,11 @@ TROUBLES = {
         "warn",
         "/sim keeps 2.0 s, but 12 lookups asked for times before that, by up to 750 ms",
     ),
+    "dropped": (
+        with_nodes(replace(SIM, buffers=(BufferDescription(10.0, dropped=3),))),
+        "fail",
+        "/sim dropped 3 messages: transforms come on more keys than it takes",
+    ),
 }
 
 
@@ -258,6 +263,7 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
         ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
         ("rates", lambda seen: replace(seen, flows=()), "no moving frame came while listening"),
         ("buffers", with_nodes(), "no node has a buffer"),
+        ("dropped", with_nodes(), "no node has a buffer"),
     ],
 )
 def test_what_cannot_be_seen_is_skipped(

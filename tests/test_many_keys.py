@@ -59,6 +59,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
             return listener.dropped > 3
 
         eventually(are_dropped)
+        assert receiver.describe()["buffers"][0]["dropped"] > 3
         assert len(buffer.frames()) == 3
         static = StaticTransformBroadcaster(sender)
         for x in (1, 2):

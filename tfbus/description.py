@@ -19,12 +19,14 @@ class ParameterDescription:
 @dataclass(frozen=True)
 class BufferDescription:
     """A node's buffer: how long it keeps samples, how many lookups asked for a time before that,
-    and by how much at most.
+    and by how much at most; and how many messages its listener dropped, since transforms came on
+    too many keys.
     """
 
     cache_time_s: float
     too_old: int = 0
     missed_by_s: float = 0.0
+    dropped: int = 0
 
 
 @dataclass(frozen=True)

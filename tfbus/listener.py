@@ -156,6 +156,7 @@ class TransformListener:
             "cache_time_s": self.buffer.cache_time_s,
             "too_old": short.count,
             "missed_by_s": short.missed_by_ns / 1e9,
+            "dropped": self.dropped,
         }
 
     def need(self, target_frame: str, source_frame: str) -> None:

@@ -32,4 +32,5 @@ CHECKS: dict[str, Check] = {
     "messages": flow_checks.check_messages,
     "unread": use_checks.check_unread,
     "buffers": use_checks.check_buffers,
+    "dropped": use_checks.check_dropped,
 }

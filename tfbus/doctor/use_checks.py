@@ -36,3 +36,22 @@ def check_buffers(seen: Examination) -> Finding:
         "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
         counted(len(told), "buffer"),
     )
+
+
+def check_dropped(seen: Examination) -> Finding:
+    """Listeners take what comes, on however many keys."""
+    told = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not told:
+        return skipped("no node has a buffer")
+    dropped = [
+        f"{node.name} dropped {counted(buffer.dropped, 'message')}: transforms come on more keys "
+        "than it takes"
+        for node, buffer in told
+        if buffer.dropped
+    ]
+    return found(
+        "fail",
+        dropped,
+        "let streams of many frames not be split, or read what is needed (reads='needed')",
+        "all messages were taken",
+    )

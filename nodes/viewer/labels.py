@@ -38,6 +38,34 @@ _LONGEST = 32
 _SAID = (Status.STALE, Status.GONE, Status.CONFLICT)
 
 
+class Names:
+    """The names in the scenes of all browsers, each by its own camera."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._labels: dict[int, Labels] = {}
+
+    def draw(
+        self,
+        states: Sequence[FrameState] | None,
+        placed: Placed,
+        settings: ViewSettings,
+        size: float,
+    ) -> None:
+        """Choose which of these frames have names; without `states` only move those there are."""
+        clients = self._server.get_clients()
+        self._labels = {
+            number: self._labels.get(number) or Labels(client.scene)
+            for number, client in clients.items()
+        }
+        for number, labels in self._labels.items():
+            if states is None:
+                labels.move(placed, size)
+            else:
+                window = Window.of(clients[number].camera)
+                labels.choose(states, placed, settings, size, window)
+
+
 class Labels:
     """The names that one browser shows."""
 

@@ -2,26 +2,22 @@
 
 import contextlib
 import io
-import logging
-import socket
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import viser
-
-from tfbus import Buffer, Node, SystemClock, TfbusError, TransformListener
+from tfbus import Buffer, Node, SystemClock, TransformListener
 from tfbus.nodes.turtle import field
-from tfbus.nodes.viewer.camera import FirstLook, Window
+from tfbus.nodes.viewer.camera import FirstLook
 from tfbus.nodes.viewer.desk import Desk
 from tfbus.nodes.viewer.frames import Frames, FrameWatch
-from tfbus.nodes.viewer.labels import Labels
-from tfbus.nodes.viewer.origin import guarding, is_local
+from tfbus.nodes.viewer.labels import Names
 from tfbus.nodes.viewer.panel import Panel
 from tfbus.nodes.viewer.placing import Floats, Placed, place, trail
 from tfbus.nodes.viewer.robot_scene import RobotScene
 from tfbus.nodes.viewer.scene import Scene
+from tfbus.nodes.viewer.server import serve
 from tfbus.nodes.viewer.settings import ViewSettings
 from tfbus.nodes.viewer.turtle_scene import WORLD, TurtleScene
 from tfbus.nodes.viewer.turtles import Turtles
@@ -35,10 +31,6 @@ _BY_DEFAULT = ViewSettings()
 
 # Of a ball around what is seen of the field.
 _FIELD_RADIUS_M = 0.68 * field.SIZE_M
-
-
-class ServeError(TfbusError):
-    """The page cannot be served; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +77,15 @@ class Page:
         self._listener = listener
         self._serving = serving
         self.desk = Desk(serving.settings)
-        self._server = _serve(serving.host, serving.port)
+        self._server = serve(serving.host, serving.port)
         self._watch = FrameWatch(buffer)
         self._frames = Frames()
         self._wanted = _Wanted(serving.settings)
-        self._labels: dict[int, Labels] = {}
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
         self._first_look = FirstLook(self._server)
+        self._names = Names(self._server)
         scene = self._server.scene
         self._turtles = turtles = Turtles(node, lambda: self.is_watched)
         self._robot_scene = RobotScene(scene, robot, node.log)
@@ -158,7 +150,8 @@ class Page:
                 self._look_first(placed)
                 now_ns = self._node.now_ns()
                 self._panel.refresh(self._frames, placed, wanted.fixed_frame, self._buffer, now_ns)
-        self._name(placed, settings, is_due)
+        states = [self._frames.states[name] for name in placed.names] if is_due else None
+        self._names.draw(states, placed, settings, self._scene.size_m)
         # Else the last of a movement would wait for the next one.
         self._server.flush()
 
@@ -198,21 +191,6 @@ class Page:
         around_m = _FIELD_RADIUS_M if self._turtle_scene.is_shown else 0.0
         self._scene.draw(self._frames, placed, trails, settings, around_m)
 
-    def _name(self, placed: Placed, settings: ViewSettings, is_due: bool) -> None:
-        """Write names into the scene of each browser: those that can be read from its camera."""
-        clients = self._server.get_clients()
-        self._labels = {
-            number: self._labels.get(number) or Labels(client.scene)
-            for number, client in clients.items()
-        }
-        states = [self._frames.states[name] for name in placed.names] if is_due else []
-        for number, labels in self._labels.items():
-            if is_due:
-                window = Window.of(clients[number].camera)
-                labels.choose(states, placed, settings, self._scene.size_m, window)
-            else:
-                labels.move(placed, self._scene.size_m)
-
     def _look_first(self, placed: Placed) -> None:
         if self._turtle_scene.is_shown:
             middle, radius_m = self._turtle_scene.middle, _FIELD_RADIUS_M
@@ -226,30 +204,3 @@ class Page:
     def _select(self, name: str) -> None:
         if name:
             self.desk.change(selected=name)
-
-
-def _serve(host: str, port: int) -> viser.ViserServer:
-    """A server of viser, which takes the next port where this one is taken."""
-    try:
-        family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
-        # viser would tell of this in another thread, and go on.
-        with socket.socket(family, kind) as probe:
-            probe.bind(address)
-    except OSError as error:
-        raise ServeError(
-            f"cannot listen on {host!r}: {error.strerror or error}; 127.0.0.1 is this machine alone"
-        ) from error
-    # Browsers open connections to have them ready, and close them: no news.
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with guarding(is_local(host)), contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
-    server.scene.set_up_direction("+z")
-    # Shadows and mirrored surroundings say nothing of frames, and take most of the time where
-    # there is no graphics card.
-    server.scene.configure_default_lights(cast_shadow=False)
-    server.scene.configure_environment_map(None)
-    server.scene.add_light_ambient("/light", intensity=1.0)
-    server.gui.configure_theme(show_logo=False, show_share_button=False)
-    # Beside the scene, of which it would hide a part; a narrow window has it below anyway.
-    server.gui.main_panel.dock_right()
-    return server

@@ -10,6 +10,9 @@ from tfbus.presence import describe_all, describe_streams
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
 
+# All answer at once, but where they are busy; one that never does is not waited for any longer.
+_PATIENCE_S = 2.0
+
 
 def open_bus(settings: NodeSettings) -> Session:
     """A session that has found who is there; it is not listed as a node itself."""
@@ -22,6 +25,6 @@ def look(session: Session, on_unreadable: Callable[[DecodeError], object] = warn
     """The topics and services that there are; `on_unreadable(error)` is told of those who cannot
     be read, and are passed over.
     """
-    nodes = describe_all(session, on_unreadable)
-    streams = describe_streams(session, on_unreadable)
+    nodes = describe_all(session, on_unreadable, timeout_s=_PATIENCE_S)
+    streams = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
     return graph_of(nodes, streams, session.settings.namespace)

@@ -74,8 +74,12 @@ class FrameScreen(ModalScreen[None]):
         past = self._source.past(self._frame)
         rate_hz = past.rates_hz[-1] if past.rates_hz else 0.0
         delay_s = past.delays_s[-1] if past.delays_s else 0.0
-        self.query_one("#rate", Label).update(f"Rate: {rate_hz:.1f} Hz")
-        self.query_one("#delay", Label).update(f"Delay: {duration(delay_s)}")
+        self.query_one("#rate", Label).update(
+            f"Rate now {rate_hz:.1f} Hz, and in the last two minutes:"
+        )
+        self.query_one("#delay", Label).update(
+            f"Delay now {duration(delay_s)}, and in the last two minutes:"
+        )
         self.query_one("#rates", Sparkline).data = list(past.rates_hz)
         self.query_one("#delays", Sparkline).data = list(past.delays_s)
         lines = "\n".join(line.strip() for line in self._source.details(self._frame))

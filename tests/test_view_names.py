@@ -77,18 +77,20 @@ def test_what_is_out_of_sight_has_no_name() -> None:
     assert readable([state("behind")], behind, ViewSettings(), 0.1, ABOVE) == {}
 
 
-@given(st.lists(st.tuples(*[st.floats(-9.0, 9.0)] * 2), max_size=60))
-def test_no_name_lies_over_another(places: list[tuple[float, float]]) -> None:
-    """Wherever the frames are, and no more than can be read."""
+@given(
+    st.lists(st.tuples(*[st.floats(-9.0, 9.0)] * 2), max_size=60), st.sampled_from((1e-6, 1.0, 3.0))
+)
+def test_no_name_lies_over_another(places: list[tuple[float, float]], size: float) -> None:
+    """Wherever the frames are, together or not, and no more than can be read."""
     frames = [state(f"frame{at}") for at in range(len(places))]
     xyz = np.array([(x, y, 0.0) for x, y in places]).reshape(-1, 3)
-    written = readable(frames, xyz, ViewSettings(), 1e-6, ABOVE)
+    written = readable(frames, xyz, ViewSettings(), size, ABOVE)
     assert len(written) <= MOST
     rows = [int(name.removeprefix("frame")) for name in written]
     pixels, _ = ABOVE.project(xyz[rows])
+    half_px = np.array([6.2 * len(text) / 2.0 for text in written.values()])
     apart = np.abs(pixels[:, None] - pixels[None])
-    # The narrowest is a text of six letters.
-    covered = (apart[..., 0] < 6 * 6.2) & (apart[..., 1] < 17.0)
+    covered = (apart[..., 0] < half_px[:, None] + half_px) & (apart[..., 1] < 17.0)
     assert covered.sum() == len(rows)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from tfbus.nodes.viewer.camera import Window
 from tfbus.nodes.viewer.placing import Floats, Placed
@@ -131,14 +130,20 @@ def readable(
     order = order[window.sees(pixels, depth_m)[order]][:_CONSIDERED]
     written: list[_Written] = []
     for place in order:
-        state, row = states[at[place]], int(at[place])
+        row = int(at[place])
         beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
+        if beside is None and len(written) == MOST:
+            continue
+        rows_here = sorted([*beside.rows, row]) if beside else [row]
+        pixel = beside.pixel if beside else pixels[place]
+        box = _box(pixel, _text([states[row] for row in rows_here]))
+        if any(_overlap(box, one.box) for one in written if one is not beside):
+            continue
         if beside:
             beside.rows.append(row)
-        elif len(written) < MOST:
-            box = _box(pixels[place], _text([state]))
-            if not any(_overlap(box, one.box) for one in written):
-                written.append(_Written([row], box))
+            beside.box = box
+        else:
+            written.append(_Written([row], pixel, box))
     # Names that stand together do so in the order of the tree.
     return {
         states[one.rows[0]].name: _text([states[row] for row in sorted(one.rows)])
@@ -149,7 +154,8 @@ def readable(
 @dataclass
 class _Written:
     rows: list[int]
-    box: NDArray[np.float64]
+    pixel: Floats
+    box: Floats
 
 
 def _selected(states: Sequence[FrameState], name: str) -> list[int]:

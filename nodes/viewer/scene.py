@@ -1,6 +1,8 @@
 """The frames in three dimensions: axes, arrows, marks and trails, as few objects."""
 
+import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import viser
@@ -19,9 +21,14 @@ _MARK = 0.14
 # Below what lies on the ground.
 _GRID_Z_M = -0.02
 
-# How long axes are, in parts of what is shown; and the least that counts as shown.
+# How long axes are, in parts of what is shown, and less of many frames: as if they filled a square,
+# half the way from one to the next. And the least that counts as shown.
 _SIZE = 1.0 / 10.0
+_SIZE_OF_MANY = 0.5
 _LEAST_EXTENT_M = 1.0
+
+# The grid fades out after so many of its cells.
+_CELLS = 60.0
 
 
 class Scene:
@@ -37,12 +44,10 @@ class Scene:
         self._axes = Axes(scene, on_select)
         self._arrows = Arrows(scene)
         self._trails = Trails(scene)
-        self._grid = scene.add_grid(
+        # Its sizes can be set, which mypy does not see.
+        self._grid: Any = scene.add_grid(
             "/grid",
             infinite_grid=True,
-            fade_distance=60.0,
-            cell_size=1.0,
-            section_size=5.0,
             position=(0.0, 0.0, _GRID_Z_M),
         )
         self._marks = scene.add_batched_meshes_simple(
@@ -74,7 +79,9 @@ class Scene:
         if not self._looks.are_of(frames, placed.names, settings):
             self._looks = Looks(frames, placed.names, settings)
         looks = self._looks
-        self.size_m = size = self._fit(max(placed.extent_m(), around_m)) * settings.scale
+        self.size_m = size = (
+            self._fit(max(placed.extent_m(), around_m), len(placed.names)) * settings.scale
+        )
         shown = slice(None) if settings.axes else slice(0, 0)
         self._axes.draw(
             placed.names[shown],
@@ -90,11 +97,16 @@ class Scene:
         self._trails.draw(list(trails.values()))
         self._dress(settings)
 
-    def _fit(self, extent_m: float) -> float:
+    def _fit(self, extent_m: float, count: int) -> float:
         """A length of axes that suits what is shown; it changes only where it has to."""
-        wanted = max(extent_m, _LEAST_EXTENT_M) * _SIZE
+        shown_m = max(extent_m, _LEAST_EXTENT_M)
+        wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(count, 1)))
         if not wanted / 2.0 < self._size < wanted * 2.0:
             self._size = wanted
+            # A power of ten, so that there are some cells, but not too many to be told apart.
+            cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
+            self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
+            self._grid.fade_distance = _CELLS * cell_m
         return self._size
 
     def _dress(self, settings: ViewSettings) -> None:

@@ -219,6 +219,8 @@ class TestCandidates:
             (f"tfbus node info {inside} ", ["sim"]),
             (f"tfbus topic hz {inside} turtle1/pose tu", ["turtle1/cmd_vel", "turtle1/pose"]),
             (f"tfbus echo {inside} world ", FRAMES),
+            ("tfbus echo --fleet ro", [f"robot7/{frame}" for frame in FRAMES]),
+            ("tfbus why --fleet --shared world w", ["world"]),
         )
 
     def test_where_the_bus_cannot_be_joined_there_are_none(self, env: dict[str, str]) -> None:

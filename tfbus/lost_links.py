@@ -6,66 +6,63 @@ while both keep theirs with the third, as on a machine or a network that was too
 neither calls the other again.
 
 Here the one of the two that had called the other, and so knows where it listens, looks whether it
-still does, and then sends a guest: a session without anything in it, which meets all peers for a
-moment. Each of them hears from the guest whom else it has met, and calls who is missing.
+still does. If they do not meet it hangs up on the third. Zenoh calls that again at once, and is
+told anew who is there. (Zenoh can neither call a peer nor hang up on demand; but the operating
+system lets a process shut its own connections.)
 """
 
 import json
 import logging
+import os
 import random
 import socket
-import threading
-import time
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from pathlib import Path
 
 import zenoh
 
 from tfbus.declaration import Declaration, direct
 from tfbus.executor import Executor
-from tfbus.settings import NodeSettings
-from tfbus.zenoh_config import zenoh_config
 
-# At random, so that not all peers send a guest at once: one brings together all that it meets.
+# At random, so that not all peers hang up on one third at the same time.
 _LOOK_EVERY_S = (2.0, 6.0)
-# Who answers may be about to call, or to be introduced, by itself: Zenoh calls every 4 s. Two that
-# are brought together while they meet have two links, which Zenoh does not always bear.
+# Who answers may be about to call, or to be introduced, by itself: Zenoh calls every 4 s.
 _MEETS_WITHIN_S = 5.0
 # So often is looked for one that does not answer: ten minutes.
 _MOST_LOOKS = 150
 
+# So often again where it did not help: each time the third is away for a moment.
+_MORE_HANG_UPS = 2
+
 _ANSWERS_WITHIN_S = 0.5
-_GUEST_STAYS_S = 2.0
+
+# An IP address and a port.
+Address = tuple[str, int]
 
 
 class LostLinks:
-    """Brings the peer of a session together again with those whose link is lost."""
+    """Lets the peer of a session meet again those whose link is lost."""
 
-    def __init__(self, session: zenoh.Session, settings: NodeSettings, log: logging.Logger) -> None:
+    def __init__(self, session: zenoh.Session, config: zenoh.Config, log: logging.Logger) -> None:
         self._session = session
-        self._settings = settings
         self._executor = Executor("lost links", log)
-        self._closed = False
-        self._linked = threading.Event()
-        calls = json.loads(zenoh_config(settings).get_json("connect/endpoints"))
-        self._called_by_zenoh = calls.get("peer", []) if isinstance(calls, dict) else calls
+        called = json.loads(config.get_json("connect/endpoints"))
+        self._thirds = called.get("peer", []) if isinstance(called, dict) else called
         self._listener = Declaration(
             session.info.declare_link_events_listener(direct(self._on_link))
         )
 
     def close(self) -> None:
         """Look for nobody any more. Twice is fine."""
-        self._closed = True
-        self._linked.set()
         self._listener.close()
         self._executor.close()
 
     def _on_link(self, event: zenoh.LinkEvent) -> None:
-        if event.kind == zenoh.SampleKind.PUT:
-            self._linked.set()
-            return
         peer, endpoint = str(event.link.zid), str(event.link.dst)
-        if endpoint not in self._called_by_zenoh:
+        # Without somebody to call nobody else can be asked, and Zenoh calls those by itself.
+        is_lost = event.kind == zenoh.SampleKind.DELETE
+        if is_lost and self._thirds and endpoint not in self._thirds:
             self._look_later(peer, endpoint, _MOST_LOOKS)
 
     def _look_later(self, peer: str, endpoint: str, looks: int) -> None:
@@ -80,49 +77,64 @@ class LostLinks:
         if is_there is None:
             self._look_later(peer, endpoint, looks)
         elif is_there:
-            self._executor.after(
-                _MEETS_WITHIN_S, lambda: self._bring_together(peer, endpoint, looks)
-            )
+            self._executor.after(_MEETS_WITHIN_S, lambda: self._meet(peer, endpoint, looks))
 
-    def _bring_together(self, peer: str, endpoint: str, looks: int) -> None:
+    def _meet(self, peer: str, endpoint: str, looks: int) -> None:
         if not self._is_linked(peer):
             if answers(endpoint):
-                self._send_guest(peer, endpoint)
+                self._hang_up_on_the_third()
+                looks = min(looks, _MORE_HANG_UPS)
             self._look_later(peer, endpoint, looks)
 
     def _is_linked(self, peer: str) -> bool:
         info = self._session.info
         return any(str(zid) == peer for zid in (*info.peers_zid(), *info.routers_zid()))
 
-    def _send_guest(self, peer: str, endpoint: str) -> None:
-        """Have a session meet the peer at this endpoint, and all whom it and the third know,
-        until we are linked.
-        """
-        config = zenoh_config(replace(self._settings, namespace=""))
-        calls = [endpoint, *self._called_by_zenoh]
-        config.insert_json5("connect/endpoints", json.dumps(calls))
-        config.insert_json5("listen/endpoints", json.dumps([]))
-        # Nobody can call a guest.
-        config.insert_json5("scouting/gossip/autoconnect_strategy", json.dumps("always"))
-        deadline = time.monotonic() + _GUEST_STAYS_S
-        with suppress(zenoh.ZError), zenoh.open(config):
-            self._linked.clear()
-            while not self._is_linked(peer) and self._linked.wait(deadline - time.monotonic()):
-                if self._closed:
-                    return
-                self._linked.clear()
+    def _hang_up_on_the_third(self) -> None:
+        thirds = {address for endpoint in self._thirds for address in _addresses(endpoint)}
+        for link in self._session.info.links():
+            for address in thirds.intersection(_addresses(str(link.dst))):
+                for _, port in _addresses(str(link.src)):
+                    _shut(port, address)
 
 
 def answers(endpoint: str) -> bool | None:
     """Whether somebody listens at a TCP endpoint; None where it cannot be reached now."""
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.partition("?")[0].partition("#")[0].rpartition(":")
-    if protocol != "tcp":
-        return False
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_WITHIN_S).close()
-    except ConnectionRefusedError:
-        return False
-    except OSError:
-        return None
-    return True
+    for address in _addresses(endpoint):
+        try:
+            socket.create_connection(address, _ANSWERS_WITHIN_S).close()
+        except ConnectionRefusedError:
+            return False
+        except OSError:
+            return None
+        return True
+    return False
+
+
+def _addresses(endpoint: str) -> Iterator[Address]:
+    """Where `tcp/host:port` is; nothing for another protocol, or a host that is not known."""
+    protocol, _, place = endpoint.partition("/")
+    host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
+    if protocol == "tcp":
+        with suppress(OSError):
+            for found in socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM):
+                yield _plain(found[4])
+
+
+def _plain(address: tuple[object, ...]) -> Address:
+    """IPv4 addresses are told as IPv6 where a socket is for both."""
+    return str(address[0]).removeprefix("::ffff:"), int(str(address[1]))
+
+
+def _shut(port: int, remote: Address) -> None:
+    """Shut the connection of this process from a port of its own to a remote address."""
+    with suppress(FileNotFoundError):  # no Linux
+        for entry in filter(Path.is_socket, Path("/proc/self/fd").iterdir()):
+            # Others, or ones of other families, have no such addresses.
+            with (
+                suppress(OSError, IndexError, ValueError),
+                socket.socket(fileno=os.dup(int(entry.name))) as connection,
+            ):
+                own = _plain(connection.getsockname())
+                if own[1] == port and _plain(connection.getpeername()) == remote:
+                    connection.shutdown(socket.SHUT_RDWR)

@@ -62,7 +62,7 @@ class Session:
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(config, patience_s)
         if is_peer(config):
-            self._ending.append(LostLinks(self.zenoh, settings, log).close)
+            self._ending.append(LostLinks(self.zenoh, config, log).close)
         self.id = str(self.zenoh.zid())
         self._process = os.getpid()
         atexit.register(self._end_with_process)

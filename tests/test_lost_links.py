@@ -1,16 +1,22 @@
 """Peers without multicast that lose a link: they meet again."""
 
+import logging
 import signal
 import socket
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import zenoh
 from conftest import Bus, eventually
 from hosts import ROUTER_HOST, Network, why_not
 from test_gone_hosts import frames
 
-from tfbus.lost_links import answers
+from tfbus import lost_links
+from tfbus.lost_links import LostLinks, answers
 
 REASON = why_not()
 needs_hosts = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
@@ -63,6 +69,43 @@ def test_who_has_ended_is_not_looked_for() -> None:
         assert answers(endpoint) is True
     assert answers(endpoint) is False
     assert answers("udp/127.0.0.1:7447") is False
+
+
+def test_a_third_is_hung_up_on_three_times_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a peer answers and is not met all the same, the third is left alone after a while."""
+    monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (0.001, 0.002))
+    monkeypatch.setattr(lost_links, "_MEETS_WITHIN_S", 0.001)
+    listening: list[Any] = []
+    hung_up: list[float] = []
+
+    def listen(callback: Any) -> object:
+        listening.append(callback)
+        return SimpleNamespace(undeclare=lambda: None)
+
+    def links() -> list[object]:
+        hung_up.append(time.monotonic())
+        return []
+
+    info = SimpleNamespace(
+        declare_link_events_listener=listen,
+        links=links,
+        peers_zid=list,
+        routers_zid=list,
+    )
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", '["tcp/127.0.0.1:7447"]')
+    session: Any = SimpleNamespace(info=info)
+    lost = LostLinks(session, config, logging.getLogger("test"))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = SimpleNamespace(zid="f00", dst=f"tcp/127.0.0.1:{server.getsockname()[1]}")
+        listening[0](SimpleNamespace(kind=zenoh.SampleKind.DELETE, link=link))
+        eventually(lambda: len(hung_up) == 3)
+        # Another that is lost later is looked for: so the first has had its turns.
+        link.zid = "f01"
+        listening[0](SimpleNamespace(kind=zenoh.SampleKind.DELETE, link=link))
+        eventually(lambda: len(hung_up) == 6)
+    lost.close()
+    assert len(hung_up) == 6
 
 
 @needs_hosts

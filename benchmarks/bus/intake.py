@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.bus.place import Place, Process, place, say
 
 SECONDS = 3.0
+# Thousands of samples an edge, at the rate that the link bears.
 _FRAMES_CACHED_S = 0.1
 
 

@@ -29,6 +29,10 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     view.select("lamp")
     view.page.locator("#tf-in-fixed").filter(has_text="xyz  [-1.000, 2.000, 0.000]").wait_for()
     assert view.block("tf-in-parent").startswith("xyz  [0.000, 2.000, 0.000]")
+    pages.grant_permissions(["clipboard-read", "clipboard-write"])
+    view.page.get_by_role("button", name="copy in its parent map").click()
+    copied = "() => navigator.clipboard.readText()"
+    eventually(lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"))
     assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
 
     other = View(pages.new_page(), address)

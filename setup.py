@@ -10,7 +10,19 @@ import sys
 from setuptools import Extension, setup
 
 # Beside each stands a .pxd file that says its C types.
-KERNEL = ("kernel", "transform", "columns", "one_message", "tree", "buffer")
+KERNEL = (
+    "kernel",
+    "transform",
+    "columns",
+    "one_message",
+    "tree",
+    "intake",
+    "sweep",
+    "store",
+    "answering",
+    "filling",
+    "buffer",
+)
 
 # The arithmetic of a pose is many small functions, which are to become one, however large; and no
 # part of it asks errno about a square root. Nothing here changes a result.
@@ -35,7 +47,7 @@ def kernel_extensions() -> list[Extension]:
             Extension(
                 f"tfbus.{name}",
                 [f"tfbus/{name}.py"],
-                extra_compile_args=ARITHMETIC if name == "kernel" else [],
+                extra_compile_args=ARITHMETIC if name in ("kernel", "intake", "sweep") else [],
             )
             for name in KERNEL
         ],

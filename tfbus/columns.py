@@ -56,9 +56,10 @@ class Columns:
     @staticmethod
     def of_batch(batch: TransformBatch, epoch_ns: int = 0, seq: int | None = None) -> "Columns":
         """The columns of a batch."""
-        columns = Columns(batch.frames, len(batch))
+        stamps = batch.stamps_ns.tobytes()
+        columns = Columns(batch.frames, len(stamps) // STAMP_SIZE)
         columns.edges = batch.edges.tobytes()
-        columns.stamps = batch.stamps_ns.tobytes()
+        columns.stamps = stamps
         columns.poses = batch.poses.tobytes()
         columns.epoch_ns = epoch_ns
         columns.seq = seq

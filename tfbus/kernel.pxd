@@ -1,7 +1,9 @@
 cimport cython
 cimport libc.math as math
 
-ctypedef (double, double, double, double, double, double, double) pose_t
+from tfbus cimport octets
+from tfbus.octets cimport pose_t
+
 ctypedef (double, double, double, double, double, double) twist_t
 
 cdef double _SERIES_BELOW
@@ -40,7 +42,10 @@ cdef struct samples_t:
     Py_ssize_t head
     Py_ssize_t tail
     Py_ssize_t capacity
-    Py_ssize_t at
+    Py_ssize_t here
+    Py_ssize_t following
+    long long before
+    long long after
     long long newest
     bint is_static
     bint mixed
@@ -56,24 +61,31 @@ cdef double OUTSIDE
 
 # `elapsed` and `period` of a ratio are doubles, so that what is divided is not whole numbers.
 
-@cython.locals(stamps=stamps_ptr, at=Py_ssize_t, last=Py_ssize_t, before=cython.longlong,
-               elapsed=double, period=double)
+cdef Py_ssize_t slot(samples_t* samples, Py_ssize_t at) noexcept nogil
+@cython.locals(before=cython.longlong, after=cython.longlong, elapsed=double, period=double)
 cdef double locate(samples_t* samples, long long stamp_ns) noexcept nogil
-@cython.locals(stamps=stamps_ptr, low=Py_ssize_t, high=Py_ssize_t, guess=Py_ssize_t,
-               step=Py_ssize_t, middle=Py_ssize_t, period=cython.longlong)
+cdef void put(samples_t* samples, Py_ssize_t at) noexcept nogil
+cdef void leave(samples_t* samples) noexcept nogil
+@cython.locals(stamps=stamps_ptr, low=Py_ssize_t, high=Py_ssize_t, start=Py_ssize_t,
+               guess=Py_ssize_t, step=Py_ssize_t, middle=Py_ssize_t, first=cython.longlong,
+               last=cython.longlong, elapsed=double, period=double, way=double)
 cdef Py_ssize_t find(samples_t* samples, long long stamp_ns) noexcept nogil
 cdef pose_t pose_at(samples_t* samples, double ratio) noexcept nogil
 cdef pose_t screw_at(samples_t* samples, double ratio) noexcept nogil
 @cython.locals(poses=poses_ptr, k=Py_ssize_t)
-cdef pose_t sample(samples_t* samples, Py_ssize_t at) noexcept nogil
+cdef pose_t sample(samples_t* samples, Py_ssize_t place) noexcept nogil
 cdef bint append(
     samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
-@cython.locals(stamps=stamps_ptr, oldest=cython.longlong)
 cdef void push(
     samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
+@cython.locals(stamps=stamps_ptr)
+cdef void drop(samples_t* samples, long long oldest_ns) noexcept nogil
 @cython.locals(poses=poses_ptr, k=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double,
                qz=double, qw=double)
-cdef void write(samples_t* samples, Py_ssize_t at, long long stamp_ns, pose_t pose) noexcept nogil
+cdef void write(
+    samples_t* samples, Py_ssize_t place, long long stamp_ns, pose_t pose) noexcept nogil
+@cython.locals(i=Py_ssize_t, place=Py_ssize_t)
+cdef void shift(samples_t* samples, Py_ssize_t at) noexcept nogil
 
 @cython.final
 cdef class History:
@@ -86,24 +98,25 @@ cdef class History:
     cdef double[::1] poses
     cdef readonly list parents
     cdef double ratio
-    cdef long long beyond
+    cdef long long beyond, mixed_until
     cdef public str authority
     cdef public bint gone
     cdef readonly long long conflicts, refused
     cdef dict paths
     cdef public object alarms
 
-    @cython.locals(at=Py_ssize_t)
     cdef bint seek(self, long long stamp_ns) noexcept
-    @cython.locals(samples=samples_ptr, stamps=stamps_ptr, at=Py_ssize_t, near=cython.longlong)
+    @cython.locals(samples=samples_ptr, at=Py_ssize_t, near=cython.longlong)
     cdef bint seek_nearest(self, long long stamp_ns, long long tolerance_ns) noexcept
-    @cython.locals(samples=samples_ptr, stamps=stamps_ptr, first=Py_ssize_t, last=Py_ssize_t,
-                   at=Py_ssize_t, beyond=cython.longlong, before=cython.longlong, elapsed=double,
-                   period=double)
+    @cython.locals(samples=samples_ptr, at=Py_ssize_t, beyond=cython.longlong,
+                   oldest=cython.longlong, elapsed=double, period=double)
     cdef bint seek_beyond(self, long long stamp_ns, long long extrapolation_ns) noexcept
     cdef pose_t pose(self, bint screw) noexcept
     cdef History parent_here(self)
     cpdef Py_ssize_t count(self)
+    cdef long long _stamp(self, Py_ssize_t at) noexcept
+    cdef History _parent_of(self, Py_ssize_t at)
+    cdef bint _is_change(self) noexcept
 
     cdef bint append(self, long long stamp_ns, pose_t pose, long long cache_ns) noexcept
     cdef int fix(self, long long stamp_ns, pose_t pose, History parent) except -1
@@ -116,20 +129,22 @@ cdef class History:
     cpdef forget_samples(self)
     @cython.locals(tail=Py_ssize_t)
     cpdef forget_after(self, long long stamp_ns)
-    @cython.locals(samples=samples_ptr, at=Py_ssize_t, before=Py_ssize_t, tail=Py_ssize_t)
+    @cython.locals(samples=samples_ptr, at=Py_ssize_t, behind=Py_ssize_t, i=Py_ssize_t)
     cdef int _insert_late(self, long long stamp_ns, pose_t pose, History parent) except -1
-    @cython.locals(known=History, parents=list)
+    @cython.locals(known=History, place=Py_ssize_t)
     cdef int _replace(self, Py_ssize_t at, pose_t pose, History parent) except -1
     cdef bint _is_fixed_at(self, pose_t pose, History parent)
     cdef _unfix(self)
     cdef long long _newest_sample(self) noexcept
     cdef void _set_newest(self) noexcept
-    @cython.locals(samples=samples_ptr)
     cdef _change_parent(self, History parent)
+    cdef _mix(self, long long until_ns)
     cdef _set_parents(self, list parents)
-    @cython.locals(samples=samples_ptr, head=Py_ssize_t, tail=Py_ssize_t, capacity=Py_ssize_t,
-                   alive=Py_ssize_t, stamps='long long[::1]', poses='double[::1]')
+    @cython.locals(samples=samples_ptr, alive=Py_ssize_t)
     cdef _make_room(self)
+    @cython.locals(samples=samples_ptr, head=Py_ssize_t, alive=Py_ssize_t, first=Py_ssize_t,
+                   stamps='long long[::1]', poses='double[::1]', parents=list)
+    cdef _move(self, Py_ssize_t capacity)
     cdef _set_columns(self, long long[::1] stamps, double[::1] poses, Py_ssize_t capacity)
 
 @cython.final
@@ -156,11 +171,6 @@ cdef class Path:
     cdef bint follow(self, long long stamp_ns, bint screw) noexcept nogil
     @cython.locals(history=History, beyond=cython.longlong, screw=cython.bint, back=pose_t)
     cdef long long follow_as(self, long long stamp_ns, sampling) except *
-    @cython.locals(i=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double, qz=double,
-                   qw=double)
-    cdef void fill(
-        self, const long long[::1] stamps, Py_ssize_t start, Py_ssize_t stop, double[::1] xyz,
-        double[::1] quat, unsigned char[::1] known, bint screw) noexcept nogil
 
 @cython.locals(history=History, pose=pose_t)
 cdef pose_t _climb(list histories, bint screw) except *

@@ -12,8 +12,9 @@ a child frame into its parent.
 
 import math
 from array import array
-from collections.abc import MutableSequence, Sequence
+from collections.abc import MutableSequence
 
+from tfbus import octets
 from tfbus.outcome import ALL_STATIC, CONFLICT, KEPT, NO_DATA, REPEATED, TOO_OLD
 from tfbus.sampling import Sampling
 
@@ -200,22 +201,26 @@ def log_pose(p: Pose) -> tuple[float, float, float, float, float, float]:
 class Samples:
     """What a lookup reads of one edge; where the kernel is compiled, it is a struct of C.
 
-    `stamps` and `poses` (seven numbers a sample) are sorted columns, of which [head, tail) is
-    alive: old samples leave at the head, new ones come at the tail, and now and then what is
-    alive moves down to the start. `newest` is the last stamp, NO_DATA without one.
+    `stamps` and `poses` (seven numbers a sample) are rings of `capacity` slots: nothing moves where
+    old samples leave at the head and new ones come at the tail. The sorted samples have the places
+    [head, tail), and `slot` says where a place is. `newest` is the last stamp, NO_DATA without one.
 
     A static edge has the pose `fixed` at all times, and `newest` is ALL_STATIC; samples of when it
     was not are kept. `mixed` is whether the samples have several parents.
 
-    `at` is the cursor: the sample before the time that was asked last, where the next search
-    begins.
+    The cursor is where the time that was asked last is found: `here` is the slot of the sample
+    before it and `following` that of the one after it, and `before` and `after` are their stamps,
+    between which there is no search.
     """
 
     __slots__ = (
-        "at",
+        "after",
+        "before",
         "capacity",
         "fixed",
+        "following",
         "head",
+        "here",
         "is_static",
         "mixed",
         "newest",
@@ -229,11 +234,19 @@ class Samples:
     head: int
     tail: int
     capacity: int
-    at: int
+    here: int
+    following: int
+    before: int
+    after: int
     newest: int
     is_static: bool
     mixed: bool
     fixed: Pose
+
+
+def slot(samples: Samples, at: int) -> int:
+    """Where in the columns the sample of a place is."""
+    return at if at < samples.capacity else at - samples.capacity
 
 
 def locate(samples: Samples, stamp_ns: int) -> float:
@@ -242,20 +255,32 @@ def locate(samples: Samples, stamp_ns: int) -> float:
     """
     if samples.is_static:
         return 0.0
-    stamps = samples.stamps
-    last = samples.tail - 1
-    if stamp_ns >= samples.newest:
-        samples.at = last
-        return 0.0 if stamp_ns == samples.newest and last >= samples.head else OUTSIDE
-    at = samples.at
-    if not (samples.head <= at < last and stamps[at] <= stamp_ns and stamp_ns < stamps[at + 1]):
-        if stamp_ns < stamps[samples.head]:
+    before, after = samples.before, samples.after
+    if stamp_ns < before or stamp_ns >= after:
+        if stamp_ns >= samples.newest:
+            if stamp_ns > samples.newest or samples.head == samples.tail:
+                return OUTSIDE
+            samples.here = slot(samples, samples.tail - 1)
+            leave(samples)
+            return 0.0
+        if stamp_ns < samples.stamps[slot(samples, samples.head)]:
             return OUTSIDE
-        at = find(samples, stamp_ns)
-        samples.at = at
-    before = stamps[at]
-    elapsed, period = stamp_ns - before, stamps[at + 1] - before
+        put(samples, find(samples, stamp_ns))
+        before, after = samples.before, samples.after
+    elapsed, period = stamp_ns - before, after - before
     return elapsed / period
+
+
+def put(samples: Samples, at: int) -> None:
+    """Put the cursor on a place that is not the last."""
+    samples.here, samples.following = slot(samples, at), slot(samples, at + 1)
+    samples.before = samples.stamps[samples.here]
+    samples.after = samples.stamps[samples.following]
+
+
+def leave(samples: Samples) -> None:
+    """Let the next time be searched for."""
+    samples.after = NO_DATA
 
 
 def find(samples: Samples, stamp_ns: int) -> int:
@@ -264,28 +289,41 @@ def find(samples: Samples, stamp_ns: int) -> int:
     Samples mostly come evenly: guess where it would be then, and search around there.
     """
     stamps = samples.stamps
-    low, high = samples.head, samples.tail - 1
-    # Rounded up, the period never leads beyond the last but one.
-    period = (stamps[high] - stamps[low]) // (high - low) + 1
-    guess = low + (stamp_ns - stamps[low]) // period
+    low, high, start = samples.head, samples.tail - 1, 0
+    last = samples.newest
+    if high >= samples.capacity:
+        # It goes on at the first slot: before that, or from there on.
+        if low < samples.capacity and stamp_ns < stamps[0]:
+            high, last = samples.capacity, stamps[0]
+        else:
+            start = samples.capacity
+            low = max(low, start)
+    first = stamps[low - start]
+    elapsed, period = stamp_ns - first, last - first
+    way: float = high - low
+    # So the processor need not wait for the stamp to divide.
+    way = elapsed * (way / period)
+    guess = low + (cython.cast(cython.Py_ssize_t, way) if cython.compiled else int(way))
+    if guess >= high:
+        guess = high - 1
     step = 1
-    if stamps[guess] <= stamp_ns:
+    if stamps[guess - start] <= stamp_ns:
         low = guess
-        while low + step < high and stamps[low + step] <= stamp_ns:
+        while low + step < high and stamps[low + step - start] <= stamp_ns:
             low += step
             step += step
         if low + step < high:
             high = low + step
     else:
         high = guess
-        while high - step > low and stamps[high - step] > stamp_ns:
+        while high - step > low and stamps[high - step - start] > stamp_ns:
             high -= step
             step += step
         if high - step > low:
             low = high - step
     while high - low > 1:
         middle = (low + high) >> 1
-        if stamps[middle] <= stamp_ns:
+        if stamps[middle - start] <= stamp_ns:
             low = middle
         else:
             high = middle
@@ -297,21 +335,21 @@ def pose_at(samples: Samples, ratio: float) -> Pose:
     if samples.is_static:
         return samples.fixed
     if ratio == 0.0:
-        return sample(samples, samples.at)
-    return blend(sample(samples, samples.at), sample(samples, samples.at + 1), ratio)
+        return sample(samples, samples.here)
+    return blend(sample(samples, samples.here), sample(samples, samples.following), ratio)
 
 
 def screw_at(samples: Samples, ratio: float) -> Pose:
     """As `pose_at`, along the screw; a ratio outside of 0 to 1 goes on beyond the two samples."""
     if samples.is_static or ratio == 0.0:
         return pose_at(samples, ratio)
-    return blend_screw(sample(samples, samples.at), sample(samples, samples.at + 1), ratio)
+    return blend_screw(sample(samples, samples.here), sample(samples, samples.following), ratio)
 
 
-def sample(samples: Samples, at: int) -> Pose:
-    """The pose of one sample."""
+def sample(samples: Samples, place: int) -> Pose:
+    """The pose in one slot."""
     poses = samples.poses
-    k = 7 * at
+    k = 7 * place
     return (
         poses[k],
         poses[k + 1],
@@ -326,10 +364,14 @@ def sample(samples: Samples, at: int) -> Pose:
 def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
     """Take a sample that is newer than all others, and let go of those that are too old then.
 
-    False where it is not newer, or where there is more to do: then nothing has changed.
+    False where it is not newer, or where there is more to do.
     """
     # The stamp of a static edge is newer than all.
-    if stamp_ns <= samples.newest or samples.tail == samples.capacity or samples.mixed:
+    if stamp_ns <= samples.newest or samples.mixed:
+        return False
+    if samples.tail - samples.head == samples.capacity:
+        drop(samples, stamp_ns - cache_ns)
+    if samples.tail - samples.head == samples.capacity or samples.head >= samples.capacity:
         return False
     push(samples, stamp_ns, pose, cache_ns)
     return True
@@ -337,21 +379,31 @@ def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
 
 def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:
     """Add a sample where there is room, and let go of those that are too old then."""
-    write(samples, samples.tail, stamp_ns, pose)
+    write(samples, slot(samples, samples.tail), stamp_ns, pose)
     samples.tail += 1
     samples.newest = stamp_ns
-    oldest = stamp_ns - cache_ns
+    if cython.compiled:
+        # Many edges take turns, so that the next slot has long left the processor's near caches:
+        # without this, half the time of an insert is the wait for it.
+        octets.fetch_pose(samples.poses, 7 * slot(samples, samples.tail))
+    drop(samples, stamp_ns - cache_ns)
+
+
+def drop(samples: Samples, oldest_ns: int) -> None:
+    """Let go of the samples of before a time."""
     stamps = samples.stamps
-    while stamps[samples.head] < oldest:
+    while samples.head < samples.tail and stamps[slot(samples, samples.head)] < oldest_ns:
         samples.head += 1
+    if samples.before < oldest_ns:
+        leave(samples)
 
 
-def write(samples: Samples, at: int, stamp_ns: int, pose: Pose) -> None:
-    """Overwrite one sample."""
+def write(samples: Samples, place: int, stamp_ns: int, pose: Pose) -> None:
+    """Overwrite what is in one slot."""
     x, y, z, qx, qy, qz, qw = pose
-    samples.stamps[at] = stamp_ns
+    samples.stamps[place] = stamp_ns
     poses = samples.poses
-    k = 7 * at
+    k = 7 * place
     poses[k] = x
     poses[k + 1] = y
     poses[k + 2] = z
@@ -361,11 +413,19 @@ def write(samples: Samples, at: int, stamp_ns: int, pose: Pose) -> None:
     poses[k + 6] = qw
 
 
+def shift(samples: Samples, at: int) -> None:
+    """Move the samples from a place on to the next ones, as there is room behind the last."""
+    for i in range(samples.tail, at, -1):
+        place = slot(samples, i - 1)
+        write(samples, slot(samples, i), samples.stamps[place], sample(samples, place))
+
+
 class History:
     """A frame's place in its parent over time: the edge above it.
 
     `samples` is what there is to read. `parents` is None while all samples have the one
-    `parent`; so that history survives a change of parent, it is then a list of each sample's.
+    `parent`; so that history survives a change of parent, it is then a list of each slot's, until
+    the samples up to `mixed_until` have left.
 
     Reading is two steps: `seek` puts the cursor on a time, `pose` reads there.
     """
@@ -390,6 +450,7 @@ class History:
         # Where the cursor is between two samples, and how far beyond the samples the time is.
         self.ratio = 0.0
         self.beyond = 0
+        self.mixed_until = NO_DATA
         self.forget_samples()
 
     # Reading
@@ -402,11 +463,9 @@ class History:
     def seek(self, stamp_ns: int) -> bool:
         """Put the cursor on a time; False where there is no sample on both sides of it."""
         self.ratio = locate(self.samples, stamp_ns)
-        if self.ratio > 0.0 and self.parents is not None:
-            at = self.samples.at
-            if self.parents[at] is not self.parents[at + 1]:
-                # Between two parents tf2 stays at the older sample.
-                self.ratio = 0.0
+        if self.ratio > 0.0 and self._is_change():
+            # Between two parents tf2 stays at the older sample.
+            self.ratio = 0.0
         return self.ratio >= 0.0
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
@@ -414,20 +473,20 @@ class History:
         samples = self.samples
         if samples.is_static:
             return True
-        stamps = samples.stamps
         if samples.head == samples.tail:
             return False
-        if stamp_ns <= stamps[samples.head]:
+        if stamp_ns <= self._stamp(samples.head):
             at = samples.head
         elif stamp_ns >= samples.newest:
             at = samples.tail - 1
         else:
             at = find(samples, stamp_ns)
-            if stamp_ns - stamps[at] > stamps[at + 1] - stamp_ns:
+            if stamp_ns - self._stamp(at) > self._stamp(at + 1) - stamp_ns:
                 at += 1
-        samples.at = at
+        samples.here = slot(samples, at)
+        leave(samples)
         self.ratio = 0.0
-        near = stamps[at]
+        near = self._stamp(at)
         return stamp_ns - tolerance_ns <= near and near <= stamp_ns + tolerance_ns
 
     def seek_beyond(self, stamp_ns: int, extrapolation_ns: int) -> bool:
@@ -436,25 +495,23 @@ class History:
         if self.seek(stamp_ns):
             return True
         samples = self.samples
-        stamps = samples.stamps
-        first, last = samples.head, samples.tail - 1
-        if last <= first:
+        if samples.tail - samples.head < 2:
             return False
+        oldest = self._stamp(samples.head)
         # So compared that no difference leaves 64 bits.
-        if stamp_ns > stamps[last]:
-            if stamp_ns - extrapolation_ns > stamps[last]:
+        if stamp_ns > samples.newest:
+            if stamp_ns - extrapolation_ns > samples.newest:
                 return False
-            at, beyond = last - 1, stamp_ns - stamps[last]
+            at, beyond = samples.tail - 2, stamp_ns - samples.newest
         else:
-            if stamp_ns + extrapolation_ns < stamps[first]:
+            if stamp_ns + extrapolation_ns < oldest:
                 return False
-            at, beyond = first, stamps[first] - stamp_ns
-        if self.parents is not None and self.parents[at] is not self.parents[at + 1]:
+            at, beyond = samples.head, oldest - stamp_ns
+        put(samples, at)
+        if self._is_change():
             return False
-        samples.at = at
         self.beyond = beyond
-        before = stamps[at]
-        elapsed, period = stamp_ns - before, stamps[at + 1] - before
+        elapsed, period = stamp_ns - samples.before, samples.after - samples.before
         self.ratio = elapsed / period
         return True
 
@@ -468,7 +525,7 @@ class History:
         """The parent at the cursor."""
         if self.samples.is_static or self.parents is None:
             return self.parent
-        return self.parents[self.samples.at]
+        return self.parents[self.samples.here]
 
     def count(self) -> int:
         """How many samples are held; a static frame has one that holds at all times."""
@@ -478,7 +535,7 @@ class History:
         """The stamps from start to end, both included."""
         if self.samples.is_static:
             return []
-        stamps = (self.stamps[i] for i in range(self.samples.head, self.samples.tail))
+        stamps = [self._stamp(at) for at in range(self.samples.head, self.samples.tail)]
         return [stamp for stamp in stamps if start_ns <= stamp <= end_ns]
 
     def stamp_span(self) -> tuple[int, int] | None:
@@ -487,7 +544,21 @@ class History:
             return self.fixed_stamp, self.fixed_stamp
         if self.samples.head == self.samples.tail:
             return None
-        return self.stamps[self.samples.head], self.samples.newest
+        return self._stamp(self.samples.head), self.samples.newest
+
+    def _stamp(self, at: int) -> int:
+        """The stamp of the sample of a place."""
+        return self.samples.stamps[slot(self.samples, at)]
+
+    def _parent_of(self, at: int) -> "History | None":
+        """The parent of the sample of a place."""
+        return self.parent if self.parents is None else self.parents[slot(self.samples, at)]
+
+    def _is_change(self) -> bool:
+        """Whether the samples before and after the cursor have different parents."""
+        if self.parents is None:
+            return False
+        return self.parents[self.samples.here] is not self.parents[self.samples.following]
 
     # Writing
 
@@ -505,7 +576,7 @@ class History:
 
     def append(self, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
         """Take a sample of the same parent that is newer than all others; False where it is not,
-        or where there is more to do: then nothing has changed.
+        or where there is more to do, which `insert` does.
         """
         return append(self.samples, stamp_ns, pose, cache_ns)
 
@@ -526,12 +597,15 @@ class History:
             self._unfix()
         if stamp_ns <= newest:
             return self._insert_late(stamp_ns, pose, parent)
-        if samples.tail == samples.capacity:
-            self._make_room()
+        drop(samples, stamp_ns - cache_ns)
+        self._make_room()
         if parent is not self.parent:
             self._change_parent(parent)
         if self.parents is not None:
-            self.parents.append(parent)
+            if samples.head < samples.tail and self._stamp(samples.head) <= self.mixed_until:
+                self.parents[slot(samples, samples.tail)] = parent
+            else:
+                self._set_parents(None)
         push(samples, stamp_ns, pose, cache_ns)
         return KEPT
 
@@ -539,7 +613,7 @@ class History:
         """The parent that this frame will have once a sample of this parent is in."""
         if static or stamp_ns >= self._newest_sample():
             return parent
-        return self.parent if self.parents is None else self.parents[self.samples.tail - 1]
+        return self._parent_of(self.samples.tail - 1)
 
     def forget(self) -> None:
         """Drop all that is known, the parent too."""
@@ -551,7 +625,9 @@ class History:
     def forget_samples(self) -> None:
         """Drop all samples; a static pose stays."""
         samples = self.samples
-        samples.head = samples.tail = samples.at = 0
+        samples.head = samples.tail = samples.here = samples.following = 0
+        samples.before = NO_DATA
+        leave(samples)
         self._set_parents(None)
         self._set_columns(_NO_STAMPS, _NO_POSES, 0)
         self._set_newest()
@@ -563,7 +639,7 @@ class History:
         now.
         """
         tail = self.samples.tail
-        while tail > self.samples.head and self.stamps[tail - 1] > stamp_ns:
+        while tail > self.samples.head and self._stamp(tail - 1) > stamp_ns:
             tail -= 1
         if tail == self.samples.tail:
             return
@@ -571,46 +647,46 @@ class History:
             self.forget_samples()
         else:
             self.samples.tail = tail
+            leave(self.samples)
             self._set_newest()
 
     def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
         samples = self.samples
         if stamp_ns == samples.newest:
             at = samples.tail - 1
-        elif stamp_ns >= self.stamps[samples.head]:
+        elif stamp_ns >= self._stamp(samples.head):
             at = find(samples, stamp_ns)
         else:
             at = samples.head - 1
-        if at >= samples.head and self.stamps[at] == stamp_ns:
+        if at >= samples.head and self._stamp(at) == stamp_ns:
             return self._replace(at, pose, parent)
-        if samples.tail == samples.capacity:
-            before = samples.head
-            self._make_room()
-            at -= before - samples.head
-        at += 1
-        tail = samples.tail
-        if self.parents is None and parent is not self.parent:
-            self._set_parents([self.parent] * tail)
+        behind = samples.tail - at - 1
+        self._make_room()
+        at = samples.tail - behind
+        if parent is not self.parent:
+            self._mix(stamp_ns)
         if self.parents is not None:
-            self.parents.insert(at, parent)
-        self.stamps[at + 1 : tail + 1] = self.stamps[at:tail]
-        self.poses[7 * at + 7 : 7 * tail + 7] = self.poses[7 * at : 7 * tail]
-        write(samples, at, stamp_ns, pose)
-        samples.tail = tail + 1
+            for i in range(samples.tail, at, -1):
+                self.parents[slot(samples, i)] = self.parents[slot(samples, i - 1)]
+            self.parents[slot(samples, at)] = parent
+        shift(samples, at)
+        write(samples, slot(samples, at), stamp_ns, pose)
+        samples.tail += 1
+        leave(samples)
         return KEPT
 
     def _replace(self, at: int, pose: Pose, parent: "History") -> int:
-        known = self.parents[at] if self.parents is not None else self.parent
-        if known is parent and sample(self.samples, at) == pose:
+        known, place = self._parent_of(at), slot(self.samples, at)
+        if known is parent and sample(self.samples, place) == pose:
             return REPEATED
         self.conflicts += 1
         if known is not parent:
-            parents = self.parents or [self.parent] * self.samples.tail
-            parents[at] = parent
-            self._set_parents(parents)
+            self._mix(self._stamp(at))
+            if self.parents is not None:
+                self.parents[place] = parent
             if at == self.samples.tail - 1:
                 self.parent = parent
-        write(self.samples, at, self.stamps[at], pose)
+        write(self.samples, place, self._stamp(at), pose)
         return CONFLICT
 
     def _is_fixed_at(self, pose: Pose, parent: "History") -> bool:
@@ -623,48 +699,67 @@ class History:
         """Hold the static pose no longer."""
         self.samples.is_static = False
         self._set_newest()
-        if self.parents is not None:
-            self.parent = self.parents[self.samples.tail - 1]
+        self.parent = self._parent_of(self.samples.tail - 1)
 
     def _newest_sample(self) -> int:
         """The stamp of the newest sample, whatever static pose hides it; NO_DATA without one."""
         tail = self.samples.tail
-        return self.stamps[tail - 1] if tail > self.samples.head else NO_DATA
+        return self._stamp(tail - 1) if tail > self.samples.head else NO_DATA
 
     def _set_newest(self) -> None:
         self.samples.newest = ALL_STATIC if self.samples.is_static else self._newest_sample()
 
     def _change_parent(self, parent: "History") -> None:
-        samples = self.samples
-        if parent is not self.parent and self.parents is None and samples.tail > samples.head:
-            self._set_parents([self.parent] * samples.tail)
+        if parent is not self.parent and self.samples.tail > self.samples.head:
+            self._mix(self._newest_sample())
         self.parent = parent
+
+    def _mix(self, until_ns: int) -> None:
+        """From now on note the parent of each sample: until this time they may be different."""
+        if self.parents is None:
+            self._set_parents([self.parent] * self.samples.capacity)
+        self.mixed_until = max(self.mixed_until, until_ns)
 
     def _set_parents(self, parents: "list[History | None] | None") -> None:
         self.parents = parents
         self.samples.mixed = parents is not None
+        if parents is None:
+            self.mixed_until = NO_DATA
 
     def _make_room(self) -> None:
-        """Move what is alive to the start; to larger columns, unless an eighth has died.
+        """See to it that there is a slot for one more sample, and that the head is at a slot.
 
-        So a column is at most a sixth larger than what is alive in it, or was when it was made.
+        Columns get larger by a sixth where all of their slots are alive, and smaller where it is
+        less than a quarter.
         """
         samples = self.samples
-        head, tail, capacity = samples.head, samples.tail, samples.capacity
-        alive = tail - head
-        stamps, poses = self.stamps, self.poses
-        if 8 * head <= capacity or 4 * alive < capacity:
-            capacity = alive + alive // 6 + _FIRST_CAPACITY
-            self._set_columns(
-                array("q", bytes(8 * capacity)), array("d", bytes(56 * capacity)), capacity
-            )
-        self.stamps[0:alive] = stamps[head:tail]
-        self.poses[0 : 7 * alive] = poses[7 * head : 7 * tail]
-        if self.parents is not None:
-            del self.parents[:head]
-            if all(parent is self.parent for parent in self.parents):
-                self._set_parents(None)
+        alive = samples.tail - samples.head
+        if alive == samples.capacity or (
+            samples.head >= samples.capacity and 4 * (alive + _FIRST_CAPACITY) < samples.capacity
+        ):
+            self._move(alive + alive // 6 + _FIRST_CAPACITY)
+        elif samples.head >= samples.capacity:
+            samples.head -= samples.capacity
+            samples.tail -= samples.capacity
+
+    def _move(self, capacity: int) -> None:
+        """To columns of so many slots."""
+        samples = self.samples
+        head, alive = slot(samples, samples.head), samples.tail - samples.head
+        first = min(alive, samples.capacity - head)
+        stamps, poses, parents = self.stamps, self.poses, self.parents
+        self._set_columns(
+            array("q", bytes(8 * capacity)), array("d", bytes(56 * capacity)), capacity
+        )
+        self.stamps[0:first] = stamps[head : head + first]
+        self.stamps[first:alive] = stamps[0 : alive - first]
+        self.poses[0 : 7 * first] = poses[7 * head : 7 * (head + first)]
+        self.poses[7 * first : 7 * alive] = poses[0 : 7 * (alive - first)]
+        if parents is not None:
+            kept = [*parents[head : head + first], *parents[: alive - first]]
+            self.parents = [*kept, *[self.parent] * (capacity - alive)]
         samples.head, samples.tail = 0, alive
+        leave(samples)
 
     def _set_columns(
         self, stamps: MutableSequence[int], poses: MutableSequence[float], capacity: int
@@ -786,33 +881,6 @@ class Path:
         back = invert(_climb(self.down, screw))
         self.pose = normalised(compose(back, _climb(self.up, screw)))
         return beyond
-
-    def fill(
-        self,
-        stamps: Sequence[int],
-        start: int,
-        stop: int,
-        xyz: MutableSequence[float],
-        quat: MutableSequence[float],
-        known: MutableSequence[int],
-        screw: bool,
-    ) -> None:
-        """The poses at the stamps of rows [start, stop), written into their rows of `xyz` (three
-        numbers each) and `quat` (four); `known` is 0 where there is none.
-        """
-        for i in range(start, stop):
-            if not self.follow(stamps[i], screw):
-                known[i] = 0
-                continue
-            x, y, z, qx, qy, qz, qw = self.pose
-            known[i] = 1
-            xyz[3 * i] = x
-            xyz[3 * i + 1] = y
-            xyz[3 * i + 2] = z
-            quat[4 * i] = qx
-            quat[4 * i + 1] = qy
-            quat[4 * i + 2] = qz
-            quat[4 * i + 3] = qw
 
 
 def _climb(histories: list[History], screw: bool) -> Pose:

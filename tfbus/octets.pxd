@@ -3,10 +3,27 @@
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.string cimport memcmp, memcpy
-from tfbus.kernel cimport pose_t
 
+ctypedef (double, double, double, double, double, double, double) pose_t
 ctypedef (unsigned int, unsigned int) edge_t
 ctypedef const unsigned char* octets_t
+
+
+cdef extern from *:
+    """
+    #ifdef __GNUC__
+    #define tfbus_prefetch(place) __builtin_prefetch(place)
+    #else
+    #define tfbus_prefetch(place) ((void) (place))
+    #endif
+    """
+    void tfbus_prefetch(const void* place) noexcept nogil
+
+
+cdef inline void fetch_pose(const double* poses, Py_ssize_t at) noexcept nogil:
+    # It may begin on one line of the processor's cache, and end on the next.
+    tfbus_prefetch(poses + at)
+    tfbus_prefetch(poses + at + 6)
 
 
 cdef inline edge_t edge_at(octets_t data, Py_ssize_t at) noexcept nogil:

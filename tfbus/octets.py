@@ -4,6 +4,7 @@ Where the kernel is compiled, `octets.pxd` beside this stands in for it: then ea
 load of the processor. Numbers are in the byte order of the machine unless their name says more.
 """
 
+from collections.abc import Sequence
 from struct import pack, unpack_from
 
 Pose = tuple[float, float, float, float, float, float, float]
@@ -31,6 +32,10 @@ def pose_at(data: bytes, at: int) -> Pose:
     """Seven floats of 64 bits: x y z qx qy qz qw."""
     pose: Pose = unpack_from("=7d", data, at)
     return pose
+
+
+def fetch_pose(poses: Sequence[float], at: int) -> None:
+    """Have the processor bring the pose of seven numbers there near, for it is needed soon."""
 
 
 def edge_bytes(parent: int, child: int) -> bytes:

@@ -1,31 +1,20 @@
 cimport cython
 from tfbus.kernel cimport History
 from tfbus.kernel cimport Path, seek_as
-from tfbus cimport octets
-from tfbus.columns cimport Columns
 from tfbus.kernel cimport pose_t, compose, invert, normalised
-from tfbus.octets cimport edge_t
 from tfbus.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2
 cdef size_t _RECENT
-cdef Py_ssize_t EDGE_SIZE, _LEAST_ROWS
 cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
-
-@cython.final
-cdef class Table:
-    cdef tuple frames
-    cdef bytes edges
-    cdef list children, parents
-    cdef long long topology
 
 @cython.final
 cdef class Tree:
     cdef long long cache_ns
     cdef readonly dict frames
     cdef list recent
-    cdef dict senders, tables
-    cdef readonly long long topology
+    cdef dict senders
+    cdef readonly long long topology, assignments
     cdef public list touched, moved, news
     cdef public set asked
     cdef public list untold
@@ -58,14 +47,6 @@ cdef class Tree:
     @cython.locals(child=History, parent=History, candidate=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
-    @cython.locals(table=Table, size=Py_ssize_t)
-    cdef Table table(self, Columns columns, str authority)
-    @cython.locals(i=Py_ssize_t, edge=edge_t, child=History, parent=History, children=list,
-                   parents=list)
-    cdef Table _find_table(self, Columns columns, str authority)
-    @cython.locals(child=History)
-    cdef bint append(
-        self, Table table, Py_ssize_t row, long long stamp_ns, pose_t pose, str authority) except -1
     @cython.locals(former=dict)
     cdef _assign(self, History child, str authority, long long stamp_ns)
     cdef _set_gone(self, History child, bint gone, str authority, long long stamp_ns)

@@ -6,13 +6,10 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from collections.abc import Iterable
 
-from tfbus import octets
 from tfbus.change import Change, Kind
-from tfbus.columns import Columns
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.frame import FrameInfo
 from tfbus.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
-from tfbus.octets import EDGE_SIZE
 from tfbus.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.sampling import TF2, Sampling
 from tfbus.transform import TransformStamped, check_frame_id, make_stamped
@@ -27,38 +24,16 @@ _MOST_PATHS = 1024
 # Of so many pairs it is remembered that they were asked for.
 _MOST_ASKED = 100_000
 
-# Of so many authorities the edges of the last batch are kept; of fewer rows it is not worth it.
-_MOST_TABLES = 1024
-_LEAST_ROWS = 4
 # So many paths are found by the very texts that they were asked for by; a power of two.
 _RECENT = 64
-
-
-class Table:
-    """The edges of the rows of a batch, found once for all batches of an authority that name the
-    same ones: `children` and `parents` row by row. Holds while `topology` is that of the tree.
-    """
-
-    def __init__(
-        self,
-        frames: tuple[str, ...],
-        edges: bytes,
-        children: list[History],
-        parents: list[History],
-        topology: int,
-    ) -> None:
-        self.frames = frames
-        self.edges = edges
-        self.children = children
-        self.parents = parents
-        self.topology = topology
 
 
 class Tree:
     """All frames by name, each with its history.
 
     `topology` counts the changes after which a path that was found may be another: a frame that
-    had been there got a parent, or another parent. `touched` and `moved` gather, while somebody
+    had been there got a parent, or another parent; `assignments` counts how often a frame was sent
+    by another one than before. `touched` and `moved` gather, while somebody
     waits, the histories that got a sample or a parent; `news` gathers, while somebody listens,
     what changed. `asked` gathers, while somebody wants to know, the pairs of target and source
     that a path was looked for between, and `untold` those of them that he was not told of.
@@ -71,9 +46,8 @@ class Tree:
         self.senders: dict[str, dict[str, History]] = {}
         # Paths found of late, by where the texts stand in memory that they were asked for by.
         self.recent: list[Path | None] = [None] * _RECENT
-        # Of each authority what its last batch named.
-        self.tables: dict[str, Table] = {}
         self.topology = 0
+        self.assignments = 0
         self.touched: list[History] | None = None
         self.moved: list[History] | None = None
         self.news: list[Change] | None = None
@@ -270,50 +244,6 @@ class Tree:
             self.touched.append(child)
         return True
 
-    def table(self, columns: Columns, authority: str) -> Table | None:
-        """The edges of a batch; None where not all of them are known as they are named."""
-        size = EDGE_SIZE * columns.count
-        table = self.tables.get(authority)
-        if (
-            table is not None
-            and table.topology == self.topology
-            and len(table.edges) == size
-            and octets.is_at(columns.edges, columns.edges_at, table.edges, size)
-            and (table.frames is columns.frames or table.frames == columns.frames)
-        ):
-            return table
-        return self._find_table(columns, authority) if columns.count >= _LEAST_ROWS else None
-
-    def _find_table(self, columns: Columns, authority: str) -> Table | None:
-        children, parents = [], []
-        for i in range(columns.count):
-            edge = octets.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * i)
-            child = self.frames.get(columns.frames[edge[1]])
-            parent = None if child is None else child.parent
-            if child is None or parent is None or parent.name != columns.frames[edge[0]]:
-                return None
-            children.append(child)
-            parents.append(parent)
-        edges = columns.edges[columns.edges_at : columns.edges_at + EDGE_SIZE * columns.count]
-        table = Table(columns.frames, edges, children, parents, self.topology)
-        if len(self.tables) >= _MOST_TABLES:
-            self.tables.clear()
-        self.tables[authority] = table
-        return table
-
-    def append(self, table: Table, row: int, stamp_ns: int, pose: Pose, authority: str) -> bool:
-        """Take a sample of a row's edge where it is newer than the others, and nothing changes
-        but that; else False, and `insert` is to judge it.
-        """
-        child = table.children[row]
-        if child.parent is not table.parents[row] or child.authority != authority:
-            return False
-        if not child.append(stamp_ns, pose, self.cache_ns):
-            return False
-        if self.touched is not None:
-            self.touched.append(child)
-        return True
-
     def _assign(self, child: History, authority: str, stamp_ns: int) -> None:
         """Note that another one sends this frame now, which therefore is not gone."""
         former = self.senders.get(child.authority)
@@ -325,6 +255,7 @@ class Tree:
             self.senders.setdefault(authority, {})[child.name] = child
         self._set_gone(child, False, authority, stamp_ns)
         child.authority = authority
+        self.assignments += 1
 
     def _set_gone(self, child: History, gone: bool, authority: str, stamp_ns: int) -> None:
         if child.gone != gone:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from importlib import metadata
 from typing import Any
 
@@ -101,4 +102,10 @@ def _chain(edges: int, samples: int = SAMPLES) -> BufferTree:
 def _update(sample: int, child: int) -> tuple[str, str, StampedIsometry, TransformType]:
     numbers = pose(child, sample)
     isometry = StampedIsometry(list(numbers[:3]), list(numbers[3:]), stamp_ns(sample))
-    return frame(child - 1), frame(child), isometry, TransformType.Dynamic
+    return _name(child - 1), _name(child), isometry, TransformType.Dynamic
+
+
+@cache
+def _name(index: int) -> str:
+    """A name, which is the same text each time."""
+    return frame(index)

@@ -5,6 +5,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from importlib import metadata
 from time import perf_counter, sleep
 from typing import Any
@@ -212,11 +213,17 @@ def _transform(child: int, sample: int) -> Transform:
 
 def _columns(edges: int, sample: int) -> TransformBatch:
     return TransformBatch(
-        tuple(frame(index) for index in range(edges + 1)),
+        _frames(edges),
         np.array([(child - 1, child) for child in range(1, edges + 1)], np.uint32),
         np.full(edges, stamp_ns(sample)),
         np.array([pose(child, sample) for child in range(1, edges + 1)]),
     )
+
+
+@cache
+def _frames(edges: int) -> tuple[str, ...]:
+    """The names of a chain, which are the same texts in all batches, as they are of the wire."""
+    return tuple(frame(index) for index in range(edges + 1))
 
 
 def _kernel() -> str:

@@ -1,0 +1,248 @@
+# cython: boundscheck=False, wraparound=False
+"""Lookups of many stamps along one path, edge by edge.
+
+One of the modules that are compiled where there is a C compiler (`sweep.pxd` says the C types).
+Nothing here locks: the buffer holds its lock around every call.
+
+A block of rows takes each edge in turn. What two samples have in common for all times between
+them is computed once while the stamps stay between them, and the processor can work at several
+rows at a time, none of which waits for another.
+"""
+
+import math
+from collections.abc import MutableSequence, Sequence
+
+from tfbus.kernel import Path, Pose, Samples, blend_screw, invert
+from tfbus.outcome import NO_DATA
+
+try:
+    import cython
+except ImportError:
+    from tfbus import uncompiled as cython
+
+if not cython.compiled:
+    # Compiled, they are functions of C.
+    from tfbus.kernel import locate, pose_at, sample
+
+# Rows of a block: what is known of so many fits into the processor's nearest cache.
+_ROWS = 64
+# As in `blend`: below this four terms of the series of slerp's weights are exact to 1e-14.
+_SERIES_BELOW = 1e-3
+# Of a row that has no pose; whatever is computed with it is the same.
+_NOTHING = float("nan")
+
+
+class Block:
+    """What is known of some rows while their poses are put together; compiled, a struct of C.
+
+    x y z qx qy qz qw is the pose so far, and with `step_` before it what is to follow: the pose
+    of one more edge. `known` is 0 where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw = _columns()
+        self.step_x, self.step_y, self.step_z, *quat = _columns()
+        self.step_qx, self.step_qy, self.step_qz, self.step_qw = quat
+        self.known = [0] * _ROWS
+
+
+def _columns() -> list[list[float]]:
+    return [[0.0] * _ROWS for _ in range(7)]
+
+
+def fill(
+    path: Path,
+    stamps: Sequence[int],
+    start: int,
+    stop: int,
+    xyz: MutableSequence[float],
+    quat: MutableSequence[float],
+    known: MutableSequence[int],
+    screw: bool,
+) -> None:
+    """The poses at the stamps of rows [start, stop), written into their rows of `xyz` (three
+    numbers each) and `quat` (four): those of `path.follow`, and not a number where it has none;
+    there `known` is 0.
+    """
+    if cython.compiled:  # noqa: SIM108  # in C the two are of different types
+        block = cython.address(space)  # type: ignore[name-defined]  # noqa: F821  # a struct of C
+    else:
+        block = Block()
+    while start < stop:
+        count = min(_ROWS, stop - start)
+        _begin(block, count)
+        for i in range(path.count):
+            if i == path.turn:
+                _invert(block, count)
+            if screw:
+                _step_screw(block, path.steps[i], stamps, start, count)
+            else:
+                _step(block, path.steps[i], stamps, start, count)
+            if i == 0:
+                _take(block, count)
+            else:
+                _compose(block, count)
+        if path.turn == path.count:
+            _invert(block, count)
+        _write(block, start, count, xyz, quat, known)
+        start += count
+
+
+def _begin(block: Block, count: int) -> None:
+    """All rows at the source."""
+    for j in range(count):
+        block.known[j] = 1
+        block.x[j] = block.y[j] = block.z[j] = 0.0
+        block.qx[j] = block.qy[j] = block.qz[j] = 0.0
+        block.qw[j] = 1.0
+
+
+def _step(block: Block, samples: Samples, stamps: Sequence[int], start: int, count: int) -> None:
+    """The pose of an edge for each row, as `blend` has it."""
+    before = after = NO_DATA
+    ax = ay = az = apx = apy = apz = apw = 0.0
+    bx = by = bz = bpx = bpy = bpz = bpw = 0.0
+    pace = short = angle = scale = 0.0
+    for j in range(count):
+        stamp_ns = stamps[start + j]
+        if stamp_ns < before or stamp_ns >= after:
+            ratio = locate(samples, stamp_ns)
+            before, after = samples.before, samples.after
+            if ratio < 0.0 or samples.is_static or after <= before:
+                # It is not between two samples.
+                after = NO_DATA
+                _set_step(block, j, pose_at(samples, 0.0) if ratio == 0.0 else _missing(block, j))
+                continue
+            ax, ay, az, apx, apy, apz, apw = sample(samples, samples.here)
+            bx, by, bz, bpx, bpy, bpz, bpw = sample(samples, samples.following)
+            bx, by, bz = bx - ax, by - ay, bz - az
+            elapsed = after - before
+            pace = 1.0 / elapsed
+            cosine = apx * bpx + apy * bpy + apz * bpz + apw * bpw
+            if cosine < 0.0:
+                cosine, bpx, bpy, bpz, bpw = -cosine, -bpx, -bpy, -bpz, -bpw
+            short = 1.0 - cosine
+            if short >= _SERIES_BELOW:
+                angle = math.acos(cosine)
+                scale = 1.0 / math.sin(angle)
+        elapsed = stamp_ns - before
+        ratio = elapsed * pace
+        rest = 1.0 - ratio
+        if short < _SERIES_BELOW:
+            u = rest * _weight(short, rest * rest)
+            v = ratio * _weight(short, ratio * ratio)
+        else:
+            u = math.sin(rest * angle) * scale
+            v = math.sin(ratio * angle) * scale
+        block.step_x[j] = ax + ratio * bx
+        block.step_y[j] = ay + ratio * by
+        block.step_z[j] = az + ratio * bz
+        block.step_qx[j] = u * apx + v * bpx
+        block.step_qy[j] = u * apy + v * bpy
+        block.step_qz[j] = u * apz + v * bpz
+        block.step_qw[j] = u * apw + v * bpw
+
+
+def _weight(short: float, square: float) -> float:
+    """As in `blend`, whose series it is."""
+    third = 1.0 + short * (9.0 - square) * (1.0 / 21.0)
+    second = 1.0 + short * (4.0 - square) * (1.0 / 10.0) * third
+    return 1.0 + short * (1.0 - square) * (1.0 / 3.0) * second
+
+
+def _step_screw(
+    block: Block, samples: Samples, stamps: Sequence[int], start: int, count: int
+) -> None:
+    """The pose of an edge for each row, as `screw_at` has it."""
+    for j in range(count):
+        ratio = locate(samples, stamps[start + j])
+        if ratio < 0.0:
+            _set_step(block, j, _missing(block, j))
+        elif ratio == 0.0:
+            _set_step(block, j, pose_at(samples, 0.0))
+        else:
+            a, b = sample(samples, samples.here), sample(samples, samples.following)
+            _set_step(block, j, blend_screw(a, b, ratio))
+
+
+def _missing(block: Block, j: int) -> Pose:
+    """Note that a row has no pose."""
+    block.known[j] = 0
+    return _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING
+
+
+def _set_step(block: Block, j: int, pose: Pose) -> None:
+    x, y, z, qx, qy, qz, qw = pose
+    block.step_x[j], block.step_y[j], block.step_z[j] = x, y, z
+    block.step_qx[j], block.step_qy[j], block.step_qz[j], block.step_qw[j] = qx, qy, qz, qw
+
+
+def _take(block: Block, count: int) -> None:
+    """The first step is the pose so far."""
+    for j in range(count):
+        block.x[j] = block.step_x[j]
+        block.y[j] = block.step_y[j]
+        block.z[j] = block.step_z[j]
+        block.qx[j] = block.step_qx[j]
+        block.qy[j] = block.step_qy[j]
+        block.qz[j] = block.step_qz[j]
+        block.qw[j] = block.step_qw[j]
+
+
+def _compose(block: Block, count: int) -> None:
+    """First the step, then the pose so far, as `compose` has it."""
+    for j in range(count):
+        apx, apy, apz, apw = block.qx[j], block.qy[j], block.qz[j], block.qw[j]
+        bx, by, bz = block.step_x[j], block.step_y[j], block.step_z[j]
+        bpx, bpy, bpz = block.step_qx[j], block.step_qy[j], block.step_qz[j]
+        bpw = block.step_qw[j]
+        tx = 2.0 * (apy * bz - apz * by)
+        ty = 2.0 * (apz * bx - apx * bz)
+        tz = 2.0 * (apx * by - apy * bx)
+        block.x[j] = block.x[j] + bx + apw * tx + apy * tz - apz * ty
+        block.y[j] = block.y[j] + by + apw * ty + apz * tx - apx * tz
+        block.z[j] = block.z[j] + bz + apw * tz + apx * ty - apy * tx
+        block.qx[j] = apw * bpx + apx * bpw + apy * bpz - apz * bpy
+        block.qy[j] = apw * bpy - apx * bpz + apy * bpw + apz * bpx
+        block.qz[j] = apw * bpz + apx * bpy - apy * bpx + apz * bpw
+        block.qw[j] = apw * bpw - apx * bpx - apy * bpy - apz * bpz
+
+
+def _invert(block: Block, count: int) -> None:
+    """The way back."""
+    for j in range(count):
+        pose: Pose = (
+            block.x[j],
+            block.y[j],
+            block.z[j],
+            block.qx[j],
+            block.qy[j],
+            block.qz[j],
+            block.qw[j],
+        )
+        x, y, z, qx, qy, qz, qw = invert(pose)
+        block.x[j], block.y[j], block.z[j] = x, y, z
+        block.qx[j], block.qy[j], block.qz[j], block.qw[j] = qx, qy, qz, qw
+
+
+def _write(
+    block: Block,
+    start: int,
+    count: int,
+    xyz: MutableSequence[float],
+    quat: MutableSequence[float],
+    known: MutableSequence[int],
+) -> None:
+    """What has been found, with the rounding of many products taken off the norm again."""
+    for j in range(count):
+        i = start + j
+        known[i] = block.known[j]
+        qx, qy, qz, qw = block.qx[j], block.qy[j], block.qz[j], block.qw[j]
+        scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
+        xyz[3 * i] = block.x[j]
+        xyz[3 * i + 1] = block.y[j]
+        xyz[3 * i + 2] = block.z[j]
+        quat[4 * i] = qx * scale
+        quat[4 * i + 1] = qy * scale
+        quat[4 * i + 2] = qz * scale
+        quat[4 * i + 3] = qw * scale

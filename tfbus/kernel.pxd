@@ -47,6 +47,7 @@ cdef struct samples_t:
     long long before
     long long after
     long long newest
+    double pace
     bint is_static
     bint mixed
     pose_t fixed
@@ -67,8 +68,8 @@ cdef double locate(samples_t* samples, long long stamp_ns) noexcept nogil
 cdef void put(samples_t* samples, Py_ssize_t at) noexcept nogil
 cdef void leave(samples_t* samples) noexcept nogil
 @cython.locals(stamps=stamps_ptr, low=Py_ssize_t, high=Py_ssize_t, start=Py_ssize_t,
-               guess=Py_ssize_t, step=Py_ssize_t, middle=Py_ssize_t, first=cython.longlong,
-               last=cython.longlong, elapsed=double, period=double, way=double)
+               guess=Py_ssize_t, tried=Py_ssize_t, step=Py_ssize_t, middle=Py_ssize_t,
+               last=cython.longlong, way=double)
 cdef Py_ssize_t find(samples_t* samples, long long stamp_ns) noexcept nogil
 cdef pose_t pose_at(samples_t* samples, double ratio) noexcept nogil
 cdef pose_t screw_at(samples_t* samples, double ratio) noexcept nogil

@@ -12,7 +12,7 @@ from benchmarks.bus.place import Place, Process, place, say
 
 PERIOD_S = 0.001
 # The two take turns of so many messages, lest one has the quiet hour.
-TURN = 500
+TURN = 250
 # The first that are sent meet memory and code that nobody has used yet.
 _WARM_UP = 100
 _BARE_KEY = "bare"

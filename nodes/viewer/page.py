@@ -26,6 +26,8 @@ from tfbus.nodes.viewer.urdf import Visual
 # The panel is read by people, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25
 _REFRESH_UNWATCHED_S = 1.0
+# And of thousands so much more that it has to rest for so many times as long as it took.
+_REST = 8.0
 
 _BY_DEFAULT = ViewSettings()
 
@@ -135,7 +137,6 @@ class Page:
         self._was_watched = is_watched
         playback, settings = self.desk.playback, self.desk.settings
         if is_due:
-            self._refresh_at_s = now_s + (_REFRESH_S if is_watched else _REFRESH_UNWATCHED_S)
             self._frames = self._look(settings)
         if is_due or settings is not self._wanted.settings:
             self._wanted = self._choose(settings)
@@ -154,6 +155,10 @@ class Page:
         self._names.draw(states, placed, settings, self._scene.size_m)
         # Else the last of a movement would wait for the next one.
         self._server.flush()
+        if is_due:
+            end_s = time.monotonic()
+            rest_s = _REFRESH_S if is_watched else _REFRESH_UNWATCHED_S
+            self._refresh_at_s = max(now_s + rest_s, end_s + _REST * (end_s - now_s))
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""

@@ -55,7 +55,7 @@ instructions instead, under valgrind.
   answer, and 28 each edge: a search that mostly guesses right, a slerp by a series, and a product.
   The lock of Pythons before 3.13 takes 33 ns more than none, as it asks for the time; their numbers
   are higher by so much.
-- The latest needs neither search nor slerp where all edges have come to the same time: 9 ns an
+- The latest needs neither search nor slerp where all edges have come to the same time: 10 ns an
   edge.
 - Samples are in rings, so that nothing moves as they come and leave. The history of 50 edges is
   3.7 MB, more than the processor's nearer caches hold, and each row is written to another part of

@@ -471,7 +471,9 @@ def test_sampling_is_checked_when_made():
 
 
 def test_listeners_are_told_of_every_change():
-    """Added, reparented, static, dynamic, conflict, too old, removed: each with who did it."""
+    """Added, reparented, static, dynamic, conflict, too old, removed: each with who did it; a
+    new parent before what moves to it.
+    """
     heard: list[Change] = []
     buffer = Buffer(1.0)
     end = buffer.on_change(heard.append)
@@ -487,14 +489,14 @@ def test_listeners_are_told_of_every_change():
         ("added", "robot"),
         ("conflict", "robot"),
         ("too old", "robot"),
-        ("reparented", "robot"),
         ("added", "map"),
+        ("reparented", "robot"),
         ("became static", "robot"),
         ("became dynamic", "robot"),
         ("removed", "robot"),
     ]
     assert (heard[2].authority, heard[2].former_authority) == ("bob", "alice")
-    assert (heard[4].former_parent, heard[4].parent) == ("world", "map")
+    assert (heard[5].former_parent, heard[5].parent) == ("world", "map")
     end()
     buffer.set_transform(moved(7 * S, "map", "other", 2.0))
     assert len(heard) == 9

@@ -44,7 +44,7 @@ cdef class Tree:
                    outcome=cython.int)
     cdef bint insert(self, str parent_frame, str child_frame, long long stamp_ns, pose_t pose,
                      bint static, str authority) except -1
-    @cython.locals(child=History, parent=History, candidate=History, after=History)
+    @cython.locals(child=History, parent=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
     @cython.locals(former=dict)

@@ -284,18 +284,17 @@ class Tree:
             child = self._add(child_frame, authority, stamp_ns)
             child.parent = parent
             return child, parent
-        candidate = History(parent_frame) if parent is None else parent
-        after = child.parent_after(stamp_ns, candidate, static)
+        if parent is None:
+            parent = self._add(parent_frame, authority, stamp_ns)
+        after = child.parent_after(stamp_ns, parent, static)
         if after is not child.parent:
-            if parent is not None and after is not None:
+            if after is not None:
                 self._refuse_loop(after, child, authority)
             if child.parent is not None:
                 self._tell("reparented", child, after, authority, stamp_ns)
             self.topology += 1
             if self.moved is not None:
                 self.moved.append(child)
-        if parent is None:
-            parent = self._add(parent_frame, authority, stamp_ns)
         if child.parent is None:
             child.parent = parent
         return child, parent

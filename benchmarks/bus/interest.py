@@ -25,13 +25,14 @@ SECONDS = 10.0
 LOOKUPS_HZ = 2.0
 NOTHING, EVERYTHING = "nothing: a session alone", "everything"
 NEEDED = "needed, a path over one publisher"
+NEEDED_OF_TWO = "needed, a path over two publishers"
 # What is read, and how many publishers the path leads over that is looked up: 1 is a frame of one
 # in the frame that all share.
 _KINDS = {
     NOTHING: ("", 0),
     EVERYTHING: ("everything", 2),
     NEEDED: ("needed", 1),
-    "needed, a path over two publishers": ("needed", 2),
+    NEEDED_OF_TWO: ("needed", 2),
 }
 _SETTLE_S = 3.0
 
@@ -73,9 +74,9 @@ def _once(at: Place, env: dict[str, str], *, reads: str, path: int) -> Cost:
         return Cost(**listener.hear())
 
 
-def share(costs: dict[str, Cost]) -> float:
-    """The CPU of who looks up one path by need, of that of who reads everything."""
-    return costs[NEEDED].cpu_percent / costs[EVERYTHING].cpu_percent
+def share(costs: dict[str, Cost], kind: str) -> float:
+    """The CPU of who reads so, of that of who reads everything."""
+    return costs[kind].cpu_percent / costs[EVERYTHING].cpu_percent
 
 
 def route() -> None:

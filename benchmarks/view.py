@@ -51,7 +51,8 @@ _PART = """\
   a second. A core is one second of processor time a second, of all threads of the view's process.
   Where nobody has the page open it receives the frames, and looks at them once a second.
 - These browsers read what they are sent and draw nothing, so that they leave the processor to the
-  view. Fewer messages a second than 30 say that the view did not get round to more.
+  view. Fewer messages a second than 30 say that the view did not get round to more, or, under a
+  load far above one, that others had the cores.
 - Pictures a second are those that a Chromium draws of the page, 1280 by 800{drawn}.
 """
 

@@ -31,22 +31,24 @@ clock says little (a second, the start, the percentiles), and CPU says more.
 | --- | ---: | ---: | ---: |
 {rows}
 
-- **Off the bus**: one process sends messages that are made before, but for their stamps, as many as
-  the link bears; another has a `TransformListener` and a buffer of 0.1 s. At this rate those are thousands of
-  samples an edge, as many as the usual ten seconds hold of a frame that is sent some hundred times
-  a second. A buffer of 1 s would hold tens of thousands, 150 MB of them, and took a third more CPU,
-  for the pages of memory that it grew into. CPU is of all threads of that process, Zenoh's
-  included, over the transforms that it received. A second a core is what that CPU comes to.
+- **Off the bus**: one process sends messages that are made before, but for their stamps, as many
+  as the link bears; another has a `TransformListener` and a buffer of 0.1 s. At this rate those
+  are thousands of samples an edge, as many as the usual ten seconds hold of a frame that is sent
+  some hundred times a second. A buffer of 1 s would hold tens of thousands, 150 MB of them, and
+  took a third more CPU, for the pages of memory that it grew into. CPU is of all threads of that
+  process, Zenoh's included, over the transforms that it received. A second a core is what that
+  CPU comes to.
 - **tf2_ros**: `tf2_ros.TransformListener` of Debian's packages under rospy, with messages of the
   same 50 transforms at 200 Hz and a buffer of 1 s, which is 200 samples an edge, its CPU taken
   likewise; it is C++ below, but rospy's messages are made in Python.{ros}
 - **Latency** is from before `send_transform` until a lookup in the other process has answered with
   that transform, 1,000 sends a second. It is asked in the thread that brings it, as soon as it is
   in the buffer: that is when whoever asks has an answer, and no thread has to be woken to find out.
-  Bare Zenoh is two more processes that know nothing of tfbus: from before `put` until a callback on
-  Zenoh's own thread, the fastest it has, holds the payload, of the same size and priority. The two
-  pairs take turns of {turn} messages, since the first of a turn waits for a core that did something
-  else, and longer turns did not share the busy moments of the machine; {count:,} of each came.
+  Bare Zenoh is two more processes that know nothing of tfbus: from before `put` until a callback
+  on Zenoh's own thread, the fastest it has, holds the payload, of the same size and priority. The
+  two pairs take turns of {turn} messages, since the first of a turn waits for a core that did
+  something else, and longer turns did not share the busy moments of the machine; {count:,} of
+  each came.
 - **By interest**: two hundred publishers send 100,000 transforms a second in all; one process reads
   everything, another what the lookups of one path need, which it makes twice a second. What an idle
   session takes is in both. [What it saves](interest.md#what-it-saves) says more.

@@ -17,6 +17,7 @@ from tfbus import (
 from tfbus.bytes_publisher import BytesPublisher
 from tfbus.codec import encode_message
 from tfbus.description import StreamDescription
+from tfbus.query import Answer
 from tfbus.retained import declare_retained_publisher
 from tfbus.session import Session
 from tfbus.stream_watch import StreamState, StreamWatch
@@ -155,6 +156,69 @@ def test_a_description_that_does_not_come_is_asked_for_on_and_on(
     eventually(lambda: asked.count("@tfbus/stream/second") > 20)
     second.close()
     assert asked[before:].count("@tfbus/stream/first") <= 1
+
+
+def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
+    bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However often a token came back, only the questions that the last one began go on."""
+    others: list[str] = []
+    ends: list[Callable[[], None]] = []
+
+    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+        if key == "@tfbus/stream/lone":
+            ends.append(on_end)
+        elif key == "@tfbus/stream/other":
+            others.append(key)
+            on_end()
+
+    monkeypatch.setattr(stream_watch, "ask_retained_later", ask)
+    monkeypatch.setattr(stream_watch, "_ASK_AGAIN_S", (0.001,))
+    session = bus.node("sim").session
+    for number in range(8):
+        token = session.token("@tfbus/stream/lone")
+        eventually(lambda number=number: len(ends) > number)
+        if number < 7:
+            token.close()
+            eventually(lambda: watching.alive() == [])
+    begun = tuple(ends)
+    for end in begun:
+        end()
+    # After the same pause this one is asked about for the second time, and all others were before.
+    other = session.token("@tfbus/stream/other")
+    eventually(lambda: len(others) >= 2)
+    assert len(ends) == len(begun) + 1
+    token.close()
+    other.close()
+
+
+def test_a_description_that_cannot_be_read_is_asked_for_once(
+    bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An answer that is no description ends the questions, until the token comes anew."""
+    asked: list[str] = []
+
+    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+        asked.append(key)
+        if key == "@tfbus/stream/broken":
+            on_answer(Answer(key, b"nonsense"))
+        on_end()
+
+    monkeypatch.setattr(stream_watch, "ask_retained_later", ask)
+    monkeypatch.setattr(stream_watch, "_ASK_AGAIN_S", (0.001,))
+    session = bus.node("sim").session
+    for times in (1, 2):
+        broken = session.token("@tfbus/stream/broken")
+        eventually(lambda: watching.alive() == ["broken"])
+        eventually(lambda times=times: asked.count("@tfbus/stream/broken") == times)
+        other = session.token("@tfbus/stream/other")
+        before = asked.count("@tfbus/stream/other")
+        eventually(lambda before=before: asked.count("@tfbus/stream/other") >= before + 2)
+        assert asked.count("@tfbus/stream/broken") == times
+        assert watching.watch.rejected.total() == times
+        other.close()
+        broken.close()
+        eventually(lambda: watching.alive() == [])
 
 
 def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watching) -> None:

@@ -1,10 +1,12 @@
 """Which streams there are: by their liveliness tokens and descriptions, without their data."""
 
+import itertools
 import logging
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 from tfbus.codec import decode_message
 from tfbus.description import StreamDescription
@@ -50,8 +52,8 @@ class StreamWatch:
     and the first is logged.
 
     A token that comes back may be that of a new process, which the last description says nothing
-    of. So with each token the stream's description is asked for; one that comes back is alive as
-    soon as that has come.
+    of. So with each token the stream's description is asked for, until it comes or what comes
+    cannot be read; a stream that comes back is alive as soon as that has come.
     """
 
     def __init__(
@@ -70,6 +72,9 @@ class StreamWatch:
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
+        # Which token that is there now, by its key, the questions are about.
+        self._asking: dict[str, int] = {}
+        self._tokens_seen = itertools.count()
         self._closed = False
         # What leads to questions is not done where Zenoh tells of it: there it holds locks.
         self._executor = executor or Executor("streams", log or logging.getLogger(__name__))
@@ -113,7 +118,10 @@ class StreamWatch:
         else:
             self._returning.add(former.name)
         if alive:
-            self._ask_for_description(key, 0)
+            self._asking[key] = next(self._tokens_seen)
+            self._ask_for_description(key, self._asking[key], 0)
+        else:
+            self._asking.pop(key, None)
 
     def _take_description(self, key: str, description: StreamDescription) -> None:
         former = self._state(key)
@@ -121,32 +129,36 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_for_description(self, key: str, turn: int) -> None:
+    def _ask_for_description(self, key: str, token: int, turn: int) -> None:
         """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
         at keys that begin with `@`.
         """
+        if self._asking.get(key) != token:
+            return
         known = self._state(key).description
-        answers: list[StreamDescription] = []
+        answers: list[StreamDescription | None] = []
 
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None and (description := self._read(key, answer.payload)):
-                answers.append(description)
+            if answer.refusal is None:
+                answers.append(self._read(key, answer.payload))
 
         def on_end() -> None:
             self._do(take_answers)
 
         def take_answers() -> None:
-            state = self._state(key)
-            waits = state.alive or state.name in self._returning
             # One that has come by itself in the meantime is at least as new.
-            if state.description is known and waits and not self._closed:
-                if answers:
-                    self._take_description(key, max(answers, key=lambda answer: answer.epoch))
-                    return
-                if turn >= _PATIENCE:
-                    self._take_back(key)
+            is_news = self._state(key).description is not known
+            if is_news or self._asking.get(key) != token or self._closed:
+                return
+            if readable := [answer for answer in answers if answer]:
+                self._take_description(key, max(readable, key=lambda answer: answer.epoch))
+                return
+            if answers or turn >= _PATIENCE:
+                self._take_back(key)
+            if not answers:
                 pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
-                self._executor.after(pause_s, lambda: self._ask_for_description(key, turn + 1))
+                ask_again = partial(self._ask_for_description, key, token, turn + 1)
+                self._executor.after(pause_s, ask_again)
 
         with suppress(BusError):  # the session has been closed
             ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus import Buffer, TransformException
+from tfbus import Buffer, TransformArray, TransformException
 
 Floats = NDArray[np.float64]
 
@@ -57,8 +57,8 @@ def place(buffer: Buffer, fixed_frame: str, names: Sequence[str], stamp_ns: int 
             missing[name] = _why(buffer, fixed_frame, name, stamp_ns)
     kept = tuple(name for name in names if name not in missing) if missing else tuple(names)
     seen_from = np.array(poses, np.float64).reshape(-1, 7)
-    quat_wxyz = seen_from[:, [6, 3, 4, 5]] * (1.0, -1.0, -1.0, -1.0)
-    return Placed(kept, -_rotated(quat_wxyz, seen_from[:, :3]), quat_wxyz, missing)
+    placed = TransformArray(seen_from[:, :3], seen_from[:, 3:]).inverse()
+    return Placed(kept, placed.xyz, placed.quat_xyzw[:, [3, 0, 1, 2]], missing)
 
 
 def _why(buffer: Buffer, fixed_frame: str, name: str, stamp_ns: int | None) -> str:
@@ -67,14 +67,6 @@ def _why(buffer: Buffer, fixed_frame: str, name: str, stamp_ns: int | None) -> s
     except TransformException as error:
         return str(error)
     return "it has just come"
-
-
-def _rotated(quat_wxyz: Floats, xyz: Floats) -> Floats:
-    """Points (N, 3), each turned by a unit quaternion (N, 4): v + 2 q x (q x v + w v)."""
-    axis = quat_wxyz[:, 1:]
-    once = np.cross(axis, xyz) + quat_wxyz[:, :1] * xyz
-    turned: Floats = xyz + 2.0 * np.cross(axis, once)
-    return turned
 
 
 def arrow_rows(

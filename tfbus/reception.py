@@ -65,7 +65,7 @@ class StreamReception:
         self.missed = self.outdated = self.rejected = self.excluded_rows = 0
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
-        self.was_gone = False
+        self._was_gone = False
         # Frames of a former epoch, which this one has not sent so far.
         self._left: frozenset[str] = frozenset()
         # Counts what decides on who is gone.
@@ -87,19 +87,19 @@ class StreamReception:
         An earlier one is outdated, unless the publisher was gone since the present one was last
         heard: then he was started again, on a host whose clock is not to be trusted.
         """
-        if epoch_ns == self.epoch_ns and not self.was_gone:
+        if epoch_ns == self.epoch_ns and not self._was_gone:
             return True
         with self.lock:
             former_ns = self.epoch_ns
             if epoch_ns == former_ns:
-                self.was_gone &= self.gone
+                self._was_gone &= self.gone
                 return True
-            if former_ns is not None and epoch_ns < former_ns and not self.was_gone:
+            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
                 self.outdated += 1
                 return False
             self.epoch_ns = epoch_ns
             # A new epoch is heard of who is there, even before his token is.
-            self.gone = self.was_gone = False
+            self.gone = self._was_gone = False
             self._turns += 1
         if former_ns is not None:
             self._begin_anew()
@@ -208,7 +208,7 @@ class StreamReception:
         with self.lock:
             former, former_ns = self.statics, self._static_epoch_ns
             # A stream whose clock went back goes on with its statics, and may not send them again.
-            if former_ns is not None and epoch_ns < former_ns and not self.was_gone:
+            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
                 self.outdated += 1
                 return
             self.count(len(message.batch), len(payload))
@@ -271,7 +271,7 @@ class StreamReception:
         publisher had in the list and has no more was removed.
         """
         with self.lock:
-            if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self.was_gone:
+            if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self._was_gone:
                 return
         self.admit(epoch_ns)
         with self.lock:
@@ -296,7 +296,7 @@ class StreamReception:
     def vanish(self) -> None:
         """The publisher is there no more."""
         with self.lock:
-            self.gone = self.was_gone = True
+            self.gone = self._was_gone = True
             self._statics_are_current = False
             self._turns += 1
         self.mark()
@@ -370,7 +370,7 @@ class DynamicReception:
             stream.reject(error)
             return
         epoch_ns = columns.epoch_ns
-        if (epoch_ns != stream.epoch_ns or stream.was_gone) and not stream.admit(epoch_ns):
+        if not stream.admit(epoch_ns):
             return
         # First of all, so that no lookup waits for the rest.
         stream.insert(columns, epoch_ns)

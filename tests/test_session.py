@@ -16,9 +16,9 @@ from tfbus.session import Session
 from tfbus.zenoh_config import zenoh_config
 
 
-def setting(key: str, config: str, folder: Path) -> str:
+def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
     """What Zenoh is told of a key with this configuration file, "" for none."""
-    path = folder / "zenoh.json5"
+    path = folder / f"zenoh.{suffix}"
     path.write_text(config)
     settings = NodeSettings("sim", config=str(path) if config else "")
     return str(zenoh_config(settings).get_json(key))
@@ -35,9 +35,17 @@ def test_a_silent_link_is_given_up_within_two_seconds(config: str, tmp_path: Pat
     assert lease_ms(config, tmp_path) == "1500"
 
 
-def test_a_configuration_file_may_set_another_lease(tmp_path: Path) -> None:
-    """The lease of the configuration file is taken, where it is not Zenoh's own of 10 s."""
-    assert lease_ms("{transport: {link: {tx: {lease: 4000}}}}", tmp_path) == "4000"
+@pytest.mark.parametrize("lease", ["4000", "10000"])
+def test_a_configuration_file_may_set_another_lease(lease: str, tmp_path: Path) -> None:
+    """The lease of the configuration file is taken, even where it is Zenoh's own of 10 s."""
+    config = f"{{transport: {{link: {{tx: {{lease: {lease}}}}}}}}} // a slow network"
+    assert lease_ms(config, tmp_path) == lease
+
+
+def test_a_configuration_file_may_be_of_yaml(tmp_path: Path) -> None:
+    """What a file in YAML says is taken as well."""
+    config = "transport:\n  link:\n    tx:\n      lease: 10000\n"
+    assert setting("transport/link/tx/lease", config, tmp_path, "yaml") == "10000"
 
 
 @pytest.mark.parametrize(
@@ -45,6 +53,7 @@ def test_a_configuration_file_may_set_another_lease(tmp_path: Path) -> None:
     [
         ("", "false"),
         ("{mode: 'client'}", "false"),
+        ("{transport: {shared_memory: {enabled: true}}}", "true"),
         ("{transport: {shared_memory: {mode: 'init'}}}", "true"),
     ],
 )
@@ -55,8 +64,8 @@ def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_
     assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
 
 
-def test_two_peers_that_a_third_introduces_have_one_link(bus: Bus) -> None:
-    """Of two peers that learn of each other by a third one calls, and not both."""
+def test_two_peers_that_another_introduces_have_one_link(bus: Bus) -> None:
+    """Of two peers that learn of each other by another one only one calls, and not both."""
     peers = [bus.node(f"peer{number}").session.zenoh for number in range(4)]
     for peer in peers:
         eventually(lambda peer=peer: len(list(peer.info.peers_zid())) == 4)

@@ -1,8 +1,10 @@
 """How Zenoh is set: by a node's settings, by its configuration file, and where neither does."""
 
 import json
+from pathlib import Path
 from typing import Any
 
+import yaml
 import zenoh
 
 from tfbus.errors import SettingsError
@@ -17,9 +19,10 @@ _LEASE_MS = 1500
 # 10,000 transforms on as many keys lost up to 2,000 of them with Zenoh's two.
 _URGENT_BATCHES = 8
 
-# Of two peers that a third introduces one calls the other. By Zenoh's own "always" both do, and
+# Of two peers that another introduces one calls the other. By Zenoh's own "always" both do, and
 # have two links. After a host was unplugged one of them stayed, and with it tokens of who was away;
-# and such a link may be in half for good (eclipse-zenoh/zenoh#2806).
+# and such a link may be in half for good (eclipse-zenoh/zenoh#2806). In return a peer that can call
+# and cannot be called meets only those that have smaller ids.
 _ONE_CALLS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
@@ -30,7 +33,7 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     Raises SettingsError where the file is not one.
     """
     config = _config_of(settings.config)
-    zenohs_own = zenoh.Config()
+    said = _said(settings.config)
     defaults = {
         # Retained messages carry a time, by which late joiners order them.
         "timestamping/enabled": True,
@@ -50,12 +53,8 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     }
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
-    unset = {
-        key: value
-        for key, value in defaults.items()
-        if config.get_json(key) == zenohs_own.get_json(key)
-    }
-    for key, value in {**unset, **given}.items():
+    unsaid = {key: value for key, value in defaults.items() if not _is_in(said, key)}
+    for key, value in {**unsaid, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
@@ -71,6 +70,25 @@ def has_scouting(settings: NodeSettings) -> bool:
     enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
     is_told_where = settings.mode == "client" and bool(settings.connect)
     return enabled is not False and not is_told_where
+
+
+def _said(path: str) -> Any:
+    """What the file itself says: in a configuration it cannot be told from Zenoh's defaults."""
+    if not path:
+        return {}
+    text = Path(path).read_text(encoding="utf-8")
+    if path.endswith(".yaml"):
+        return yaml.safe_load(text)
+    # Zenoh takes any value for this key, and so reads JSON5 for us.
+    reader = zenoh.Config()
+    reader.insert_json5("metadata", text)
+    return json.loads(reader.get_json("metadata"))
+
+
+def _is_in(said: Any, key: str) -> bool:
+    """Whether a key such as `transport/link` is in dictionaries within each other."""
+    first, _, rest = key.partition("/")
+    return isinstance(said, dict) and first in said and (not rest or _is_in(said[first], rest))
 
 
 def _config_of(path: str) -> zenoh.Config:

@@ -1,17 +1,19 @@
 """Who may speak to the page: browsers that were given it from here, and programs.
 
 A browser lets any web page open a websocket to this machine, and tells only in the header Origin
-which page it was; so that one is compared with where it was sent to. Where only this machine can
-reach the view, that has to be one of its own names too: whoever owns a name can let it point here.
+which page it was; so that one is compared with where it was sent to. That has to be a name of this
+machine's own too, or an address: whoever owns another name can let it point here.
 """
 
 import ipaddress
-from collections.abc import Callable, Iterator, Mapping
+import socket
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from websockets.asyncio import server
 from websockets.datastructures import Headers
@@ -20,47 +22,94 @@ from websockets.http11 import Request, Response
 
 def is_local(host: str) -> bool:
     """Whether a host, a name or an address, is only this machine."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+    address = _address(host)
+    return host.lower() == "localhost" if address is None else address.is_loopback
 
 
-def refusal(headers: Mapping[str, str], listens_locally: bool) -> str:
-    """Why a request with these headers is not served, in a sentence; "" where it is."""
-    host, origin = headers.get("Host", ""), headers.get("Origin")
-    name = urlsplit(f"//{host}").hostname or ""
-    if listens_locally and not is_local(name):
+def machine_names(host: str) -> frozenset[str]:
+    """What the view may be called by others where it listens at `host`: that, and this machine's
+    host name with its domain and without; none where only this machine reaches it.
+    """
+    if is_local(host):
+        return frozenset()
+    full = socket.gethostname(), socket.getfqdn()
+    return frozenset(name.lower() for name in (host, *full, full[0].partition(".")[0]))
+
+
+def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
+    """Why a request with these headers is not served, in a sentence; "" where it is.
+
+    `names` are those of `machine_names`.
+    """
+    host, origin = headers.get("Host", "").lower(), headers.get("Origin")
+    name = _parts(f"//{host}").hostname or ""
+    if not names and not is_local(name):
         return f"the view listens for this machine alone, and is not {name!r}: open localhost"
-    if origin is not None and urlsplit(origin).netloc != host:
+    if names and not _is_own(name, names):
+        return (
+            f"the view is not {name or host!r}, which anybody could let point here: open the IP "
+            "address of its machine, its host name, or that with .local"
+        )
+    if origin is not None and _parts(origin.lower()).netloc != host:
         return f"a page of {origin!r} may not speak to the view at {host!r}: open that itself"
     return ""
 
 
-@contextmanager
-def guarding(listens_locally: bool) -> Iterator[None]:
-    """Let the server that viser starts meanwhile refuse others.
+def _is_own(name: str, names: Collection[str]) -> bool:
+    """Whether nobody from elsewhere can have let this name point here."""
+    # Names in .local are asked for on the local network only (RFC 6762).
+    return name in names or is_local(name) or name.endswith(".local") or _address(name) is not None
 
-    viser hands neither headers nor `origins` on, so it is given a `serve` that looks at them.
+
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None
+
+
+def _parts(url: str) -> SplitResult:
+    """The parts of a URL, all empty where it is malformed."""
+    try:
+        return urlsplit(url)
+    except ValueError:
+        return urlsplit("")
+
+
+@dataclass
+class Guard:
+    """Whether the server that was started looks at what is asked: `stands`."""
+
+    stands: bool = False
+
+
+@contextmanager
+def guarding(host: str) -> Iterator[Guard]:
+    """Let the server that viser starts meanwhile, to listen at `host`, refuse others.
+
+    viser hands neither headers nor `origins` on, so it is given a `serve` that looks at them. The
+    guard stands once that was called: a viser that starts its server otherwise is not checked.
     """
-    serve = server.serve
+    serve, names, guard = server.serve, machine_names(host), Guard()
 
     def guarded(*args: Any, process_request: Callable[..., Any], **options: Any) -> server.serve:
-        checked = partial(_check, process_request, listens_locally)
+        guard.stands = True
+        checked = partial(_check, process_request, names)
         return serve(*args, process_request=checked, **options)
 
-    # As what it is used for: a function that makes a server.
+    # It is a class, and used as a function that makes a server, as this one does.
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
-        yield
+        yield guard
     finally:
+        # To mypy a class cannot be replaced, not even by itself.
         server.serve = serve  # type: ignore[misc]
 
 
 def _check(
-    then: Callable[..., Any], listens_locally: bool, connection: Any, request: Request
+    then: Callable[..., Any], names: Collection[str], connection: Any, request: Request
 ) -> Response | None:
-    reason = refusal(request.headers, listens_locally)
+    reason = refusal(request.headers, names)
     if not reason:
         answer: Response | None = then(connection, request)
         return answer

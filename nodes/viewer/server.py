@@ -8,7 +8,7 @@ import socket
 import viser
 
 from tfbus import TfbusError
-from tfbus.nodes.viewer.origin import guarding, is_local
+from tfbus.nodes.viewer.origin import guarding
 
 
 class ServeError(TfbusError):
@@ -18,7 +18,7 @@ class ServeError(TfbusError):
 def serve(host: str, port: int) -> viser.ViserServer:
     """A server of viser, which takes the next port where this one is taken.
 
-    Raises ServeError where it cannot listen.
+    Raises ServeError where it cannot listen, or would let in everybody.
     """
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
@@ -31,8 +31,14 @@ def serve(host: str, port: int) -> viser.ViserServer:
         ) from error
     # Browsers open connections to have them ready, and close them: no news.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with guarding(is_local(host)), contextlib.redirect_stdout(io.StringIO()):
+    with guarding(host) as guard, contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
+    if not guard.stands:
+        server.stop()
+        raise ServeError(
+            f"viser {viser.__version__} starts its server in a way that tfbus does not know, and "
+            "any web page could speak to it; pip install 'viser==1.1.*' brings one that it does"
+        )
     server.scene.set_up_direction("+z")
     # Shadows and mirrored surroundings say nothing of frames, and take most of the time where
     # there is no graphics card.

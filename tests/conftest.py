@@ -128,7 +128,7 @@ class Process:
 
 def _config(*, scouting_delay_ms: int = 500) -> str:
     # On a busy machine a link may be silent for longer than tfbus allows by default, and without
-    # multicast peers that have lost each other do not meet again.
+    # multicast peers that have lost each other take some time to meet again.
     return (
         f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
         " transport: {link: {tx: {lease: 60000}}},"

@@ -1,11 +1,13 @@
 """Hosts for tests: network namespaces that a bridge joins, each with an address of its own."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from conftest import Bus, Process
 
@@ -105,6 +107,12 @@ class Network:
         """End the processes and take the network down."""
         self._bus.close()
         self.hosts.close()
+
+
+def frames(witness: Process) -> dict[str, Any]:
+    """What the witness knew of each frame when it printed its last line."""
+    told: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
+    return told
 
 
 def _ip(*arguments: str) -> None:

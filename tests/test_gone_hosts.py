@@ -1,13 +1,11 @@
 """Hosts that are unplugged and routers that are restarted: what is known of their frames."""
 
-import json
 import signal
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 from conftest import Bus, Process, eventually
-from hosts import Network, why_not
+from hosts import Network, frames, why_not
 
 REASON = why_not()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
@@ -24,12 +22,6 @@ def network(bus: Bus) -> Iterator[Network]:
     network = Network(bus, "robot", "desk")
     yield network
     network.close()
-
-
-def frames(witness: Process) -> dict[str, Any]:
-    """What the witness knew of each frame when it printed its last line."""
-    told: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
-    return told
 
 
 def knows(witness: Process, *, gone: bool, camera_x: float) -> Callable[[], bool]:

@@ -46,7 +46,7 @@ LAYERS = [
     {"settings", "executor", "interface", "workers"},
     {"options"},
     {"scouting"},
-    {"kept_thread"},
+    {"kept_thread", "own_connections"},
     {"zenoh_errors", "zenoh_config", "zenoh_scout", "declaration", "bytes_publisher", "query"},
     {"lost_links"},
     {"session"},

@@ -1,34 +1,36 @@
 """Peers without multicast that lose a link: they meet again."""
 
+import json
 import logging
 import signal
 import socket
-import time
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import zenoh
-from conftest import Bus, eventually
-from hosts import ROUTER_HOST, Network, why_not
-from test_gone_hosts import frames
+from conftest import DEADLINE_S, Bus, eventually, free_port
+from hosts import ROUTER_HOST, Network, frames, why_not
 
-from tfbus import lost_links
-from tfbus.lost_links import LostLinks, answers
+from tfbus import NodeSettings, lost_links
+from tfbus.lost_links import LostLinks, addresses, who_answers
+from tfbus.session import Session
 
 REASON = why_not()
 needs_hosts = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 # The link is silent for 1.5 s, tokens are lost, and all of it on a busy machine.
 NOTICED_WITHIN_S = 8.0
-# A look within 8 s, 5 s of patience, a guest, and all of it once more where it came too early.
+# A look within 6 s, 5 s of patience, a hang-up, and all of it once more where it came too early.
 HEALED_WITHIN_S = 60.0
 
 
 class Peers:
-    """A publisher on one host and a listener on another, who know each other by a third only."""
+    """A publisher on one host and a listener on another, introduced by one that both name."""
 
     def __init__(self, network: Network, folder: Path, *, router: bool) -> None:
         config = folder / "no_multicast.json5"
@@ -38,7 +40,7 @@ class Peers:
             network.start_router(env=env)
         else:
             listening = env | {"TFBUS_LISTEN": "tcp/0.0.0.0:7447"}
-            network.start(ROUTER_HOST, "fault_witness.py", "third", env=listening)
+            network.start(ROUTER_HOST, "fault_witness.py", "named", env=listening)
         called = env | {"TFBUS_CONNECT": network.router}
         self.listener = network.start("desk", "fault_witness.py", "listener", env=called)
         self.publisher = network.start(
@@ -62,50 +64,178 @@ def network(bus: Bus) -> Iterator[Network]:
     network.close()
 
 
-def test_who_has_ended_is_not_looked_for() -> None:
+def link(peer: str, endpoint: str, source: str = "tcp/127.0.0.1:1") -> Any:
+    """A link to a peer, as Zenoh tells it."""
+    return SimpleNamespace(zid=peer, src=source, dst=endpoint)
+
+
+class Known:
+    """What looks for lost peers, with made-up links, and who it would have hung up on."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *named: str) -> None:
+        monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (0.001, 0.002))
+        monkeypatch.setattr(lost_links, "_MEETS_WITHIN_S", 0.001)
+        monkeypatch.setattr(lost_links, "_HANG_UP_EVERY_S", 0.001)
+        monkeypatch.setattr(lost_links, "shut", lambda port, remote: self.hung_up.append(remote))
+        config = zenoh.Config()
+        config.insert_json5("connect/endpoints", json.dumps(named or ["tcp/127.0.0.1:7447"]))
+        self.links = [link("abc", "tcp/127.0.0.1:7447")]
+        self.hung_up: list[tuple[str, int]] = []
+        info: Any = SimpleNamespace(links=lambda: self.links)
+        self.lost = LostLinks(info, config, logging.getLogger("test"))
+
+    def lose(self, *lost: Any) -> None:
+        """Lose some links, all before the first look."""
+        go_on, done = threading.Event(), threading.Event()
+
+        def wait() -> None:
+            go_on.wait()
+
+        self.lost._executor.submit("wait", wait)
+        for each in lost:
+            event: Any = SimpleNamespace(kind=zenoh.SampleKind.DELETE, link=each)
+            self.lost.on_link(event)
+        self.lost._executor.submit("done", done.set)
+        go_on.set()
+        assert done.wait(DEADLINE_S)
+
+    def gave_up(self) -> bool:
+        """Whether nobody is looked for any more."""
+        return not self.lost._lost
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[Known]:
+    known = Known(monkeypatch)
+    yield known
+    known.lost.close()
+
+
+@pytest.fixture
+def listening() -> Iterator[str]:
+    """The endpoint of somebody that answers."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"tcp/127.0.0.1:{server.getsockname()[1]}"
+
+
+def test_who_has_ended_is_not_looked_for(listening: str) -> None:
     """A port that refuses is that of a process that ended; one that answers, of one that lives."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        assert answers(endpoint) is True
-    assert answers(endpoint) is False
-    assert answers("udp/127.0.0.1:7447") is False
+    (address,) = addresses(listening)
+    ended = ("127.0.0.1", free_port())
+    assert who_answers([address, ended], 5.0) == {address: True, ended: False}
 
 
-def test_a_third_is_hung_up_on_three_times_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where a peer answers and is not met all the same, the third is left alone after a while."""
-    monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (0.001, 0.002))
-    monkeypatch.setattr(lost_links, "_MEETS_WITHIN_S", 0.001)
-    listening: list[Any] = []
-    hung_up: list[float] = []
+def test_only_links_of_tcp_are_looked_for(known: Known, caplog: pytest.LogCaptureFixture) -> None:
+    """A link of another protocol is told of once, for debugging, and left alone."""
+    caplog.set_level(logging.DEBUG)
+    known.lose(link("f00", "udp/127.0.0.1:7460"), link("f01", "udp/127.0.0.1:7461"))
+    assert caplog.messages == [
+        "Lost the link to udp/127.0.0.1:7460; without multicast it is not looked for, "
+        "as that takes TCP and Linux"
+    ]
 
-    def listen(callback: Any) -> object:
-        listening.append(callback)
-        return SimpleNamespace(undeclare=lambda: None)
 
-    def links() -> list[object]:
-        hung_up.append(time.monotonic())
-        return []
+def test_the_named_one_is_hung_up_on_three_times_at_most(known: Known, listening: str) -> None:
+    """Where a peer answers and is not met all the same, the named one is left alone after that."""
+    known.lose(link("f00", listening))
+    eventually(known.gave_up)
+    assert len(known.hung_up) == 3
+    # Another that is lost later is looked for: so the first has had its turns.
+    known.lose(link("f01", listening))
+    eventually(known.gave_up)
+    assert len(known.hung_up) == 6
 
-    info = SimpleNamespace(
-        declare_link_events_listener=listen,
-        links=links,
-        peers_zid=list,
-        routers_zid=list,
-    )
-    config = zenoh.Config()
-    config.insert_json5("connect/endpoints", '["tcp/127.0.0.1:7447"]')
-    session: Any = SimpleNamespace(info=info)
-    lost = LostLinks(session, config, logging.getLogger("test"))
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        link = SimpleNamespace(zid="f00", dst=f"tcp/127.0.0.1:{server.getsockname()[1]}")
-        listening[0](SimpleNamespace(kind=zenoh.SampleKind.DELETE, link=link))
-        eventually(lambda: len(hung_up) == 3)
-        # Another that is lost later is looked for: so the first has had its turns.
-        link.zid = "f01"
-        listening[0](SimpleNamespace(kind=zenoh.SampleKind.DELETE, link=link))
-        eventually(lambda: len(hung_up) == 6)
-    lost.close()
-    assert len(hung_up) == 6
+
+def test_many_lost_peers_have_three_hang_ups_between_them(known: Known) -> None:
+    """One hang-up is for all that are lost, however many they are."""
+    with ExitStack() as servers:
+        ports = [
+            servers.enter_context(socket.create_server(("127.0.0.1", 0))).getsockname()[1]
+            for _ in range(20)
+        ]
+        known.lose(*[link(f"f{port}", f"tcp/127.0.0.1:{port}") for port in ports])
+        eventually(known.gave_up)
+    assert known.hung_up == [("127.0.0.1", 7447)] * 3
+
+
+def test_a_restarted_peer_counts_as_met(known: Known, listening: str) -> None:
+    """A peer that is linked at the endpoint of the lost one is that peer, whatever its id."""
+    known.links.append(link("f01", listening))
+    known.lose(link("f00", listening))
+    eventually(known.gave_up)
+    assert known.hung_up == []
+
+
+def test_a_restarted_peer_that_has_called_costs_one_hang_up(
+    monkeypatch: pytest.MonkeyPatch, known: Known, listening: str
+) -> None:
+    """Where somebody of the lost one's host has come since, it may be that: once is enough."""
+    monkeypatch.setattr(lost_links, "_MEETS_WITHIN_S", 0.2)
+    known.lose(link("f00", listening))
+    known.links.append(link("f01", "tcp/127.0.0.1:60001"))
+    eventually(known.gave_up)
+    assert len(known.hung_up) == 1
+
+
+def test_a_named_one_that_is_lost_is_left_to_zenoh(
+    monkeypatch: pytest.MonkeyPatch, listening: str
+) -> None:
+    """Whoever is named by a host's name is the same at that host's address."""
+    known = Known(monkeypatch, listening.replace("127.0.0.1", "localhost"))
+    # Whoever is looked for is known until the first look.
+    monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (600.0, 600.0))
+    known.lose(link("f00", listening))
+    assert known.gave_up()
+    known.lost.close()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_nobody_hangs_up_where_a_peer_is_restarted(
+    host: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A peer that starts again at the port that it had is met as others are: by an introduction."""
+    made: list[LostLinks] = []
+    hung_up: list[object] = []
+
+    def make(*arguments: Any) -> LostLinks:
+        made.append(LostLinks(*arguments))
+        return made[-1]
+
+    # The looks begin when it is back.
+    monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (3.0, 3.0))
+    monkeypatch.setattr(lost_links, "shut", lambda *link: hung_up.append(link))
+    monkeypatch.setattr("tfbus.session.LostLinks", make)
+    named, port = f"tcp/{host}:{free_port()}", free_port()
+    with ExitStack() as sessions:
+
+        def start(name: str, **settings: Any) -> Session:
+            config = tmp_path / f"{name}.json5"
+            # The one of the greater id calls.
+            zid = {"us": "f" * 32, "peer": f"{len(made) + 1}"}.get(name, "e")
+            config.write_text(f"{{id: '{zid}', scouting: {{multicast: {{enabled: false}}}}}}")
+            session = Session(
+                NodeSettings(name, config=str(config), **settings), logging.getLogger(name)
+            )
+            sessions.callback(session.close)
+            return session
+
+        def is_linked() -> bool:
+            return any(
+                each.zid == peer.zenoh.zid() and each.dst.endswith(f":{port}")
+                for each in us.zenoh.info.links()
+            )
+
+        at = {"listen": (f"tcp/127.0.0.1:{port}",), "connect": (named,)}
+        start("named", listen=(named,))
+        us = start("us", connect=(named,), listen=("tcp/127.0.0.1:0",))
+        lost = made[-1]
+        peer = start("peer", **at)
+        eventually(is_linked)
+        peer.close()
+        peer = start("peer", **at)
+        eventually(is_linked)
+        eventually(lambda: not lost._lost)
+    assert hung_up == []
 
 
 @needs_hosts
@@ -113,7 +243,7 @@ def test_a_third_is_hung_up_on_three_times_at_most(monkeypatch: pytest.MonkeyPat
 def test_two_peers_that_lost_only_each_other_meet_again(
     network: Network, tmp_path: Path, router: bool
 ) -> None:
-    """Two peers that a third introduced lose their link for a while, and not that with the third:
+    """Two peers that another introduced lose their link for a while, and not that with the other:
     they meet again, though nobody introduces them a second time.
     """
     peers = Peers(network, tmp_path, router=router)
@@ -128,7 +258,7 @@ def test_two_peers_that_lost_only_each_other_meet_again(
 def test_a_host_that_was_unplugged_is_met_again_without_multicast(
     network: Network, tmp_path: Path
 ) -> None:
-    """Whoever was cut off calls the third again, and is introduced to all by it."""
+    """Whoever was cut off calls the named one again, and is introduced to all by it."""
     peers = Peers(network, tmp_path, router=False)
     for host in ("robot", "desk"):
         eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)

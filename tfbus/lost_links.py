@@ -1,140 +1,225 @@
 """Peers that have lost their link, and whom nobody else brings together again.
 
 Zenoh calls again whom it was told to call (`--connect`), and by multicast peers find each other.
-But peers that know each other by a third are introduced by it once only: where their link breaks
-while both keep theirs with the third, as on a machine or a network that was too busy for a moment,
-neither calls the other again.
+But peers that know each other only by the one that `--connect` names are introduced by it once:
+where their link breaks while both keep theirs with the named one, as on a machine or a network that
+was too busy for a moment, neither calls the other again.
 
 Here the one of the two that had called the other, and so knows where it listens, looks whether it
-still does. If they do not meet it hangs up on the third. Zenoh calls that again at once, and is
-told anew who is there. (Zenoh can neither call a peer nor hang up on demand; but the operating
-system lets a process shut its own connections.)
+still does. If they do not meet it hangs up on the named one. Zenoh calls that again at once, and is
+told anew who is there. (Zenoh can neither call a peer nor hang up on demand; but Linux lets a
+process shut its own connections.)
 """
 
+import errno
 import json
 import logging
-import os
 import random
+import selectors
 import socket
-from collections.abc import Iterator
-from contextlib import suppress
-from pathlib import Path
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 
 import zenoh
 
-from tfbus.declaration import Declaration, direct
 from tfbus.executor import Executor
+from tfbus.own_connections import Address, can_shut, plain, shut
 
-# At random, so that not all peers hang up on one third at the same time.
+# At random, so that not all peers hang up on the named one at the same time.
 _LOOK_EVERY_S = (2.0, 6.0)
 # Who answers may be about to call, or to be introduced, by itself: Zenoh calls every 4 s.
 _MEETS_WITHIN_S = 5.0
-# So often is looked for one that does not answer: ten minutes.
-_MOST_LOOKS = 150
-
-# So often again where it did not help: each time the third is away for a moment.
-_MORE_HANG_UPS = 2
-
+_LOOKED_FOR_S = 600.0
 _ANSWERS_WITHIN_S = 0.5
+# So many are looked for at most.
+_MOST_LOST = 256
 
-# An IP address and a port.
-Address = tuple[str, int]
+# What the operating system says of a call that is over; nothing of one that goes on or got nowhere.
+_MEANING = {0: True, errno.ECONNREFUSED: False}
+
+# Each time the named one is away for a moment: so often until somebody is met, and so far apart.
+_HANG_UPS = 3
+_HANG_UP_EVERY_S = 10.0
+
+
+@dataclass
+class _Lost:
+    """A peer whose link is lost."""
+
+    peer: str
+    # Who was linked when it was lost, or had been lost before it.
+    known: frozenset[str]
+    until: float
+    answers_since: float | None = None
+    hang_ups: int = 0
 
 
 class LostLinks:
     """Lets the peer of a session meet again those whose link is lost."""
 
-    def __init__(self, session: zenoh.Session, config: zenoh.Config, log: logging.Logger) -> None:
-        self._session = session
+    def __init__(self, info: zenoh.SessionInfo, config: zenoh.Config, log: logging.Logger) -> None:
+        self._info = info
+        self._log = log
         self._executor = Executor("lost links", log)
-        called = json.loads(config.get_json("connect/endpoints"))
-        self._thirds = called.get("peer", []) if isinstance(called, dict) else called
-        self._listener = Declaration(
-            session.info.declare_link_events_listener(direct(self._on_link))
-        )
+        named = json.loads(config.get_json("connect/endpoints"))
+        self._named: list[str] = named.get("peer", []) if isinstance(named, dict) else named
+        self._lost: dict[Address, _Lost] = {}
+        self._is_looking = False
+        self._hang_ups_left = _HANG_UPS
+        self._hung_up_at = -_HANG_UP_EVERY_S
+        self._told = False
 
     def close(self) -> None:
         """Look for nobody any more. Twice is fine."""
-        self._listener.close()
         self._executor.close()
 
-    def _on_link(self, event: zenoh.LinkEvent) -> None:
-        peer, endpoint = str(event.link.zid), str(event.link.dst)
-        # Without somebody to call nobody else can be asked, and Zenoh calls those by itself.
-        is_lost = event.kind == zenoh.SampleKind.DELETE
-        if is_lost and self._thirds and endpoint not in self._thirds:
-            self._look_later(peer, endpoint, _MOST_LOOKS)
+    def on_link(self, event: zenoh.LinkEvent) -> None:
+        """A link has opened or closed; called on a thread of Zenoh's."""
+        # Without somebody to call nobody else can be asked.
+        if self._named and event.kind == zenoh.SampleKind.DELETE:
+            link = event.link
+            self._executor.submit("lost link", lambda: self._remember(str(link.zid), str(link.dst)))
 
-    def _look_later(self, peer: str, endpoint: str, looks: int) -> None:
-        if looks:
-            pause_s = random.uniform(*_LOOK_EVERY_S)
-            self._executor.after(pause_s, lambda: self._look(peer, endpoint, looks - 1))
-
-    def _look(self, peer: str, endpoint: str, looks: int) -> None:
-        if self._is_linked(peer):
+    def _remember(self, peer: str, endpoint: str) -> None:
+        lost_at = set(addresses(endpoint))
+        # Zenoh calls those that are named by itself.
+        if lost_at & self._named_addresses():
             return
-        is_there = answers(endpoint)
-        if is_there is None:
-            self._look_later(peer, endpoint, looks)
-        elif is_there:
-            self._executor.after(_MEETS_WITHIN_S, lambda: self._meet(peer, endpoint, looks))
+        if not lost_at or not can_shut():
+            self._tell_once(endpoint)
+            return
+        if not self._lost:
+            self._hang_ups_left = _HANG_UPS
+        known = frozenset(
+            {str(link.zid) for link in self._info.links()}
+            | {each.peer for each in self._lost.values()}
+        )
+        for address in lost_at:
+            if len(self._lost) < _MOST_LOST:
+                self._lost[address] = _Lost(peer, known, time.monotonic() + _LOOKED_FOR_S)
+        if not self._is_looking:
+            self._look_later(random.uniform(*_LOOK_EVERY_S))
 
-    def _meet(self, peer: str, endpoint: str, looks: int) -> None:
-        if not self._is_linked(peer):
-            if answers(endpoint):
-                self._hang_up_on_the_third()
-                looks = min(looks, _MORE_HANG_UPS)
-            self._look_later(peer, endpoint, looks)
+    def _tell_once(self, endpoint: str) -> None:
+        if not self._told:
+            self._told = True
+            self._log.debug(
+                "Lost the link to %s; without multicast it is not looked for, as that takes TCP "
+                "and Linux",
+                endpoint,
+            )
 
-    def _is_linked(self, peer: str) -> bool:
-        info = self._session.info
-        return any(str(zid) == peer for zid in (*info.peers_zid(), *info.routers_zid()))
+    def _look_later(self, pause_s: float) -> None:
+        self._is_looking = bool(self._lost)
+        if self._lost:
+            self._executor.after(pause_s, self._look)
 
-    def _hang_up_on_the_third(self) -> None:
-        thirds = {address for endpoint in self._thirds for address in _addresses(endpoint)}
-        for link in self._session.info.links():
-            for address in thirds.intersection(_addresses(str(link.dst))):
-                for _, port in _addresses(str(link.src)):
-                    _shut(port, address)
+    def _look(self) -> None:
+        self._forget_who_is_met()
+        now = time.monotonic()
+        answered = who_answers(self._lost, _ANSWERS_WITHIN_S)
+        self._lost = {
+            address: lost
+            for address, lost in self._lost.items()
+            # Nobody listens there any more where the call is refused.
+            if answered[address] is not False and now < lost.until
+        }
+        is_new = False
+        for address, lost in self._lost.items():
+            if answered[address] is None:
+                lost.answers_since = None
+            elif lost.answers_since is None:
+                lost.answers_since = now
+                is_new = True
+        if now - self._hung_up_at >= _HANG_UP_EVERY_S:
+            self._meet(
+                address
+                for address, lost in list(self._lost.items())
+                if lost.answers_since is not None and now - lost.answers_since >= _MEETS_WITHIN_S
+            )
+        self._look_later(_MEETS_WITHIN_S if is_new else random.uniform(*_LOOK_EVERY_S))
+
+    def _forget_who_is_met(self) -> None:
+        linked = [(str(link.zid), str(link.dst)) for link in self._info.links()]
+        peers = {peer for peer, _ in linked}
+        # A peer that was restarted has another id.
+        called = {address for _, endpoint in linked for address in addresses(endpoint)}
+        met = [at for at, lost in self._lost.items() if lost.peer in peers or at in called]
+        for address in met:
+            del self._lost[address]
+            self._hang_ups_left = _HANG_UPS
+
+    def _meet(self, there: Iterable[Address]) -> None:
+        """Hang up once for all of them, and give up those for whom it does not help."""
+        waiting = []
+        for address in there:
+            most = 1 if self._may_have_called(address) else _HANG_UPS
+            if self._hang_ups_left and self._lost[address].hang_ups < most:
+                waiting.append(address)
+            else:
+                del self._lost[address]
+        if waiting:
+            for address in waiting:
+                self._lost[address].hang_ups += 1
+            self._hang_ups_left -= 1
+            self._hang_up()
+            self._hung_up_at = time.monotonic()
+
+    def _may_have_called(self, lost_at: Address) -> bool:
+        """Whether somebody of the same host has come since.
+
+        It may be the lost peer, restarted: where it has called us, nothing tells where it listens.
+        """
+        return any(
+            str(link.zid) not in self._lost[lost_at].known and address[0] == lost_at[0]
+            for link in self._info.links()
+            for address in addresses(str(link.dst))
+        )
+
+    def _hang_up(self) -> None:
+        named = self._named_addresses()
+        for link in self._info.links():
+            for address in named.intersection(addresses(str(link.dst))):
+                for _, port in addresses(str(link.src)):
+                    shut(port, address)
+
+    def _named_addresses(self) -> set[Address]:
+        return {address for endpoint in self._named for address in addresses(endpoint)}
 
 
-def answers(endpoint: str) -> bool | None:
-    """Whether somebody listens at a TCP endpoint; None where it cannot be reached now."""
-    for address in _addresses(endpoint):
-        try:
-            socket.create_connection(address, _ANSWERS_WITHIN_S).close()
-        except ConnectionRefusedError:
-            return False
-        except OSError:
-            return None
-        return True
-    return False
-
-
-def _addresses(endpoint: str) -> Iterator[Address]:
+def addresses(endpoint: str) -> Iterator[Address]:
     """Where `tcp/host:port` is; nothing for another protocol, or a host that is not known."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
     if protocol == "tcp":
         with suppress(OSError):
             for found in socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM):
-                yield _plain(found[4])
+                yield plain(found[4])
 
 
-def _plain(address: tuple[object, ...]) -> Address:
-    """IPv4 addresses are told as IPv6 where a socket is for both."""
-    return str(address[0]).removeprefix("::ffff:"), int(str(address[1]))
+def who_answers(asked: Iterable[Address], within_s: float) -> dict[Address, bool | None]:
+    """Whether somebody listens at each address; None where it cannot be reached now.
 
-
-def _shut(port: int, remote: Address) -> None:
-    """Shut the connection of this process from a port of its own to a remote address."""
-    with suppress(FileNotFoundError):  # no Linux
-        for entry in filter(Path.is_socket, Path("/proc/self/fd").iterdir()):
-            # Others, or ones of other families, have no such addresses.
-            with (
-                suppress(OSError, IndexError, ValueError),
-                socket.socket(fileno=os.dup(int(entry.name))) as connection,
-            ):
-                own = _plain(connection.getsockname())
-                if own[1] == port and _plain(connection.getpeername()) == remote:
-                    connection.shutdown(socket.SHUT_RDWR)
+    All are called at the same time.
+    """
+    answered: dict[Address, bool | None] = {}
+    with selectors.DefaultSelector() as calls, ExitStack() as opened:
+        for address in asked:
+            family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+            call = opened.enter_context(socket.socket(family, socket.SOCK_STREAM))
+            call.setblocking(False)
+            outcome = call.connect_ex(address)
+            answered[address] = _MEANING.get(outcome)
+            if outcome == errno.EINPROGRESS:
+                calls.register(call, selectors.EVENT_WRITE, (address, call))
+        until = time.monotonic() + within_s
+        while calls.get_map() and (left_s := until - time.monotonic()) > 0:
+            for key, _ in calls.select(left_s):
+                address, call = key.data
+                answered[address] = _MEANING.get(
+                    call.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+                )
+                calls.unregister(call)
+    return answered

@@ -61,8 +61,8 @@ class Session:
         config = zenoh_config(settings, scouting_s)
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(config, patience_s)
-        if is_peer(config):
-            self._ending.append(LostLinks(self.zenoh, config, log).close)
+            if is_peer(config):
+                self._look_for_lost_links(config)
         self.id = str(self.zenoh.zid())
         self._process = os.getpid()
         atexit.register(self._end_with_process)
@@ -120,6 +120,16 @@ class Session:
                 told = True
                 self._log.warning("Waiting for a router%s", _at(self.settings))
             time.sleep(_RETRY_S)
+
+    def _look_for_lost_links(self, config: zenoh.Config) -> None:
+        lost = LostLinks(self.zenoh.info, config, self._log)
+        on_link = direct(self._guarded("lost link", lost.on_link))
+        try:
+            listener = Declaration(self.zenoh.info.declare_link_events_listener(on_link))
+        except zenoh.ZError:
+            self.zenoh.close()
+            raise
+        self._ending += [listener.close, lost.close]
 
     def publisher(self, key: str, *, urgent: bool = False) -> BytesPublisher:
         """A publisher of messages or dynamic transforms; what is urgent goes before the rest.

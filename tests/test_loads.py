@@ -106,7 +106,7 @@ def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
     static transform.
     """
     # Where a subscriber takes nothing for seconds Zenoh gives its link up; without multicast it
-    # finds back only where it was told to connect.
+    # finds back soonest where it was told to connect.
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     publisher = start(bus, "publish", TFBUS_LISTEN=endpoint)
     slow = start(bus, "listen", TFBUS_CONNECT=f"{bus.endpoint},{endpoint}")

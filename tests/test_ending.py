@@ -44,6 +44,13 @@ except KeyboardInterrupt:
     print("interrupted", flush=True)
 """
 
+INTERRUPTED_IN_EXEC = """
+import tfbus
+with tfbus.Node("reader") as node:
+    exec("import os, signal; os.kill(os.getpid(), signal.SIGINT); node.wait(60.0)")
+    print("went on", flush=True)
+"""
+
 SIGNAL_WHILE_IT_LOADS = """
 import os, signal, sys
 class Interrupter:
@@ -94,6 +101,13 @@ def test_a_tool_that_is_interrupted_says_no_more_than_a_line(
     told = [line for line in started.err if "Listening" not in line]
     assert len(told) <= (code == 1)
     assert not any(word in line for line in told for word in ("Aborted", "Traceback"))
+
+
+def test_a_node_that_imports_something_ends_as_any_other(bus: Bus) -> None:
+    """Ctrl-C within an import, which defines its dataclasses by exec(), is a clean end too."""
+    process = bus.start_command([sys.executable, "-c", INTERRUPTED_IN_EXEC])
+    assert process.wait() == 0
+    assert (process.out, process.err) == ([], [])
 
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM])

@@ -150,6 +150,10 @@ class Node:
         traceback: TracebackType | None,
     ) -> bool:
         stopped_by_signal = kind is KeyboardInterrupt and not self.ok
+        if stopped_by_signal:
+            # An import defines dataclasses by exec(). Where the signal came in the middle of one,
+            # Python would end by SIGINT, though this is its end: the next exec() makes it forget.
+            exec("")
         self.close()
         if self._parameters_are_typed_in and isinstance(error, ParameterError):
             raise SystemExit(f"Error: {error}") from None

@@ -122,9 +122,9 @@ class Session:
             time.sleep(_RETRY_S)
 
     def _look_for_lost_links(self, config: zenoh.Config) -> None:
-        lost = LostLinks(self.zenoh.info, config, self._log)
-        on_link = direct(self._guarded("lost link", lost.on_link))
         try:
+            lost = LostLinks(self.zenoh.info, config, self._log)
+            on_link = direct(self._guarded("lost link", lost.on_link))
             listener = Declaration(self.zenoh.info.declare_link_events_listener(on_link))
         except zenoh.ZError:
             self.zenoh.close()

@@ -3,13 +3,27 @@
 Try it: tfbus launch turtle view:=true
 """
 
+import signal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from tfbus import Buffer, Node, NodeSettings, Number, TfbusError, TransformListener, node_options
+from tfbus import (
+    Buffer,
+    Node,
+    NodeSettings,
+    Number,
+    SettingsError,
+    TfbusError,
+    TransformListener,
+    node_options,
+)
 from tfbus.nodes.viewer.settings import ViewSettings, holds_settings, load
 from tfbus.nodes.viewer.urdf import read_urdf
+
+if TYPE_CHECKING:
+    from tfbus.nodes.viewer.screenshot import Screenshot
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -20,6 +34,12 @@ def _picture(ctx: click.Context, param: click.Parameter, path: Path | None) -> P
     if path is not None and not path.parent.is_dir():
         raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
     return path
+
+
+def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
+    if not (text.isdecimal() and 1 <= int(text) <= 65535):
+        raise click.BadParameter(f"{text!r} is not the number of a port: 1 to 65535")
+    return int(text)
 
 
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
@@ -35,8 +55,9 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 @click.option("--host", default="127.0.0.1", help="Where to listen; 127.0.0.1.")
 @click.option(
     "--port",
-    type=click.IntRange(1, 65535),
-    default=8080,
+    default="8080",
+    callback=_port,
+    metavar="NUMBER",
     help="The port, or the first free one after it; 8080.",
 )
 @click.option(
@@ -111,7 +132,8 @@ def main(
             f"tfbus view --settings {settings.config}"
         )
     robot = read_urdf(urdf, package_path) if urdf else []
-    chosen = load(path) if path and path.exists() else ViewSettings()
+    is_new = path is not None and not path.exists()
+    chosen = load(path) if path and not is_new else ViewSettings()
     _require_viser()
     from tfbus.nodes.viewer.origin import is_local
     from tfbus.nodes.viewer.page import Page, Serving
@@ -119,7 +141,7 @@ def main(
 
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
-    with Node.from_settings(settings) as node:
+    with _join(settings) as node:
         buffer = Buffer(history_s)
         with TransformListener(buffer, node) as listener:
             page = Page(node, buffer, listener, serving, robot)
@@ -131,13 +153,40 @@ def main(
                     port,
                     port,
                 )
-            if shot:
-                shot.begin(page.address, page.hold, node.shutdown)
-            node.ready(f"View: {page.address}")
-            page.run()
+            try:
+                if shot:
+                    shot.begin(page.address, page.hold, node.shutdown)
+                node.ready(f"View: {page.address}")
+                if is_new:
+                    node.log.info("%s is new: Save settings writes it", path)
+                page.run()
+            finally:
+                if shot:
+                    shot.stop()
             page.close()
     if shot:
+        _finish(shot)
+        click.echo(f"Wrote {screenshot}")
+
+
+def _finish(shot: "Screenshot") -> None:
+    """End the picture's browser; whoever waits for the picture is told that it did not come."""
+    try:
         shot.finish()
+    except KeyboardInterrupt:
+        raise SystemExit(128 + signal.SIGINT) from None
+
+
+def _join(settings: NodeSettings) -> Node:
+    """The view's node. Raises SettingsError, which names --settings where those may be meant."""
+    try:
+        return Node.from_settings(settings)
+    except SettingsError as error:
+        if Path(settings.config).suffix not in (".yaml", ".yml"):
+            raise
+        raise SettingsError(
+            f"{error}; a view's own settings are given by --settings {settings.config}"
+        ) from error
 
 
 def _require_viser() -> None:

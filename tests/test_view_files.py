@@ -1,12 +1,17 @@
 """What `tfbus view` reads and writes, seen in a real Chromium: settings, a robot, pictures."""
 
+import os
 import struct
+from contextlib import suppress
 from pathlib import Path
-from signal import SIGKILL
+from signal import SIGINT, SIGKILL
 from typing import Any
 
+import pytest
 from conftest import Bus, eventually, free_port
 from view_pages import PATIENCE_S, Arm, View, start_view
+
+from tfbus.nodes.viewer.screenshot import find_browser
 
 
 def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
@@ -61,6 +66,44 @@ def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
         *("--screenshot", str(path), "--after", "0", "--size", "640x480"),
     )
     assert done.returncode == 0, done.stderr
+    assert done.stdout == f"Wrote {path}\n"
     picture = path.read_bytes()
     assert picture[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", picture[16:24]) == (640, 480)
+
+
+@pytest.mark.parametrize("is_whole_group", [False, True])
+def test_ctrl_c_ends_the_browser_too(bus: Bus, tmp_path: Path, is_whole_group: bool) -> None:
+    """Whoever gets the signal, Chromium and its children end, and no picture is promised."""
+    pid_file = tmp_path / "pid"
+    chromium = tmp_path / "chromium"
+    chromium.write_text(f'#!/bin/sh\necho $$ > {pid_file}\nexec {find_browser()} "$@"\n')
+    chromium.chmod(0o755)
+    process = bus.start(
+        "view",
+        *("--port", str(free_port())),
+        *("--screenshot", str(tmp_path / "out.png"), "--after", "600"),
+        env={"PATH": f"{tmp_path}:{os.environ['PATH']}", "TMPDIR": str(tmp_path)},
+    )
+    # Its own children are there once it has written down where it listens.
+    eventually(lambda: [*tmp_path.glob("tmp*/DevToolsActivePort")], within_s=PATIENCE_S)
+    group = int(pid_file.read_text())
+    if is_whole_group:
+        os.killpg(process.pid, SIGINT)
+    else:
+        process.signal(SIGINT)
+    assert process.wait() == 128 + SIGINT
+    assert [line for line in process.err if "View: http://" not in line] == process.out == []
+    eventually(lambda: not living_in(group))
+    assert not [*tmp_path.glob("tmp*")]
+
+
+def living_in(group: int) -> list[int]:
+    """The processes of a group that have not ended; those that ended may wait for their parent."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, its_group = path.read_text().rpartition(")")[2].split()[:3]
+            if int(its_group) == group and state not in "ZX":
+                found.append(int(path.parent.name))
+    return found

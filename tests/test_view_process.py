@@ -131,3 +131,28 @@ def test_settings_of_the_view_are_no_configuration_of_the_bus(bus: Bus, tmp_path
     done = bus.run("view", "--config", str(path))
     assert done.returncode == 2
     assert f"tfbus view --settings {path}" in " ".join(done.stderr.split())
+
+
+def test_a_yaml_that_is_no_configuration_of_the_bus_may_be_settings(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """Where it is not evidently a view's, Zenoh's complaint names the other option too."""
+    path = tmp_path / "cfg.yaml"
+    path.write_text("fixed_frame: map\ncolour: blue\n")
+    done = bus.run("view", "--config", str(path))
+    assert done.returncode == 1
+    assert f"a view's own settings are given by --settings {path}" in done.stderr
+
+
+def test_settings_that_are_not_there_yet_are_new(bus: Bus, tmp_path: Path) -> None:
+    """A name that was mistyped is seen, and one that is to be saved is fine."""
+    view = bus.start("view", "--port", str(free_port()), "--settings", "nope.yaml")
+    view.wait_for_line(r"nope\.yaml is new: Save settings writes it")
+
+
+@pytest.mark.parametrize("port", ["abc", "0", "65536"])
+def test_a_port_is_a_number(bus: Bus, port: str) -> None:
+    """What else there can be is said."""
+    done = bus.run("view", "--port", port)
+    assert done.returncode == 2
+    assert f"'{port}' is not the number of a port: 1 to 65535" in done.stderr

@@ -9,12 +9,14 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 import threading
 import time
 import urllib.request
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,9 @@ _PATIENCE_S = 60.0
 
 # Drawn by the processor, what moves is shown late, and not all of it equally late.
 _SETTLE_S = 2.0
+
+# How long to wait for the thread when its browser is gone.
+_END_S = 1.0
 
 _IS_THERE = "!!document.querySelector('canvas') && !!document.querySelector('[role=status]')"
 # viser tells that WebGL is slow without a graphics card, which nobody needs to see here.
@@ -72,6 +77,11 @@ class Screenshot:
         self._browser = browser
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
+        self._was_early = False
+        self._ended = threading.Event()
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._process: subprocess.Popen[str] | None = None
 
     def begin(self, address: str, hold: Callable[[], object], on_end: Callable[[], object]) -> None:
         """Take it on a thread of its own, then call `on_end()`.
@@ -85,25 +95,44 @@ class Screenshot:
             except Exception as error:  # whatever it is, `finish` tells of it
                 self._error = error
             finally:
+                self._ended.set()
                 on_end()
 
         self._thread = threading.Thread(target=take, name="screenshot", daemon=True)
         self._thread.start()
 
-    def finish(self) -> None:
-        """Wait for the end. Raises BrowserError where there is no picture."""
+    def stop(self) -> None:
+        """End the browser, whether or not there is a picture. Twice is fine."""
+        self._was_early = self._was_early or not self._ended.is_set()
+        self._stopped.set()
+        self._end_browser()
         if self._thread:
-            self._thread.join(5.0)
-            if self._thread.is_alive():
-                raise BrowserError(f"no picture was taken: interrupted before {self._path}")
+            self._thread.join(_END_S)
+
+    def finish(self) -> None:
+        """Stop. Raises KeyboardInterrupt where that was before there was a picture, and
+        BrowserError where none can be taken.
+        """
+        self.stop()
+        if self._was_early:
+            raise KeyboardInterrupt
         if self._error:
             raise BrowserError(f"no picture was taken: {self._error}") from self._error
 
     def _take(self, address: str, hold: Callable[[], object]) -> bytes:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-            # Chromium's own sandbox refuses to work for root, as in most containers.
-            root = ["--no-sandbox"] if os.geteuid() == 0 else []
-            browser = subprocess.Popen(
+            try:
+                return self._picture(_debugger(self._start_browser(address, profile)), hold)
+            finally:
+                self._end_browser()
+
+    def _start_browser(self, address: str, profile: str) -> "subprocess.Popen[str]":
+        # Chromium's own sandbox refuses to work for root, as in most containers.
+        root = ["--no-sandbox"] if os.geteuid() == 0 else []
+        with self._lock:
+            if self._stopped.is_set():
+                raise BrowserError("it was to end before the browser was started")
+            self._process = subprocess.Popen(
                 [
                     *(self._browser, *FLAGS, *root),
                     "--remote-debugging-port=0",
@@ -114,16 +143,20 @@ class Screenshot:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 text=True,
+                # A group of its own ends with all its children, and not by a Ctrl-C before ours.
+                start_new_session=True,
             )
-            try:
-                return self._picture(_debugger(browser), hold)
-            finally:
-                browser.terminate()
-                try:
-                    browser.wait(10.0)
-                except subprocess.TimeoutExpired:
-                    browser.kill()
-                    browser.wait()
+            return self._process
+
+    def _end_browser(self) -> None:
+        """End it and all its children, where they are there. Its profile goes with it."""
+        with self._lock:
+            process = self._process
+            if process and process.returncode is None:
+                # Not yet waited for, so that its group's number is nobody else's.
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
 
     def _picture(self, debugger: str, hold: Callable[[], object]) -> bytes:
         from websockets.sync.client import connect
@@ -155,10 +188,10 @@ class Screenshot:
                 if time.monotonic() > deadline_s:
                     raise BrowserError(f"the page was not there within {_PATIENCE_S:g} s")
                 time.sleep(0.1)
-            time.sleep(self._after_s)
+            self._stopped.wait(self._after_s)
             ask("Runtime.evaluate", expression=CLOSE_NOTES)
             hold()
-            time.sleep(_SETTLE_S)
+            self._stopped.wait(_SETTLE_S)
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
 
 

@@ -335,9 +335,16 @@ def test_one_sample_answers_for_its_own_time_only():
     """With one sample there is nothing to interpolate: another time is a kind of its own."""
     buffer = filled(moved(100, "world", "robot", 1.0))
     assert x_at(buffer, 100) == 1.0
-    for stamp in (99, 101):
-        with pytest.raises(SingleSampleException):
+    for stamp, remedy in ((99, "1 ns later; ask for a later time"), (101, "wait for another")):
+        with pytest.raises(SingleSampleException, match=remedy):
             buffer.lookup_transform("world", "robot", stamp)
+
+
+def test_no_lookup_waits_for_what_lies_before_the_only_sample():
+    """Older samples do not come: a lookup that would wait fails at once."""
+    buffer = filled(moved(1000 * S, "world", "robot", 1.0))
+    with pytest.raises(SingleSampleException, match=r"995\.000 s later; ask for a later"):
+        buffer.lookup_transform("world", "robot", 5 * S, timeout_s=30.0)
 
 
 def test_an_unknown_frame_brings_the_nearest_names():

@@ -111,7 +111,10 @@ class NoDataException(ExtrapolationException):
 
 
 class SingleSampleException(ExtrapolationException):
-    """An edge of the path holds exactly one sample, and it is of another time."""
+    """An edge of the path holds exactly one sample, and it is of another time.
+
+    Of a time before it, waiting will not help.
+    """
 
 
 class StaleException(TransformException):

@@ -137,7 +137,8 @@ def _no_data(
     if beyond <= 0:
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
     if history.count() == 1:
-        away = f"its only sample is {_far(newest - stamp_ns)}; wait for another"
+        remedy = "wait for another" if stamp_ns > newest else "ask for a later time"
+        away = f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
         return _error(SingleSampleException, history, stamp_ns, away)
     if stamp_ns < oldest:
         away = f"its oldest sample is {_far(oldest - stamp_ns)}; ask for a later time"

@@ -1,7 +1,9 @@
 """Listeners that ask for what was sent before they came."""
 
 import signal
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -10,12 +12,16 @@ from publishers import start
 
 from tfbus import (
     Buffer,
+    ExtrapolationException,
     InvalidArgumentException,
+    PastExtrapolationException,
+    SingleSampleException,
     Transform,
     TransformBroadcaster,
     TransformListener,
     TransformStamped,
 )
+from tfbus.asked_history import AskedHistory
 
 S = 10**9
 
@@ -137,3 +143,90 @@ def test_history_is_a_number_of_seconds(bus: Bus, impossible: float) -> None:
     """Less than nothing, and for ever, are refused."""
     with pytest.raises(InvalidArgumentException, match="history_s is"):
         TransformListener(Buffer(), bus.node("listener"), history_s=impossible)
+
+
+def test_a_lookup_of_the_past_waits_for_history(bus: Bus) -> None:
+    """Whoever asks for the past as soon as the present has come has it too, if there is time."""
+    witness = Buffer()
+    TransformListener(witness, bus.node("witness"))
+    start(bus, "sim", "--moving", "robot")
+    run_for(witness, 2.0)
+    node = bus.node("joining")
+    for _ in range(10):
+        buffer = Buffer()
+        with TransformListener(buffer, node, history_s=5.0):
+            buffer.lookup_transform("world", "robot", timeout_s=30.0)
+            past_ns = time.time_ns() - S
+            past = buffer.lookup_transform("world", "robot", past_ns, timeout_s=30.0)
+            assert past.stamp_ns == past_ns
+
+
+def test_a_message_may_come_long_before_the_history_is_asked_for(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the first message on a lookup of the past waits, though nothing was asked for yet."""
+    started = threading.Event()
+    ask = AskedHistory.ask
+
+    def ask_late(self: AskedHistory, key: str, stream: Any) -> None:
+        started.wait(10.0)
+        ask(self, key, stream)
+
+    monkeypatch.setattr(AskedHistory, "ask", ask_late)
+    broadcaster = TransformBroadcaster(bus.node("sim"))
+    broadcaster.send_transform(TransformStamped(S, "world", "robot", Transform()))
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener"), history_s=60.0):
+
+        def has_come() -> bool:
+            broadcaster.send_transform(TransformStamped(3 * S, "world", "robot", Transform()))
+            return buffer.can_transform("world", "robot")
+
+        eventually(has_come)
+        with ThreadPoolExecutor() as pool:
+            past = pool.submit(buffer.lookup_transform, "world", "robot", 2 * S, timeout_s=30.0)
+            eventually(lambda: buffer.waiting == 1)
+            started.set()
+            assert past.result().stamp_ns == 2 * S
+
+
+def test_a_past_that_nobody_has_kept_is_not_waited_for(bus: Bus) -> None:
+    """A time before all history fails as soon as that has come, with the true reason."""
+    start(bus, "sim", "--moving", "robot", "--from", "1000")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("asking"), history_s=60.0):
+        buffer.lookup_transform("world", "robot", timeout_s=30.0)
+        with pytest.raises(ExtrapolationException):
+            buffer.lookup_transform("world", "robot", 900 * S, timeout_s=60.0)
+        assert oldest_ns(buffer, "robot") == 1000 * S
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_the_past_is_waited_for_where_it_is_expected(samples: int) -> None:
+    """A lookup of a time before the first sample waits until the past has come, and no longer."""
+    buffer = Buffer()
+    for i in range(samples):
+        stamped = TransformStamped((3 + i) * S, "world", "robot", Transform())
+        buffer.set_transform(stamped, authority="sim")
+    end = buffer.expect_past("sim")
+    with ThreadPoolExecutor() as pool:
+        known = pool.submit(buffer.lookup_transform, "world", "robot", 2 * S, timeout_s=30.0)
+        never = pool.submit(buffer.lookup_transform, "world", "robot", 0, timeout_s=30.0)
+        eventually(lambda: buffer.waiting == 2)
+        buffer.set_transform(TransformStamped(S, "world", "robot", Transform()), authority="sim")
+        end()
+        assert known.result().stamp_ns == 2 * S
+        with pytest.raises(PastExtrapolationException):
+            never.result()
+
+
+def test_the_past_of_one_stream_is_not_expected_of_another() -> None:
+    """Where another stream's past is expected, a lookup of the past fails at once."""
+    buffer = Buffer()
+    buffer.set_transform(TransformStamped(3 * S, "world", "robot", Transform()), authority="sim")
+    end = buffer.expect_past("other")
+    with pytest.raises(SingleSampleException):
+        buffer.lookup_transform("world", "robot", 2 * S, timeout_s=30.0)
+    end()
+    with pytest.raises(SingleSampleException):
+        buffer.lookup_transform("world", "robot", 2 * S, timeout_s=30.0)

@@ -54,6 +54,7 @@ LAYERS = [
     {"stream_frames", "stream_keys"},
     {"transform_sender"},
     {"claims", "conflicts", "stream_info", "stream_watch", "reception", "static_recovery"},
+    {"asked_history"},
     {"reading", "stream_names"},
     {"interest"},
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},

@@ -12,6 +12,8 @@ from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
     LookupException,
+    PastExtrapolationException,
+    SingleSampleException,
     StaleException,
     TimeoutException,
     TransformException,
@@ -145,13 +147,21 @@ class Answering(Store):
         """The answers; None where it is worth waiting until the waiter is woken, which it will be
         from now on. Raises what waiting cannot mend, and when the time is up.
         """
+        with self._lock:
+            # Those that end from here on wake the waiter once more.
+            expected = frozenset(self._expected_pasts)
+        if waiter.past_of in expected and not limit.passed:
+            # It comes in parts: between the oldest and the newest there may still be a gap.
+            return None
         self._watch(waiter, questions, fresh)
         answers = self._ask(questions, sampling, fresh)
         if answers is not None:
             return answers
         reason = self._why_none(questions, sampling, fresh)
         if not may_come(reason):
-            raise reason
+            waiter.past_of = _past_of(reason)
+            if waiter.past_of not in expected:
+                raise reason
         if limit.passed:
             raise TimeoutException(
                 f"waited {timeout_s:g} s in vain: {reason}", reason=reason
@@ -243,3 +253,10 @@ class Answering(Store):
         with self._lock:
             names = list(self._tree.frames)
         return unknown_frame(frame, names)
+
+
+def _past_of(reason: TransformException) -> str | None:
+    """The authority whose samples begin after the time that was asked for."""
+    if isinstance(reason, PastExtrapolationException | SingleSampleException):
+        return reason.authority
+    return None

@@ -3,28 +3,26 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
+from tfbus.asked_history import AskedHistory
 from tfbus.buffer import Buffer
 from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
 from tfbus.declaration import Declaration
-from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet
 from tfbus.interest import Interest
 from tfbus.keys import (
     STATIC_TRANSFORMS,
-    kept_transforms_selector,
     stream_of,
     transforms_key_beside,
 )
 from tfbus.node import Node
-from tfbus.query import Answer
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
@@ -40,11 +38,6 @@ MOST_KEYS = 200_000
 # A stream without a token that says nothing for so long may be forgotten.
 _SILENT_NS = 60 * 10**9
 
-_KEPT_WITHIN_S = 5.0
-# The way to a stream that was just met may not be open for questions.
-_ASK_AGAIN_S = (0.1, 0.4, 1.0)
-
-
 # What a listener reads.
 Reads = Literal["everything", "needed"]
 
@@ -58,9 +51,10 @@ class TransformListener:
     counted there, and reported once a stream. `dropped` counts messages on keys that were too many.
 
     Frames whose publisher is gone are marked so in the buffer. With `history_s` each stream is
-    asked for what it sent in so many seconds before it was met. `conflicts` is what wins where
-    two living publishers send one frame: "latest", whoever sent last, as in tf2; "first", who
-    was started first; or "priority", whose stream has the higher priority, or else was first.
+    asked for what it sent in so many seconds before it was met; lookups of the past that have a
+    timeout wait for that. `conflicts` is what wins where two living publishers send one frame:
+    "latest", whoever sent last, as in tf2; "first", who was started first; or "priority", whose
+    stream has the higher priority, or else was first.
 
     With `reads="needed"` only those streams are read that lookups in the buffer need, by what the
     streams say of their frames. The first lookup of two frames has to wait for them, so give it a
@@ -91,7 +85,6 @@ class TransformListener:
         self.buffer = buffer
         self._node = node
         self._log = node.log
-        self._history_s = history_s
         self._names = StreamNames(fleet)
         self._streams: dict[str, StreamReception] = {}
         self._conflicts = Conflicts(conflicts, buffer, self._streams, node.log)
@@ -100,7 +93,6 @@ class TransformListener:
         self._split_keys: dict[str, set[str]] = {}
         self.dropped = 0
         self._seen: dict[str, StreamState] = {}
-        self._asked: set[str] = set()
         self._lost: set[str] = set()
         self._forget_from = 2 * MOST_GONE
         # The keys that are read, where not everything is.
@@ -108,6 +100,7 @@ class TransformListener:
         # The streams whose static transforms are read; "" are all.
         self._static_streams: set[str] = set()
         self._executor = Executor(f"{node.full_name} streams", node.log)
+        self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
@@ -145,6 +138,7 @@ class TransformListener:
             self._watch.close()
             self._reading.close()
             self._recovery.close()
+            self._history.close()
             self._executor.close()
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
@@ -197,6 +191,8 @@ class TransformListener:
             self._drop(key)
             return None
         stream = self._stream(key)
+        if not is_static:
+            self._history.meet(stream.name)
         made = (StaticReception if is_static else DynamicReception)(stream)
         # Two threads may come here at once: one of theirs is kept.
         return self._receptions.setdefault(key, made)
@@ -225,11 +221,22 @@ class TransformListener:
                 self._node.now_ns,
                 self._names.reader(key),
                 self._on_overlap,
+                self._on_takeover,
             ),
         )
 
     def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
         self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
+
+    def _on_takeover(self, name: str, epoch_ns: int) -> None:
+        self._executor.submit("streams", lambda: self._learn_again(name, epoch_ns))
+
+    def _learn_again(self, name: str, epoch_ns: int) -> None:
+        """Another process is it that sends the stream now: what was known is of the former."""
+        state = self._seen.get(name)
+        if state is not None and not self._closed:
+            self._seen[name] = replace(state, description=None)
+            self._watch.ask_again(state.key, epoch_ns)
 
     def _on_jump_back(self, now_ns: int) -> None:
         """The clock was set back: what lies in its future now has not happened."""
@@ -245,7 +252,7 @@ class TransformListener:
         stream = self._stream(state.key)
         description = state.description
         if former.alive and not state.alive:
-            self._asked.difference_update(self._reading.keys_of(state.key))
+            self._history.leave(self._reading.keys_of(state.key), state.name)
             self._offsets.forget(state.name)
             self._lost.add(state.name)
             stream.vanish()
@@ -318,38 +325,10 @@ class TransformListener:
         if not state.alive or description is None:
             return
         self._offsets.watch(state.name, description)
-        if self._history_s and description.history_s > 0.0 and key not in self._asked:
-            self._asked.add(key)
-            self._ask_for_history(key, self._streams[state.name])
-
-    def _ask_for_history(
-        self, key: str, stream: StreamReception, pauses_s: tuple[float, ...] = _ASK_AGAIN_S
-    ) -> None:
-        """Ask until there is an answer; a stream that has sent nothing so far gives none."""
-        is_answered = False
-
-        def on_answer(answer: Answer) -> None:
-            nonlocal is_answered
-            if answer.refusal is None and key in self._asked:
-                is_answered = True
-                stream.receive_kept(answer.payload)
-
-        def on_end() -> None:
-            if pauses_s and not is_answered:
-                self._executor.after(pauses_s[0], ask_again)
-
-        def ask_again() -> None:
-            if key in self._asked:
-                self._ask_for_history(key, stream, pauses_s[1:])
-
-        with suppress(BusError):  # the session has been closed
-            self._node.session.ask_later(
-                kept_transforms_selector(key, self._history_s),
-                None,
-                on_answer,
-                on_end,
-                timeout_s=_KEPT_WITHIN_S,
-            )
+        if description.history_s > 0.0:
+            self._history.ask(key, self._streams[state.name])
+        elif any(not static for _, _, static in description.frames):
+            self._history.keeps_nothing(state.name)
 
     # What is read
 
@@ -363,6 +342,8 @@ class TransformListener:
             if state is not None and state.alive:
                 self._recovery.check(state.key, self._streams[stream])
             return declaration
+        if state is not None:
+            self._history.expect(state.name)
         declaration = session.subscriber(key, on_message)
         if state is not None:
             self._get_to_know(state, key)
@@ -381,7 +362,7 @@ class TransformListener:
     def _forget(self, stream: str, key: str, frames: set[str]) -> None:
         """A key is read no more: what it brought would only grow old."""
         self._read.discard(key)
-        self._asked.discard(key)
+        self._history.leave([key], stream)
         reception = self._stream(key)
         self._receptions.pop(key, None)
         if STATIC_TRANSFORMS in key.split("/"):

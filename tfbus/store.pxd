@@ -17,6 +17,7 @@ cdef class Store:
     cdef readonly object _waiters
     cdef public object clock
     cdef list _listeners, _readers
+    cdef readonly dict _expected_pasts
     cdef object __weakref__
 
     cdef bint _insert_one(

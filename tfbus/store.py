@@ -65,6 +65,7 @@ class Store:
         self._waiters = Waiters(self._tree)
         self._listeners: list[Callable[[Change], None]] = []
         self._readers: list[Reader] = []
+        self._expected_pasts: dict[str, int] = {}
 
     # Filling it
 
@@ -209,6 +210,24 @@ class Store:
         with self._lock:
             self._tree.ask_again()
         self._waiters.wake_all()
+
+    def expect_past(self, authority: str) -> Callable[[], None]:
+        """Have lookups with a timeout wait for a time before the first sample of a frame that this
+        authority sent last; until what is returned is called, when what was to come has come.
+        """
+        with self._lock:
+            self._expected_pasts[authority] = self._expected_pasts.get(authority, 0) + 1
+
+        def end() -> None:
+            with self._lock:
+                left = self._expected_pasts[authority] - 1
+                if left:
+                    self._expected_pasts[authority] = left
+                else:
+                    del self._expected_pasts[authority]
+            self._waiters.wake_all()
+
+        return end
 
     @property
     def waiting(self) -> int:

@@ -23,13 +23,17 @@ _FIRST_PURGE = 64
 
 
 class Waiter:
-    """Somebody who waits: `wake` is called from the thread that inserts, and returns at once."""
+    """Somebody who waits: `wake` is called from the thread that inserts, and returns at once.
 
-    __slots__ = ("gone", "wake")
+    `past_of` is the authority whose past it waits for, None where that is not what is missing.
+    """
+
+    __slots__ = ("gone", "past_of", "wake")
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.wake = wake
         self.gone = False
+        self.past_of: str | None = None
 
 
 class _Queue:

@@ -40,6 +40,35 @@ class Listening:
         return [line for line in self.log.lines if line.startswith("Two publishers")]
 
 
+def test_a_publisher_started_twice_is_told_and_followed(bus: Bus) -> None:
+    """Two processes of one name: one warning names the node, and where the second is killed, the
+    first is heard again, with its static transforms.
+    """
+    listening = Listening(bus, "receiver", "latest")
+    first = start(bus, "arm", "--moving", "tool", "--static", "base", "--x", "1")
+    eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))
+    second = start(bus, "arm", "--moving", "tool", "--static", "base", "--x", "2")
+    eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (2, 2))
+    lines = eventually(
+        lambda: [line for line in listening.log.lines if line.startswith("Two processes")]
+    )
+    assert lines == [
+        "Two processes send stream 'arm': /arm was started twice, and what one of them sends is "
+        "dropped. End one, or give each a name of its own (--name)"
+    ]
+    second.stop(signal.SIGKILL)
+    eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))
+    eventually(lambda: listening.buffer.can_transform("base", "tool", living=True, max_age_s=1.0))
+    (info,) = eventually(
+        lambda: [each for each in listening.listener.streams() if each.pid == first.pid]
+    )
+    assert (info.alive, info.node) == (True, "/arm")
+    first.stop(signal.SIGKILL)
+    eventually(lambda: not listening.listener.streams()[0].alive)
+    eventually(lambda: listening.buffer.frame("tool").gone and listening.buffer.frame("base").gone)
+    assert sum(line.startswith("Two processes") for line in listening.log.lines) == 1
+
+
 def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
     """One warning and one change name both; without a rule whoever sent last wins, as in tf2."""
     listening = Listening(bus, "receiver", "latest")

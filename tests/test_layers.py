@@ -41,7 +41,7 @@ LAYERS = [
     {"buffer"},
     {"codec", "keys", "messages", "description"},
     {"fleet", "described_tree"},
-    {"wire", "newest_stamps", "kept_messages", "stream_options"},
+    {"wire", "newest_stamps", "kept_messages", "stream_options", "stragglers"},
     {"transform_reader"},
     {"settings", "executor", "interface", "workers"},
     {"options"},

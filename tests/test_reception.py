@@ -30,8 +30,16 @@ class Received:
 
     def __init__(self) -> None:
         self.buffer = Buffer()
+        self.time_s = 0.0
+        self.taken_over: list[tuple[str, int]] = []
         self.stream = StreamReception(
-            "sim", self.buffer, logging.getLogger("test"), lambda: 9 * S, TransformReader()
+            "sim",
+            self.buffer,
+            logging.getLogger("test"),
+            lambda: 9 * S,
+            TransformReader(),
+            on_takeover=lambda name, epoch_ns: self.taken_over.append((name, epoch_ns)),
+            now_s=lambda: self.time_s,
         )
         self.key = DynamicReception(self.stream)
 
@@ -111,6 +119,74 @@ def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
     received.send_static(at(4, "post"), epoch_ns=1)
     assert (received.x_of("robot"), received.x_of("post")) == (1, 3)
     assert received.stream.outdated == 2
+
+
+def test_an_older_process_that_alone_is_left_counts_again(
+    received: Received, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A node was started twice, and the second ended: after a second the first is taken again."""
+    received.stream.describe(1, frozenset({"robot"}), publisher=("/sim", 7, "ab12"))
+    received.send(at(1, "robot", 1 * S), epoch_ns=1)
+    received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    received.send_static(at(2, "post"), epoch_ns=2)
+    with caplog.at_level("INFO"):
+        for received.time_s in (0.0, 0.4, 0.8, 1.0):
+            received.send(at(1, "robot", 3 * S), epoch_ns=1)
+        assert (received.x_of("robot"), received.taken_over) == (2, [])
+        received.time_s = 1.2
+        received.send(at(1, "robot", 4 * S), epoch_ns=1)
+    assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
+    assert received.stream.outdated == 4
+    assert [record.getMessage() for record in caplog.records] == [
+        "Two processes send stream 'sim': /sim was started twice, and what one of them sends is "
+        "dropped. End one, or give each a name of its own (--name)",
+        "Stream 'sim' begins anew: of the two processes that send it one is silent, and the other "
+        "counts now; what it sent before is forgotten, static transforms stay",
+    ]
+    received.send_static(at(2, "post"), epoch_ns=2)
+    received.send_static(at(1, "post"), epoch_ns=1)
+    assert received.x_of("post") == 1
+    received.send(at(3, "robot", 5 * S), epoch_ns=3)
+    assert received.x_of("robot") == 3
+
+
+def test_two_processes_do_not_take_turns(
+    received: Received, caplog: pytest.LogCaptureFixture
+) -> None:
+    """While both send, the one that was started last counts, and one warning tells of it."""
+    received.send(at(1, "robot", S), epoch_ns=1)
+    for received.time_s in range(100):
+        received.send(at(2, "robot", S), epoch_ns=2)
+        received.send(at(1, "robot", S), epoch_ns=1)
+    assert (received.x_of("robot"), received.taken_over) == (2, [])
+    (record,) = caplog.records
+    assert record.getMessage().startswith("Two processes send stream 'sim': its node was started")
+
+
+def test_a_slow_process_does_not_come_between(received: Received) -> None:
+    """Of two that send at different rates, one counts and stays so: the listener does not flit."""
+    for received.time_s in range(100):
+        if received.time_s % 10 == 0:
+            received.send(at(2, "robot", S), epoch_ns=2)
+        received.send(at(1, "robot", S), epoch_ns=1)
+    assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
+
+
+def test_what_was_on_its_way_does_not_bring_a_former_process_back(
+    received: Received,
+) -> None:
+    """Messages that come late are few or come at once, and what is kept tells of no process."""
+    received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    for _ in range(1000):
+        received.send(at(1, "robot"), epoch_ns=1)
+    for received.time_s in (10.0, 20.0):
+        received.send(at(1, "robot"), epoch_ns=1)
+        received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    for received.time_s in range(30, 60):
+        received.stream.receive_kept(payload([at(1, "robot")], 1))
+        received.send_static(at(1, "post"), epoch_ns=1)
+        received.describe("robot", epoch_ns=1)
+    assert (received.x_of("robot"), received.taken_over) == (2, [])
 
 
 def test_a_host_without_a_clock_battery_may_start_again(received: Received) -> None:

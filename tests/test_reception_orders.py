@@ -32,7 +32,10 @@ class Orders(RuleBasedStateMachine):
         self.buffer = Buffer(cache_time_s=1e6)
         log = logging.getLogger("test_reception_orders")
         log.disabled = True
-        self.stream = StreamReception("sim", self.buffer, log, lambda: 0, TransformReader())
+        self.time_s = 0.0
+        self.stream = StreamReception(
+            "sim", self.buffer, log, lambda: 0, TransformReader(), now_s=lambda: self.time_s
+        )
         self.key = DynamicReception(self.stream)
         self.listed: tuple[int, frozenset[str]] = (0, frozenset())
         self.other = Buffer()
@@ -45,7 +48,15 @@ class Orders(RuleBasedStateMachine):
             assert self.stream.epoch_ns == epoch
             assert all(self.buffer.can_transform("world", child) for child in children)
         else:
-            assert epoch < (self.stream.epoch_ns or 0)
+            assert epoch != self.stream.epoch_ns
+
+    @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
+    def send_alone(self, children: frozenset[str], epoch: int, second: int) -> None:
+        """A process that goes on alone counts, whatever came before."""
+        for _ in range(5):
+            self.time_s += 1.0
+            self.key.receive(payload(children, epoch, second * S))
+        assert self.stream.epoch_ns == epoch
 
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send_kept(self, children: frozenset[str], epoch: int, second: int) -> None:

@@ -21,6 +21,7 @@ from tfbus.buffer import Buffer
 from tfbus.claims import Ruling
 from tfbus.columns import Columns
 from tfbus.errors import DecodeError
+from tfbus.stragglers import Stragglers
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage
 
@@ -38,6 +39,8 @@ class StreamReception:
     the publisher was there and is no more, by its token. `reader` is one for all streams of a
     namespace. `on_overlap(name, frames)` is called where transforms of these frames came to lie
     over those of another, who has just got the right of way.
+    `on_takeover(name, epoch_ns)` is called where two processes send the stream, one fell silent,
+    and the messages of the other count from now on. `now_s` is a clock that never goes back.
     """
 
     def __init__(
@@ -48,6 +51,8 @@ class StreamReception:
         now_ns: Callable[[], int],
         reader: TransformReader,
         on_overlap: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
+        on_takeover: Callable[[str, int], None] = lambda name, epoch_ns: None,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name = name
         self.buffer = buffer
@@ -55,6 +60,8 @@ class StreamReception:
         self.now_ns = now_ns
         self.reader = reader
         self.on_overlap = on_overlap
+        self.on_takeover = on_takeover
+        self.now_s = now_s
         self.lock = threading.Lock()
         self.epoch_ns: int | None = None
         self.gone = False
@@ -66,6 +73,9 @@ class StreamReception:
         self.last_heard_ns: int | None = None
         self.delay_s: float | None = None
         self._was_gone = False
+        # The last that began with a process or a jump of its clock: no earlier one is new.
+        self._newest_epoch_ns: int | None = None
+        self._stragglers = Stragglers()
         # Frames of a former epoch, which this one has not sent so far.
         self._left: frozenset[str] = frozenset()
         # Counts what decides on who is gone.
@@ -77,15 +87,17 @@ class StreamReception:
         self._listed_statics: frozenset[str] = frozenset()
         self._listed_epoch_ns: int | None = None
         self._publisher: Publisher | None = None
-        self._has_told_refused = False
+        self._has_told_refused = self._has_told_two = False
 
     # What every message passes
 
-    def admit(self, epoch_ns: int) -> bool:
+    def admit(self, epoch_ns: int, *, live: bool = False) -> bool:
         """Whether a message of this epoch counts; a new epoch begins with its first message.
 
         An earlier one is outdated, unless the publisher was gone since the present one was last
-        heard: then he was started again, on a host whose clock is not to be trusted.
+        heard: then he was started again, on a host whose clock is not to be trusted. Where two
+        processes send the stream, and only the outdated one is still heard, he counts again; by
+        the messages that are `live`, as what is kept or retained may be of a dead process.
         """
         if epoch_ns == self.epoch_ns and not self._was_gone:
             return True
@@ -94,17 +106,46 @@ class StreamReception:
             if epoch_ns == former_ns:
                 self._was_gone &= self.gone
                 return True
-            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
+            is_outdated = self._is_outdated(epoch_ns)
+            if is_outdated and not (live and self._is_left_alone(epoch_ns)):
                 self.outdated += 1
-                return False
-            self.epoch_ns = epoch_ns
-            # A new epoch is heard of who is there, even before his token is.
-            self.gone = self._was_gone = False
-            self._turns += 1
-        if former_ns is not None:
-            self._begin_anew()
+                counts = False
+            else:
+                self._begin(epoch_ns, takes_over=is_outdated)
+                counts = True
+        if is_outdated and (counts or self._stragglers.are_of_a_living()):
+            self._tell_two()
+        if counts and former_ns is not None:
+            self._begin_anew(takes_over=is_outdated)
             self.mark()
-        return True
+            if is_outdated:
+                self.on_takeover(self.name, epoch_ns)
+        return counts
+
+    def _is_outdated(self, epoch_ns: int) -> bool:
+        """Whether this is an epoch beside the present one that is not new; with the lock held."""
+        newest_ns = self._newest_epoch_ns
+        if newest_ns is None or self._was_gone or epoch_ns == self.epoch_ns:
+            return False
+        return epoch_ns <= newest_ns
+
+    def _is_left_alone(self, epoch_ns: int) -> bool:
+        """Whether only outdated messages still come, such as this one; with the lock held."""
+        self._stragglers.hear(epoch_ns, self.messages, self.now_s())
+        return self._stragglers.are_alone()
+
+    def _begin(self, epoch_ns: int, *, takes_over: bool) -> None:
+        """From now on this epoch counts; with the lock held."""
+        self.epoch_ns = epoch_ns
+        if takes_over:
+            # The static transforms are those of the other process.
+            self._static_epoch_ns = self._static_seq = None
+            self._statics_are_current = False
+        else:
+            self._newest_epoch_ns = epoch_ns
+        # A new epoch is heard of who is there, even before his token is.
+        self.gone = self._was_gone = False
+        self._turns += 1
 
     def insert(
         self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
@@ -161,13 +202,28 @@ class StreamReception:
             self.buffer.forget(self.name, lost)
             self.on_overlap(self.name, lost)
 
-    def _begin_anew(self) -> None:
+    def _begin_anew(self, *, takes_over: bool) -> None:
         self.buffer.forget(self.name)
+        if takes_over:
+            why = "of the two processes that send it one is silent, and the other counts now"
+        else:
+            why = "its publisher was started again, or its clock went back"
         self.log.info(
-            "Stream %r begins anew: its publisher was started again, or its clock went back; what "
-            "it sent before is forgotten, static transforms stay",
+            "Stream %r begins anew: %s; what it sent before is forgotten, static transforms stay",
             self.name,
+            why,
         )
+
+    def _tell_two(self) -> None:
+        if not self._has_told_two:
+            self._has_told_two = True
+            node = self._publisher[0] if self._publisher is not None else "its node"
+            self.log.warning(
+                "Two processes send stream %r: %s was started twice, and what one of them sends "
+                "is dropped. End one, or give each a name of its own (--name)",
+                self.name,
+                node,
+            )
 
     def _tell_refused(self) -> None:
         if not self._has_told_refused:
@@ -208,7 +264,8 @@ class StreamReception:
         with self.lock:
             former, former_ns = self.statics, self._static_epoch_ns
             # A stream whose clock went back goes on with its statics, and may not send them again.
-            if former_ns is not None and epoch_ns < former_ns and not self._was_gone:
+            is_older = former_ns is not None and epoch_ns < former_ns and not self._was_gone
+            if is_older or (epoch_ns > (self.epoch_ns or 0) and self._is_outdated(epoch_ns)):
                 self.outdated += 1
                 return
             self.count(len(message.batch), len(payload))
@@ -271,7 +328,7 @@ class StreamReception:
         publisher had in the list and has no more was removed.
         """
         with self.lock:
-            if self.epoch_ns is not None and epoch_ns < self.epoch_ns and not self._was_gone:
+            if self._is_outdated(epoch_ns):
                 return
         self.admit(epoch_ns)
         with self.lock:
@@ -370,7 +427,7 @@ class DynamicReception:
             stream.reject(error)
             return
         epoch_ns = columns.epoch_ns
-        if not stream.admit(epoch_ns):
+        if not stream.admit(epoch_ns, live=True):
             return
         # First of all, so that no lookup waits for the rest.
         stream.insert(columns, epoch_ns)

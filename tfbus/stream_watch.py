@@ -86,6 +86,13 @@ class StreamWatch:
         """All streams by their names, and of those that have gone the last thousand."""
         return dict(self._states)
 
+    def ask_again(self, key: str, epoch_ns: int) -> None:
+        """Take the description of this epoch for the stream's: another process of its name sends
+        it now. To be called on the thread of the executor.
+        """
+        self._asking[key] = next(self._tokens_seen)
+        self._ask_for_description(key, self._asking[key], 0, epoch_ns)
+
     def close(self) -> None:
         """Watch no more. Twice is fine."""
         self._closed = True
@@ -129,9 +136,12 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_for_description(self, key: str, token: int, turn: int) -> None:
+    def _ask_for_description(
+        self, key: str, token: int, turn: int, epoch_ns: int | None = None
+    ) -> None:
         """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
-        at keys that begin with `@`.
+        at keys that begin with `@`. With an epoch it is that of one of several publishers, and told
+        even where it was known before.
         """
         if self._asking.get(key) != token:
             return
@@ -150,14 +160,19 @@ class StreamWatch:
             is_news = self._state(key).description is not known
             if is_news or self._asking.get(key) != token or self._closed:
                 return
-            if readable := [answer for answer in answers if answer]:
+            readable = [answer for answer in answers if answer]
+            if epoch_ns is not None:
+                readable = [answer for answer in readable if answer.epoch == epoch_ns]
+            if readable:
+                if epoch_ns is not None:
+                    self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
                 return
             if answers or turn >= _PATIENCE:
                 self._take_back(key)
             if not answers:
                 pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
-                ask_again = partial(self._ask_for_description, key, token, turn + 1)
+                ask_again = partial(self._ask_for_description, key, token, turn + 1, epoch_ns)
                 self._executor.after(pause_s, ask_again)
 
         with suppress(BusError):  # the session has been closed

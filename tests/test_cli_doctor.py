@@ -4,7 +4,7 @@ import json
 import re
 from typing import Any
 
-from conftest import Bus
+from conftest import DEADLINE_S, Bus
 
 from tfbus import (
     Buffer,
@@ -73,7 +73,8 @@ def test_trouble_is_found_and_fails(bus: Bus) -> None:
     assert failed == {"node-names", "conflicts"}
     assert "'camera' is published by several at once" in found["conflicts"]["evidence"][0]
     assert found["disconnected"]["verdict"] == "warn"
-    assert found["unread"]["verdict"] == "warn"
+    assert found["unread"]["verdict"] == "ok"
+    assert "nobody reads the moving frames of stream" in found["unread"]["evidence"][0]
 
 
 def test_people_get_a_page(bus: Bus) -> None:
@@ -104,3 +105,20 @@ def test_an_unknown_check_is_a_mistake(bus: Bus) -> None:
     done = bus.run("doctor", "--only", "health")
     assert done.returncode == 2
     assert "'health' is not one of" in done.stderr
+
+
+def test_a_simulated_time_that_is_not_ours_is_told(bus: Bus) -> None:
+    """By the system's time the doctor names the option, and concludes nothing from the stamps."""
+    bus.start("clock", "--start", "0").wait_for_line("It is 0")
+    robot = bus.node("robot", sim_time=True)
+    robot.wait_for_clock(DEADLINE_S)
+    move(robot, "base")
+    code, found = examined(bus, "--for", "1")
+    assert code == 0
+    told = "told here, by /clock; the stamps of 1 of 1 publisher follow it, and this doctor does"
+    assert told in found["clock"]["evidence"][0]
+    assert "--sim-time" in found["clock"]["remedy"]
+    assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}
+    code, found = examined(bus, "--for", "1", "--sim-time")
+    assert (code, found["clock"]["verdict"]) == (0, "ok")
+    assert "is its time simulated? try --sim-time" in bus.run("frames").stdout

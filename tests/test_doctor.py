@@ -43,6 +43,8 @@ SIM = NodeDescription(
     {},
     buffers=(BufferDescription(10.0),),
 )
+CLOCK = replace(SIM, name="/clock", pid=9, streams=(), publishes={"clock": "Clock"})
+FOLLOWER = replace(SIM, subscribes={"clock": "Clock"})
 STREAM = StreamInfo(
     "sim",
     node="/sim",
@@ -179,6 +181,11 @@ TROUBLES = {
         "warn",
         "no transform of 'arm' has come, though /sim on robot, pid 7 tells of it",
     ),
+    "clock": (
+        with_nodes(CLOCK, FOLLOWER),
+        "warn",
+        "a simulated time is told here, by /clock; the stamps of 1 of 1 publisher follow it",
+    ),
     "clock-skew": (
         with_streams(replace(STREAM, clock_offset_s=-2.5)),
         "fail",
@@ -204,9 +211,9 @@ TROUBLES = {
         "messages of stream 'sim' have up to 900 kB",
     ),
     "unread": (
-        with_nodes(replace(SIM, unread=("sim",))),
+        with_nodes(replace(SIM, unread=tuple(f"s{number}" for number in range(12)))),
         "warn",
-        "nobody reads the moving frames of stream 'sim' of /sim",
+        "nobody reads the moving frames of stream 's0' of /sim",
     ),
     "buffers": (
         with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
@@ -272,3 +279,53 @@ def test_what_cannot_be_seen_is_skipped(
     """Where a check has nothing to look at it says so."""
     finding = CHECKS[name](injure(healthy))
     assert (finding.verdict, finding.evidence) == ("skipped", (reason,))
+
+
+def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
+    """Where a publisher goes by a clock that is told, its stamps are not compared with ours."""
+    names = ("rates", "stamps", "gaps", "jitter")
+    odd = with_flow(rate_hz=100.0, delay_s=-40.0, longest_gap_s=3.0, jitter_s=0.02)(healthy)
+    assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
+    told = with_nodes(CLOCK, FOLLOWER)(odd)
+    assert {CHECKS[name](told).verdict for name in names} == {"ok"}
+    ours = replace(told, settings=NodeSettings("doctor", sim_time=True))
+    assert CHECKS["clock"](ours).verdict == "ok"
+    assert CHECKS["rates"](ours).verdict == "warn"
+
+
+def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None:
+    """By the system's time the doctor goes with them."""
+    assert CHECKS["clock"](with_nodes(CLOCK, SIM)(healthy)).verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("sim_time", "delay_s", "evidence"),
+    [
+        (False, 1.7e9, "samples of 'base' are 19676 days old: is its time simulated? try --sim"),
+        (True, -1.7e9, "'base' are 19676 days in the future: is its node without --sim-time?"),
+    ],
+)
+def test_stamps_of_other_years_are_of_another_clock(
+    sim_time: bool, delay_s: float, evidence: str, healthy: Examination
+) -> None:
+    """It is told once, and nothing else is concluded from them."""
+    seen = with_flow(rate_hz=100.0, delay_s=delay_s)(healthy)
+    seen = replace(seen, settings=NodeSettings("doctor", sim_time=sim_time))
+    finding = CHECKS["stamps"](seen)
+    assert len(finding.evidence) == 1
+    assert evidence in finding.evidence[0]
+    assert CHECKS["rates"](seen).verdict == "ok"
+
+
+def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
+    """That two share a frame is a conflict, and no trouble with its rate."""
+    flows = (replace(FLOW, rate_hz=5.0), replace(FLOW, stream="other", rate_hz=5.0))
+    finding = CHECKS["rates"](replace(healthy, flows=flows))
+    assert (finding.verdict, finding.evidence) == ("ok", ("1 moving frame in 3 s",))
+
+
+def test_a_stream_that_nobody_reads_yet_is_told_in_passing(healthy: Examination) -> None:
+    """It is how a first turtle begins, and nothing to mend."""
+    finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
+    assert finding.verdict == "ok"
+    assert finding.evidence == ("nobody reads the moving frames of stream 'sim' of /sim",)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tfbus.doctor import flow_checks, host_checks, tree_checks, use_checks
+from tfbus.doctor import clock_checks, flow_checks, host_checks, tree_checks, use_checks
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding
 
@@ -22,6 +22,7 @@ CHECKS: dict[str, Check] = {
     "static-dynamic": tree_checks.check_static_dynamic,
     "gone": tree_checks.check_gone,
     "silent": tree_checks.check_silent,
+    "clock": clock_checks.check_clock,
     "clock-skew": flow_checks.check_clock_skew,
     "rates": flow_checks.check_rates,
     "jitter": flow_checks.check_jitter,

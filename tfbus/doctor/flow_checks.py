@@ -1,8 +1,11 @@
 """Checks of how transforms come: their clocks, rates, stamps and sizes."""
 
-from tfbus.doctor.examination import Examination
+from collections import Counter
+
+from tfbus.doctor.clock_checks import of_our_time, of_system_time
+from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.frames.facts import duration
+from tfbus.frames.facts import SIMULATED, duration, is_another_time
 from tfbus.frames.tree import who
 from tfbus.words import counted
 
@@ -44,10 +47,12 @@ def check_clock_skew(seen: Examination) -> Finding:
 
 def check_rates(seen: Examination) -> Finding:
     """Frames come as often as they did before."""
+    publishers = Counter(flow.frame for flow in seen.flows)
     evidence = []
-    for flow in seen.flows:
+    for flow in _of_near_stamps(seen):
         before_hz = seen.tree.frames[flow.frame].rate_hz if flow.frame in seen.tree.frames else None
-        if flow.rate_hz and before_hz:
+        # Of a frame that several publish the former rate is that of all of them; see conflicts.
+        if flow.rate_hz and before_hz and publishers[flow.frame] == 1:
             factor = flow.rate_hz / before_hz
             if not 1 / _RATE_FACTOR < factor < _RATE_FACTOR:
                 evidence.append(
@@ -64,7 +69,8 @@ def check_jitter(seen: Examination) -> Finding:
     evidence = [
         f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, but the time between two is spread by "
         f"{duration(flow.jitter_s)}"
-        for flow in seen.flows
+        # A simulated time goes on in steps, and may go so fast that any delay is a long one.
+        for flow in of_system_time(seen)
         if flow.rate_hz and flow.jitter_s and flow.jitter_s * flow.rate_hz > _MOST_JITTER
     ]
     return _of_flows(
@@ -75,7 +81,7 @@ def check_jitter(seen: Examination) -> Finding:
 def check_gaps(seen: Examination) -> Finding:
     """No samples are missing in between."""
     evidence = []
-    for flow in seen.flows:
+    for flow in _of_near_stamps(seen):
         limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
         if flow.longest_gap_s > limit_s:
             evidence.append(
@@ -109,16 +115,25 @@ def check_stamps(seen: Examination) -> Finding:
         for flow in seen.flows
         if flow.at_zero
     ]
+    far = [
+        f"samples of {flow.frame!r} are {duration(abs(flow.delay_s))} "
+        f"{'in the future' if flow.delay_s < 0 else 'old'}: "
+        f"{'is its node without --sim-time?' if seen.settings.sim_time else SIMULATED}"
+        for flow in of_our_time(seen)
+        if flow.delay_s is not None and is_another_time(flow.delay_s) and not flow.at_zero
+    ]
+    evidence += far
     evidence += [
         f"samples of {flow.frame!r} are {duration(-flow.delay_s)} in the future"
-        for flow in seen.flows
+        for flow in _of_near_stamps(seen)
         if flow.delay_s is not None and flow.delay_s < -_FUTURE_S
     ]
     return _of_flows(
         seen,
         "fail",
         evidence,
-        "stamp a transform with the time at which it was measured (node.now_ns()); see clock-skew",
+        "stamp a transform with the time at which it was measured (node.now_ns()); see "
+        f"{'clock' if far else 'clock-skew'}",
     )
 
 
@@ -155,4 +170,10 @@ def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str)
         return skipped("no moving frame came while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
-    return ok(f"{counted(len(seen.flows), 'moving frame')} in {seen.listened_s:.0f} s")
+    frames = {flow.frame for flow in seen.flows}
+    return ok(f"{counted(len(frames), 'moving frame')} in {seen.listened_s:.0f} s")
+
+
+def _of_near_stamps(seen: Examination) -> list[Flow]:
+    """The flows by whose stamps something can be said here: those by a clock like ours."""
+    return [flow for flow in of_our_time(seen) if not is_another_time(flow.delay_s)]

@@ -25,7 +25,7 @@ class FlowMeter:
         self.largest: Counter[str] = Counter()
         self._node = node
         self._lock = threading.Lock()
-        # Of each stream and frame: arrivals (monotonic s), stamps and ages at arrival (ns).
+        # Of each stream and frame: arrivals (s), stamps and ages at arrival (ns).
         self._samples: dict[tuple[str, str], list[tuple[float, int, int]]] = {}
         self._names = StreamNames(fleet)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
@@ -43,7 +43,9 @@ class FlowMeter:
             )
 
     def _take(self, key: str, payload: bytes) -> None:
-        at_s, now_ns = time.monotonic(), self._node.now_ns()
+        now_ns = self._node.now_ns()
+        # Rates are compared with those by stamps, which go by the node's clock.
+        at_s = now_ns / 1e9 if self._node.clock.is_simulated else time.monotonic()
         try:
             batch = decode_transforms(payload).batch
         except DecodeError:

@@ -12,6 +12,11 @@ State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]
 _STALE_PERIODS = 3.0
 _STALE_S = 1.0
 
+# Whose stamps are further away than this goes by another clock.
+_YEAR_S = 365.25 * 86_400
+
+SIMULATED = "is its time simulated? try --sim-time"
+
 
 def state(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> State:
     """What a frame is above all, `conflicts` being those that several publish."""
@@ -33,6 +38,11 @@ def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
     return age_s is not None and age_s > max(_STALE_S, _STALE_PERIODS * period_s)
 
 
+def is_another_time(age_s: float | None) -> bool:
+    """Whether an age is more than a year, before us or behind: by clocks that are set it is not."""
+    return age_s is not None and abs(age_s) > _YEAR_S
+
+
 def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
     """What to say of an edge, what matters most first; nothing of a root."""
     if frame.parent is None:
@@ -43,6 +53,7 @@ def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
         words.append("static")
     else:
         words.append(duration(tree.age_s(frame)) + " old")
+        words += [SIMULATED] * (told == "stale" and is_another_time(tree.age_s(frame)))
         if frame.rate_hz is not None:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")

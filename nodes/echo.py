@@ -135,12 +135,12 @@ def main(
     question = Question(target, source, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
-    with Node.from_settings(settings) as node:
+    timeout_s = math.inf if timeout is None else timeout
+    with Node(settings=settings, patience_s=timeout_s) as node:
         history_s = question.history_s(node.now_ns())
         buffer = Buffer(max(10.0, history_s))
         with TransformListener(buffer, node, history_s=history_s, fleet=fleet):
             node.ready(f"Printing {question} at {rate:g} Hz")
-            timeout_s = math.inf if timeout is None else timeout
             found = answers(node, buffer, question, rate_hz=rate, timeout_s=timeout_s)
             blocks = _changes(found) if changed else found
             header = CSV_HEADER if form == "csv" else ""

@@ -7,7 +7,7 @@ import sys
 
 import click
 import pytest
-from conftest import Bus, Process, eventually
+from conftest import Bus, Process, eventually, free_port
 
 from tfbus import GoalHandle
 from tfbus.cli import NODES, TOOLS, main
@@ -381,3 +381,31 @@ class TestEnding:
         assert process.wait() == code
         assert sentence in "\n".join(process.err)
         assert "Traceback" not in "\n".join(process.err)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "frames -t 1",
+        "why world robot",
+        "monitor --once",
+        "plot world robot -o robot.png",
+        "doctor",
+        "node list",
+        "echo world robot --timeout 0.1",
+    ],
+)
+def test_a_router_that_is_not_there_is_told_at_once(bus: Bus, line: str) -> None:
+    """A tool that answers once fails where its router cannot be reached, and says so."""
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})
+    assert done.returncode == 1
+    assert f"Error: could not join the bus through {nowhere}: " in done.stderr
+
+
+@pytest.mark.parametrize("line", ["frames --watch", "monitor", "echo world robot"])
+def test_what_goes_on_says_that_it_waits_for_a_router(bus: Bus, line: str) -> None:
+    """A tool that goes on until Ctrl-C waits for its router, and says so."""
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere}
+    bus.start(*line.split(), env=env).wait_for_line(f"Waiting for a router at {nowhere}")

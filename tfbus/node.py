@@ -53,7 +53,8 @@ class Node:
     `clock` says; then timers, `wait` and the timeouts of lookups count simulated seconds.
 
     `settings` says how to join the bus; without it, `name`, `namespace`, `parameters` and the
-    environment do (see NodeSettings). Raises BusError where the bus cannot be joined.
+    environment do (see NodeSettings). A client's router may come later: it is waited for, at most
+    `patience_s` seconds. Raises BusError where the bus cannot be joined.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Node:
         namespace: str | None = None,
         parameters: Mapping[str, Any] | None = None,
         settings: NodeSettings | None = None,
+        patience_s: float = math.inf,
     ):
         if settings is None:
             given: dict[str, Any] = {"namespace": namespace, "parameters": parameters}
@@ -88,7 +90,7 @@ class Node:
         }
         self._signals = StopSignals()
         try:
-            self.session = Session(settings, self.log, patience_s=math.inf)
+            self.session = Session(settings, self.log, patience_s=patience_s)
         except BaseException:
             self._signals.uninstall()
             raise

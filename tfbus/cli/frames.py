@@ -92,7 +92,7 @@ def command(
     """Show the tree of frames, who publishes it, and what is wrong with it."""
     if watch and (outputs or as_json):
         raise click.UsageError("--watch shows the tree in the terminal: leave -o and --json away")
-    with listening(settings, fleet, within_s=wait_s) as heard:
+    with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
             with suppress(KeyboardInterrupt):  # which is its end wherever it comes
                 _watch(heard, long)

@@ -1,5 +1,7 @@
 """A listener for a command that looks at all frames: it has met everybody when it is handed out."""
 
+import logging
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,15 +47,17 @@ def listening(
     within_s: float = 2.0,
     history_s: float = _HISTORY_S,
     cache_time_s: float = 10.0,
+    goes_on: bool = False,
 ) -> Iterator[Listening]:
     """Listen to all transforms; handed out as soon as nothing new comes, at most `within_s` later.
 
-    Each publisher is asked for the last `history_s` seconds that it has kept. Ctrl-C and SIGTERM
+    Each publisher is asked for the last `history_s` seconds that it has kept. A router that is not
+    there is waited for by who `goes_on`, and says so; else BusError is raised. Ctrl-C and SIGTERM
     raise KeyboardInterrupt, where the `with` does not take them for its end (`node.wait`).
     """
     buffer = Buffer(cache_time_s)
     with (
-        Node(settings=replace(settings, log_level="error")) as node,
+        _join(settings, goes_on) as node,
         TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener,
     ):
         wait_for_clock(node)
@@ -63,6 +67,14 @@ def listening(
             yield heard
             return
     raise KeyboardInterrupt  # which the node's `with` has ended quietly
+
+
+def _join(settings: NodeSettings, goes_on: bool) -> Node:
+    if not goes_on:
+        return Node(settings=replace(settings, log_level="error"), patience_s=0.0)
+    node = Node(settings=replace(settings, log_level="warning"), patience_s=math.inf)
+    node.log.setLevel(logging.ERROR)
+    return node
 
 
 def wait_for_clock(node: Node) -> None:

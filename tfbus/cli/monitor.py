@@ -54,7 +54,7 @@ def command(
     if target is not None and source is None:
         raise click.UsageError(f"a pair is two frames: tfbus monitor {target} FRAME, or none")
     pair = PairWatch(target, source) if target is not None and source is not None else None
-    with listening(settings, fleet) as heard:
+    with listening(settings, fleet, goes_on=not once) as heard:
         reports = _reports(heard, pair, period_s)
         first = next(reports, None)
         if first is None:

@@ -27,5 +27,5 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
             "top needs a terminal: for scripts there are tfbus frames, monitor and doctor, "
             "all with --json"
         )
-    with listening(settings, fleet) as heard:
+    with listening(settings, fleet, goes_on=True) as heard:
         TopApp(Source(heard)).run()

@@ -34,7 +34,7 @@ def examine(
 
     Raises BusError where the bus cannot be joined.
     """
-    with Node(settings=replace(settings, log_level="error")) as node:
+    with Node(settings=replace(settings, log_level="error"), patience_s=0.0) as node:
         if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
             raise TimeoutException("nobody tells the time: start a clock (tfbus clock)")
         node.session.settle()

@@ -81,7 +81,7 @@ def test_all_is_said_where_asked_for() -> None:
         "  Rate: 10.000 Hz, 21 samples over 2.0 s",
         "  Newest: 1670400300.000000000, 0.0 ms old",
         "  Oldest: 1670400298.000000000",
-        "  Delay: ?",
+        "  Delay of its stream, smoothed: ?",
     ]
 
 

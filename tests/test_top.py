@@ -16,6 +16,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
+from tfbus.messages import Empty
 from tfbus.top.rows import Cell, Row, Table, chosen
 
 pytest.importorskip("textual", reason="the extra 'top' is not installed")
@@ -87,6 +88,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     """In a terminal the tabs, the order, the filter and one frame's details are a key away."""
     keep_sending(bus.node("odometry"), "world", "base")
     mount = bus.node("mount")
+    mount.create_service(Empty, "reset", lambda request: Empty.Response())
     StaticTransformBroadcaster(mount).send_transform(
         TransformStamped(mount.now_ns(), "base", "camera", Transform.identity())
     )
@@ -108,7 +110,14 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
         "24",
         f"{sys.executable} -m tfbus top; echo left; cat",
     )
-    shows("2 frames, 2 streams, 2 nodes", "frame ▲", "odometry", "static")
+    shows("3 frames, 2 streams, 2 nodes, 2 topics, 1 service")
+    shows("frame ▲", "odometry", "static", "root")
+    tmux("send-keys", "r")
+    shows("frame ▼")
+    tmux("send-keys", "r", "Enter")
+    shows("Publisher: /odometry on", "the mean of ten seconds")
+    tmux("send-keys", "Escape")
+    eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "r")
     shows("frame ▼")
     tmux("send-keys", "2")
@@ -131,6 +140,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
 
     eventually(opened)
     shows("Kind: static", "Position: 0.000, 0.000, 0.000 m")
+    assert "Rate" not in tmux("capture-pane", "-p")
     tmux("send-keys", "Escape")
     eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "q")

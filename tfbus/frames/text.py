@@ -90,7 +90,7 @@ def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
         yield f"Rate: {rate}, {over}"
         yield f"Newest: {_seconds(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
         yield f"Oldest: {_seconds(frame.oldest_ns)}"
-        yield f"Delay: {duration(stream.delay_s)}"
+        yield f"Delay of its stream, smoothed: {duration(stream.delay_s)}"
     if frame.conflicts:
         yield f"Samples that replaced a different one of the same stamp: {frame.conflicts}"
     if frame.refused:

@@ -21,7 +21,7 @@ from textual.widgets import (
 )
 
 from tfbus.frames.facts import State, duration
-from tfbus.top.rows import Row, Table, chosen
+from tfbus.top.rows import Row, Table, chosen, is_service
 from tfbus.top.source import Source
 from tfbus.words import counted
 
@@ -37,7 +37,9 @@ _STYLES: dict[State, str] = {
 
 
 class FrameScreen(ModalScreen[None]):
-    """One frame: how often and how late it came in the last two minutes, and all facts."""
+    """One frame: how often and how late it came since the beginning, two minutes at most, and all
+    facts.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q", "dismiss", "Back"),
@@ -72,16 +74,20 @@ class FrameScreen(ModalScreen[None]):
 
     def _show(self) -> None:
         past = self._source.past(self._frame)
-        rate_hz = past.rates_hz[-1] if past.rates_hz else 0.0
-        delay_s = past.delays_s[-1] if past.delays_s else 0.0
-        self.query_one("#rate", Label).update(
-            f"Rate now {rate_hz:.1f} Hz, and in the last two minutes:"
-        )
-        self.query_one("#delay", Label).update(
-            f"Delay now {duration(delay_s)}, and in the last two minutes:"
-        )
-        self.query_one("#rates", Sparkline).data = list(past.rates_hz)
-        self.query_one("#delays", Sparkline).data = list(past.delays_s)
+        # Of a root and of a static frame there is none.
+        moves = any(past.rates_hz)
+        for part in ("rate", "delay"):
+            self.query_one(f"#{part}", Label).display = moves
+            self.query_one(f"#{part}s", Sparkline).display = moves
+        if moves:
+            since = f"so it was in the last {len(past.rates_hz)} s:"
+            rate, delay = f"{past.rates_hz[-1]:.1f} Hz", duration(past.delays_s[-1])
+            self.query_one("#rate", Label).update(f"Rate {rate}, the mean of ten seconds; {since}")
+            self.query_one("#delay", Label).update(
+                f"Delay {delay}, the median of ten seconds; {since}"
+            )
+            self.query_one("#rates", Sparkline).data = list(past.rates_hz)
+            self.query_one("#delays", Sparkline).data = list(past.delays_s)
         lines = "\n".join(line.strip() for line in self._source.details(self._frame))
         self.query_one("#details", Static).update(Text(lines))
 
@@ -226,7 +232,10 @@ class TopApp(App[None]):
 
     def _say(self) -> None:
         count = {name: len(table.rows) for name, table in self._tables.items()}
+        services = sum(is_service(row) for row in self._tables["topics"].rows)
+        count["topics"] -= services
         words = [counted(count[name], name.removesuffix("s")) for name in _NAMES]
+        words.append(counted(services, "service"))
         gone = sum(row.state == "gone" for row in self._tables["frames"].rows)
         words += [f"{gone} gone"] * bool(gone) + ["paused"] * self._is_paused
         self.query_one("#head", Static).update("tfbus top: " + ", ".join(words))

@@ -11,6 +11,8 @@ from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.graph import Graph
 
+_SERVICE = "service"
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -49,16 +51,20 @@ class Table:
 
 
 def frames_table(report: Report) -> Table:
-    """Each frame that has a parent: where it hangs, who sends it, and how it comes."""
+    """Each frame: where it hangs, who sends it, and how it comes; of a root that it is one."""
     conflicts = conflicting(report.tree)
     rows = []
-    for frame in report.edges():
-        flow = report.flow(frame)
+    for frame in report.tree.frames.values():
         told = state(report.tree, frame, conflicts)
+        if frame.parent is None:
+            cells = (_text(frame.name), *[_text("")] * 2, *[Cell.of(None, "")] * 4, _text(told))
+            rows.append(Row(frame.name, cells, told))
+            continue
+        flow = report.flow(frame)
         moves = not frame.static
         cells = (
             _text(frame.name),
-            _text(frame.parent or ""),
+            _text(frame.parent),
             _text(frame.authority),
             Cell.of(flow.rate_hz, ".1f") if moves else _text("static"),
             Cell.of_time(report.tree.age_s(frame)),
@@ -129,13 +135,18 @@ def topics_table(graph: Graph) -> Table:
     for service in graph.services.values():
         cells = (
             _text(service.name),
-            _text("service"),
+            _text(_SERVICE),
             _text(", ".join(service.types)),
             _text(", ".join(end.node for end in service.servers)),
             _text(", ".join(end.node for end in service.clients)),
         )
-        rows.append(Row(f"service {service.name}", cells))
+        rows.append(Row(f"{_SERVICE} {service.name}", cells))
     return Table("topics", ("name", "kind", "type", "from", "to"), tuple(rows))
+
+
+def is_service(row: Row) -> bool:
+    """Whether a row of the table of topics is a service's."""
+    return row.key.startswith(f"{_SERVICE} ")
 
 
 def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]:

@@ -59,6 +59,15 @@ class TestParameters:
             "Error: parameters and values come in pairs: what is 'rates' to be?",
         )
 
+    def test_a_negative_number_is_a_value(self, bus: Bus, sim: Node) -> None:
+        """A number below zero needs no `--` before it; an option that is none is told as ever."""
+        rate = sim.declare_parameter("rate", 1.0)
+        done = run(bus, "param", "set", "sim", "rate", "-1.5", "--log-level", "error")
+        assert done == (0, "Set parameter successful\n", "")
+        assert rate.value == -1.5
+        code, _, sentence = run(bus, "param", "set", "sim", "rate", "-1", "--nonsense")
+        assert (code, sentence) == (2, "Error: No such option '--nonsense'.")
+
     def test_what_is_dumped_can_be_loaded(self, bus: Bus, sim: Node, tmp_path: Path) -> None:
         """A dump is YAML by the node's name, and sets the same again, texts as texts."""
         _, dump, _ = run(bus, "param", "dump", "sim")

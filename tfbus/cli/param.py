@@ -1,5 +1,6 @@
 """`tfbus param`: the parameters of nodes, read and set while they run."""
 
+import math
 import re
 from typing import IO
 
@@ -87,7 +88,28 @@ def get_command(
         click.echo(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
 
 
-@command.command("set", epilog="Example: tfbus param set sim background_r 100")
+class _Set(click.Command):
+    """Takes negative numbers as values, where click sees options in them."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.ignore_unknown_options = "--" not in args and any(map(_is_negative, args))
+        rest = super().parse_args(ctx, args)
+        if ctx.ignore_unknown_options:
+            for text in ctx.params.get("pairs") or ():
+                if text.startswith("-") and not _is_negative(text):
+                    raise click.NoSuchOption(text, ctx=ctx)
+        return rest
+
+
+def _is_negative(text: str) -> bool:
+    """Whether it is a number below zero, as people type it."""
+    try:
+        return text.startswith("-") and not math.isnan(float(text))
+    except ValueError:
+        return False
+
+
+@command.command("set", cls=_Set, epilog="Example: tfbus param set sim background_r 100")
 @click.argument("node", type=NodeName())
 @click.argument(
     "pairs",

@@ -139,9 +139,9 @@ def main(
     with Node(settings=settings, patience_s=timeout_s) as node:
         history_s = question.history_s(node.now_ns())
         buffer = Buffer(max(10.0, history_s))
-        with TransformListener(buffer, node, history_s=history_s, fleet=fleet):
+        with TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener:
             node.ready(f"Printing {question} at {rate:g} Hz")
-            found = answers(node, buffer, question, rate_hz=rate, timeout_s=timeout_s)
+            found = answers(node, listener, question, rate_hz=rate, timeout_s=timeout_s)
             blocks = _changes(found) if changed else found
             header = CSV_HEADER if form == "csv" else ""
             _print_all(map(write, itertools.islice(blocks, limit)), header)

@@ -18,6 +18,7 @@ from tfbus import (
     SystemClock,
     TimeoutException,
     TransformException,
+    TransformListener,
     TransformStamped,
 )
 from tfbus.nodes.moment import Moment
@@ -89,7 +90,7 @@ class Question:
 
 
 def answers(
-    node: Node, buffer: Buffer, question: Question, *, rate_hz: float, timeout_s: float
+    node: Node, listener: TransformListener, question: Question, *, rate_hz: float, timeout_s: float
 ) -> Iterator[TransformStamped]:
     """The answer once in every period, until the node is shut down.
 
@@ -104,13 +105,13 @@ def answers(
     progress = _Progress(node)
     if question.fixed_frame and has_history:
         # What was kept comes oldest first: while it comes, the latest is not the present.
-        _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         node.wait(_HISTORY_COMES_S)
     while True:
-        answer = _wait_for_answer(node, buffer, question, timeout_s, history_by_s)
+        answer = _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         if answer is None:
             return
-        gone = _tell_gone(node, buffer, question, gone)
+        gone = _tell_gone(node, listener.buffer, question, gone)
         if question.moment is None and not gone:
             progress.look(answer)
         yield answer
@@ -166,7 +167,11 @@ def _tell_gone(
 
 
 def _wait_for_answer(
-    node: Node, buffer: Buffer, question: Question, timeout_s: float, history_by_s: float
+    node: Node,
+    listener: TransformListener,
+    question: Question,
+    timeout_s: float,
+    history_by_s: float,
 ) -> TransformStamped | None:
     """The answer as soon as there is one; None where the node is shut down before."""
     give_up_s = _elapsed_s(node) + timeout_s
@@ -176,7 +181,7 @@ def _wait_for_answer(
         look_at_s = min(_elapsed_s(node) + _SAY_EVERY_S, give_up_s)
         try:
             wait_s = 0.0 if node.clock.is_simulated else _seconds_until(look_at_s, node)
-            return question.ask(buffer, node.now_ns(), wait_s)
+            return question.ask(listener.buffer, node.now_ns(), wait_s)
         except InvalidArgumentException:
             raise  # no waiting makes it right
         except TransformException as error:
@@ -195,12 +200,12 @@ def _wait_for_answer(
             node.wait(min(_seconds_until(look_at_s, node), _gap_s(reason)))
         if _elapsed_s(node) >= give_up_s:
             raise TimeoutException(
-                f"no transform {question} within {timeout_s:g} s: {_explained(reason, buffer)}"
+                f"no transform {question} within {timeout_s:g} s: {_explained(reason, listener)}"
             )
         if time.monotonic() >= say_at_s:
             stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
             node.log.info(
-                "Waiting for transform %s%s: %s", question, stands, _explained(reason, buffer)
+                "Waiting for transform %s%s: %s", question, stands, _explained(reason, listener)
             )
             say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)
     return None
@@ -238,11 +243,12 @@ def _reason(error: TransformException) -> TransformException:
     return (error.reason or error) if isinstance(error, TimeoutException) else error
 
 
-def _explained(reason: TransformException, buffer: Buffer) -> str:
+def _explained(reason: TransformException, listener: TransformListener) -> str:
     """Why there is no answer, what there is, and which names look like the one that is not."""
-    frames = sorted(buffer.frames())
-    if not frames:
-        return f"{reason}: is a broadcaster running?"
+    frames = sorted(listener.buffer.frames())
+    hint = listener.where_to_look(reason.frame) if isinstance(reason, LookupException) else ""
+    if hint or not frames:
+        return f"{reason}: {hint or 'is a broadcaster running?'}"
     near = ""
     if isinstance(reason, LookupException) and not reason.nearest:
         matches = get_close_matches(reason.frame, frames)

@@ -49,7 +49,7 @@ def test_one_robot_is_seen_from_another(robots: Bus) -> None:
     """`echo`, `monitor`, `why` and `plot` take frames as the fleet calls them."""
     pair = ("robot3/base_link", "robot7/base_link", *SHARED)
     pose = robots.run("echo", *pair, "--once", "--format", "json").stdout
-    assert json.loads(pose)["xyz"] == [4.0, 0.0, 0.0]
+    assert json.loads(pose)["xyz"] == pytest.approx([4.0, 0.0, 0.0])
     report = json.loads(robots.run("monitor", *pair, "--once", "--json").stdout)
     assert report["pair"]["chain"] == ["robot3/base_link", "map", "robot7/base_link"]
     assert all(edge["rate_hz"] > 1.0 for edge in report["edges"])
@@ -86,3 +86,31 @@ def test_what_is_shared_is_a_frame_of_a_fleet(
     done = bus.run("frames", *options)
     assert done.returncode == 2
     assert message in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "known"),
+    [
+        ("frames", "frames are"),
+        ("echo map base_link --timeout 2", "'map' is"),
+        ("monitor map base_link --once", "'base_link' is"),
+        ("monitor --once", "frames are"),
+        ("plot map base_link -o robot.png", "'map' is"),
+    ],
+)
+def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, known: str) -> None:
+    """A tool without a namespace says in which ones there is what it does not find."""
+    done = robots.run(*line.split())
+    assert done.returncode == 1
+    hint = "known in other namespaces: look with --namespace robot3 or robot7, or with --fleet"
+    assert f"{known} {hint}" in done.stderr
+
+
+def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
+    """`why` and `frames` name --shared where the trees of two robots have roots of one name."""
+    why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
+    assert json.loads(why.stdout)["remedies"][0] == (
+        "if the robots share 'map', say so: --shared map"
+    )
+    frames = " ".join(robots.run("frames", "--fleet").stdout.split())
+    assert "if the robots share 'map', say so: --shared map" in frames

@@ -18,6 +18,7 @@ from tfbus import (
     StaticTransformBroadcaster,
     Transform,
     TransformBroadcaster,
+    TransformListener,
     TransformStamped,
 )
 from tfbus.nodes.echo import main
@@ -207,7 +208,9 @@ def test_a_question_that_can_never_be_answered_fails_at_once(
         raise InvalidArgumentException("no such thing")
 
     monkeypatch.setattr(Question, "ask", refuse)
-    asked = answers(bus.node("echo"), Buffer(), Question("a", "b"), rate_hz=1.0, timeout_s=math.inf)
+    node = bus.node("echo")
+    listener = TransformListener(Buffer(), node)
+    asked = answers(node, listener, Question("a", "b"), rate_hz=1.0, timeout_s=math.inf)
     with pytest.raises(InvalidArgumentException, match="no such thing"):
         next(asked)
 

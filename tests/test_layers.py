@@ -60,7 +60,7 @@ LAYERS = [
     {"clock_topic", "topic", "service", "goal", "parameters", "stream", "namesake"},
     {"node"},
     {"clock_offset"},
-    {"broadcaster", "listener", "presence", "graph", "live_names", "name_types"},
+    {"broadcaster", "listener", "presence", "graph", "live_names", "name_types", "elsewhere"},
     {"frames"},
     {"why"},
     {"doctor"},

@@ -67,3 +67,11 @@ class Fleet:
     def names(self, namespace: str) -> FrameNames:
         """The names of the frames of one robot, by its namespace as it is seen here."""
         return FrameNames(namespace, self.shared_frames)
+
+
+def shared_name(first: str, second: str) -> str:
+    """What `robot7/world` and `robot8/world` are called where the robots share it; "" for names
+    that are not alike.
+    """
+    (a, _, name), (b, _, other) = first.rpartition("/"), second.rpartition("/")
+    return name if a and b and a != b and name == other else ""

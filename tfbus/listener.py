@@ -13,6 +13,7 @@ from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
 from tfbus.declaration import Declaration
+from tfbus.elsewhere import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.executor import Executor
 from tfbus.fleet import Fleet
@@ -86,6 +87,7 @@ class TransformListener:
         self._node = node
         self._log = node.log
         self._names = StreamNames(fleet)
+        self._is_fleet = fleet is not None
         self._streams: dict[str, StreamReception] = {}
         self._conflicts = Conflicts(conflicts, buffer, self._streams, node.log)
         self._receptions: dict[str, DynamicReception | StaticReception] = {}
@@ -159,6 +161,12 @@ class TransformListener:
         So the first lookup has it already, and nothing of it is left where there is none for long.
         """
         self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
+
+    def where_to_look(self, frame: str = "") -> str:
+        """Which namespaces below know a frame, or any frame at all, in words; "" where none does,
+        or where a fleet is listened to. Asks all streams, and so takes a moment.
+        """
+        return "" if self._is_fleet else where_to_look(frames_elsewhere(self._node.session), frame)
 
     @property
     def rejected(self) -> Counter[str]:

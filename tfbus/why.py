@@ -6,6 +6,7 @@ from typing import Literal
 
 from tfbus.buffer import Buffer
 from tfbus.errors import ConnectivityException, LookupException, TransformException
+from tfbus.fleet import shared_name
 from tfbus.frame import FrameInfo
 from tfbus.frames.facts import duration, facts, is_stale
 from tfbus.frames.text import conflicting
@@ -194,6 +195,8 @@ def _remedies_of(
             else f"start the node that publishes {error.frame!r}"
         )
     if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
+        if name := shared_name(error.target_root, error.source_root):
+            yield f"if the robots share {name!r}, say so: --shared {name}"
         yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
 
 

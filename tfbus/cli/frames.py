@@ -98,6 +98,7 @@ def command(
                 _watch(heard, long)
             return
         tree = heard.tree()
+        hint = "" if tree.frames else heard.hint()
     if as_json:
         click.echo(document.as_json(tree), nl=False)
     elif tree.frames and not outputs:
@@ -107,7 +108,8 @@ def command(
         click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
     if not tree.frames:
         raise click.ClickException(
-            f"no frame is known after {wait_s:g} s: is a broadcaster running, on this network?"
+            f"no frame is known after {wait_s:g} s: "
+            f"{hint or 'is a broadcaster running, on this network?'}"
         )
     if check and tree.problems():
         raise SystemExit(1)

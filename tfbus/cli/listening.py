@@ -38,6 +38,10 @@ class Listening:
         """All that is known now."""
         return frame_tree(self.buffer, self.listener.streams(), self.node.now_ns())
 
+    def hint(self, frame: str = "") -> str:
+        """Where else a frame is known, or any frame at all; "" where it is nowhere."""
+        return self.listener.where_to_look(frame)
+
 
 @contextmanager
 def listening(

@@ -59,7 +59,7 @@ def command(
         first = next(reports, None)
         if first is None:
             raise KeyboardInterrupt
-        _check(first, once)
+        _check(heard, first, once)
         with suppress(KeyboardInterrupt):  # which is its end wherever it comes
             for report in [first] if once else itertools.chain([first], reports):
                 if as_json:
@@ -68,15 +68,19 @@ def command(
                     print_lines(as_lines(report) if once else in_place(as_lines(report)))
 
 
-def _check(report: Report, once: bool) -> None:
+def _check(heard: Listening, report: Report, once: bool) -> None:
     """Raises ClickException where there is nothing to measure, and waiting is no good."""
     pair = report.pair
     if pair and pair.failure:
+        unknown = {pair.target, pair.source}.difference(heard.buffer.frames())
+        hints = sorted(filter(None, map(heard.hint, unknown)))
+        failure = f"{pair.failure}; {hints[0]}" if hints else pair.failure
         raise click.ClickException(
-            f"{pair.failure} (tfbus why {pair.target} {pair.source} says what to do)"
+            f"{failure} (tfbus why {pair.target} {pair.source} says what to do)"
         )
     if once and not report.edges():
-        raise click.ClickException("no transform has come: is a broadcaster running?")
+        hint = heard.hint() or "is a broadcaster running?"
+        raise click.ClickException(f"no transform has come: {hint}")
 
 
 def _reports(heard: Listening, pair: PairWatch | None, period_s: float) -> Iterator[Report]:

@@ -11,7 +11,7 @@ import click
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
 from tfbus.clock import SYSTEM_CLOCK
-from tfbus.errors import TfbusError
+from tfbus.errors import LookupException, TfbusError
 from tfbus.fleet import Fleet
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
@@ -122,7 +122,12 @@ def _listen(
         elif not _wait(heard, for_s):
             say("Interrupted: what has come so far is plotted")
         # The newest pose that is known ends it, not now: what is later cannot be looked up.
-        newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
+        try:
+            newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
+        except LookupException as error:
+            if hint := heard.hint(error.frame):
+                raise click.ClickException(f"{error}; {hint}") from error
+            raise
         return track_from_buffer(heard.buffer, target, source, from_ns, newest_ns, rate_hz)
 
 

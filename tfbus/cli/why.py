@@ -6,16 +6,13 @@ import click
 
 from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.errors import DecodeError
+from tfbus.elsewhere import frames_elsewhere
 from tfbus.fleet import Fleet
 from tfbus.frames.facts import duration
-from tfbus.keys import namespace_of
 from tfbus.name_types import FrameName
 from tfbus.nodes.moment import Moment, parse_moment
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
-from tfbus.presence import describe_streams
-from tfbus.session import Session
 from tfbus.settings import NodeSettings
 from tfbus.why import Explanation, Step, explain
 
@@ -68,7 +65,7 @@ def command(
             target,
             source,
             moment.at(now_ns) if moment else None,
-            elsewhere=() if fleet else _frames_elsewhere(heard.node.session),
+            elsewhere=() if fleet else frames_elsewhere(heard.node.session),
         )
     if as_json:
         print_json(_as_map(explanation))
@@ -82,22 +79,6 @@ def _history_s(moment: Moment | None) -> float:
     """How far back is asked for: to the time, and some seconds to tell a rate by."""
     back_s = -moment.ns / 1e9 if moment and moment.is_relative else 0.0
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
-
-
-def _frames_elsewhere(session: Session) -> set[tuple[str, str]]:
-    """The frames that streams of the namespaces below tell of, each behind its namespace."""
-
-    def pass_over(error: DecodeError) -> None:
-        """Nothing is said of strangers here."""
-
-    streams = describe_streams(session, pass_over)
-    return {
-        (namespace, frame)
-        for key, stream in streams.items()
-        if (namespace := namespace_of(key))
-        for parent, child, _ in stream.frames
-        for frame in (parent, child)
-    }
 
 
 def _lines(it: Explanation, now_ns: int) -> list[str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.buffer import Buffer
+from tfbus.fleet import shared_name
 from tfbus.frame import FrameInfo
 from tfbus.stream_info import StreamInfo
 from tfbus.words import counted
@@ -109,12 +110,14 @@ class FrameTree:
         main, *others = [root.name for root in self.roots] or [""]
         for name in others:
             below = self.below(name)
+            shared = shared_name(main, name)
             if below:
+                hint = f"; if the robots share {shared!r}, say so: --shared {shared}"
                 yield Problem(
                     "disconnected",
                     (name, *below),
                     f"{name!r} and {counted(len(below), 'frame')} below it are a tree apart: no "
-                    f"transform joins {name!r} to the tree of {main!r}",
+                    f"transform joins {name!r} to the tree of {main!r}{hint if shared else ''}",
                 )
             else:
                 yield Problem(

@@ -69,6 +69,11 @@ instructions instead, under valgrind.
   once, which makes sorted stamps twice as fast (46 ns each instead of 87, for three edges). Random
   stamps share nothing: of 97 ns they spend 17 more on each edge than sorted ones do. To sort them
   first would take 46 ns of each by itself, before anything is put back in its place.
+- Two aims are missed. Columns of 50 would have to take 47 ns a row, not 58, to be 8 x schiebung's:
+  of a row 12 ns are the copy, and the rest is nearly all writing 64 bytes to memory that left the
+  near caches a round ago, which fetching ahead hides only in part. Random stamps would have to take
+  73 ns, not 100, to be 80 x pytransform3d's: each of the three edges takes a third of it, for a
+  search, two samples from memory and a slerp, none of which two rows have in common.
 
 These are times of the processor, of one thread of an EPYC on Python 3.13, the least of many runs;
 what the whole takes here and now is in the table above.

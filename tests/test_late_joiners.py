@@ -58,6 +58,11 @@ class BareQueries:
         self._session.ask_later(key, None, on_answer, on_end, timeout_s=BARE_QUERY_S)
 
 
+def bare_key(number: int) -> str:
+    """Where the node of a stream answers bare queries."""
+    return f"@tfbus/node/{stream(number)}"
+
+
 class Joining:
     """A listener, and when it came to know of each stream and of its frames."""
 
@@ -80,7 +85,9 @@ class Joining:
 
     def has_met_all(self) -> bool:
         """Whether it has seen that each stream is there, and each node has answered."""
-        return len(self._seen_s) == STREAMS <= len(self._bare.took_s)
+        return len(self._seen_s) == STREAMS and all(
+            bare_key(number) in self._bare.took_s for number in range(STREAMS)
+        )
 
     def knows_all(self) -> bool:
         """Whether each static frame of each stream is there, where it was put."""
@@ -100,7 +107,7 @@ class Joining:
         return max(
             self._known_s[frame(number, i)]
             - self._seen_s[stream_key(stream(number))]
-            - self._bare.took_s[f"@tfbus/node/{stream(number)}"]
+            - self._bare.took_s[bare_key(number)]
             for number in range(STREAMS)
             for i in range(STATICS)
         )

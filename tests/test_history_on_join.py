@@ -102,6 +102,10 @@ def test_history_that_nobody_answers_for_is_asked_for_again(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the first questions find no way to the publisher, the next one does."""
+    # Before the listener's node is there: it cannot come but as history.
+    TransformBroadcaster(bus.node("sim")).send_transform(
+        TransformStamped(S, "world", "robot", Transform())
+    )
     node = bus.node("listener")
     ask_later = node.session.ask_later
     unheard: list[str] = []
@@ -114,9 +118,6 @@ def test_history_that_nobody_answers_for_is_asked_for_again(
             ask_later(key, payload, on_answer, on_end, **how)
 
     monkeypatch.setattr(node.session, "ask_later", ask)
-    TransformBroadcaster(bus.node("sim")).send_transform(
-        TransformStamped(S, "world", "robot", Transform())
-    )
     buffer = Buffer()
     with TransformListener(buffer, node, history_s=60.0):
         eventually(lambda: oldest_ns(buffer, "robot") == S)

@@ -332,9 +332,21 @@ def test_kept_messages_fill_the_past(received: Received) -> None:
 
 
 def test_kept_messages_do_not_bring_a_removed_frame_back(received: Received) -> None:
-    """A frame that the stream has removed is left out of what it has kept."""
+    """A frame that was listed, and is no more, is left out of what comes late of it."""
+    received.describe("robot", "arm")
     received.describe("robot")
     received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")]))
+    assert received.buffer.frames() == ["robot", "world"]
+    received.describe("robot", "arm")
+    received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")]))
+    assert received.buffer.frames() == ["arm", "robot", "world"]
+
+
+def test_kept_messages_may_be_faster_than_the_list_of_frames(received: Received) -> None:
+    """What was kept of a frame that the stream has not listed so far is taken."""
+    received.describe()
+    received.stream.receive_kept(payload([at(1, "robot")]))
+    received.describe("robot")
     assert received.buffer.frames() == ["robot", "world"]
 
 

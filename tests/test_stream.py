@@ -26,14 +26,14 @@ from tfbus import (
 )
 from tfbus.columns import Columns
 from tfbus.description import StreamDescription
-from tfbus.kept_messages import KeptMessages
+from tfbus.kept_messages import KeptMessages, without_removed
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.retained import declare_retained_subscriber
 from tfbus.stream_frames import StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.stream_watch import StreamState, StreamWatch
 from tfbus.transform_sender import TransformSender
-from tfbus.wire import TransformMessage, decode_transforms
+from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
 
 S = 1_000_000_000
 
@@ -316,6 +316,32 @@ def test_what_is_kept_is_bounded() -> None:
     assert kept.last(10.0) == []
 
 
+@given(st.lists(st.tuples(st.booleans(), st.sets(st.sampled_from("abc"), min_size=1))))
+def test_what_was_sent_of_a_removed_frame_is_kept_no_more(
+    steps: list[tuple[bool, set[str]]],
+) -> None:
+    """Of each frame that comes back which was sent since it was last removed."""
+    kept = KeptMessages(10.0, clock_ns=Clock())
+    wanted: dict[str, list[int]] = {}
+    for number, (is_sent, children) in enumerate(steps):
+        for child in children if not is_sent else ():
+            kept.remove(child)
+            wanted.pop(child, None)
+        if is_sent:
+            batch = TransformBatch.from_transforms(
+                at(0.0, child, stamp_ns=number) for child in sorted(children)
+            )
+            kept.append("tf/sim", encode_transforms(TransformMessage(batch, 1, number)))
+            for child in children:
+                wanted.setdefault(child, []).append(number)
+    found: dict[str, list[int]] = {}
+    for key, payload in without_removed(kept.last(10.0)):
+        assert key == "tf/sim"
+        for ts in decode_transforms(payload).batch:
+            found.setdefault(ts.child_frame_id, []).append(ts.stamp_ns)
+    assert found == wanted
+
+
 # On a bus
 
 
@@ -366,6 +392,16 @@ def test_a_stream_answers_what_it_sent_last(sender: Node, receiver: Node) -> Non
     eventually(lambda: answers(receiver, "tf/**?last_s=60") == wanted)
     assert answers(receiver, "tf/sender") == wanted
     assert answers(receiver, "tf/sender?last_s=0") == []
+
+
+def test_a_stream_answers_nothing_of_what_it_removed(sender: Node, receiver: Node) -> None:
+    """A frame that was removed is not in what the stream has kept, unless it was sent again."""
+    broadcaster = TransformBroadcaster(sender)
+    broadcaster.send_transform([at(1, "robot"), at(2, "arm")])
+    broadcaster.remove("robot")
+    broadcaster.send_transform([at(3, "robot"), at(4, "arm")])
+    eventually(lambda: answers(receiver, "tf/sender"))
+    assert answers(receiver, "tf/sender") == [("tf/sender", "arm", 2), ("tf/sender", "robot", 3)]
 
 
 def test_a_split_stream_answers_for_one_frame(sender: Node, receiver: Node) -> None:

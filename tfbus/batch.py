@@ -1,6 +1,6 @@
 """Many transforms as columns: what a message carries, and what the buffer takes in one call."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +71,21 @@ class TransformBatch:
                 f"{len(frames)} names cannot stand for those of {len(self.frames)} frames"
             )
         return _of_checked(frames, self.edges, self.stamps_ns, self.poses)
+
+    def only(self, children: Collection[str]) -> "TransformBatch":
+        """The rows whose child frame is one of these."""
+        return self._rows(self._is_of(children))
+
+    def without(self, children: Collection[str]) -> "TransformBatch":
+        """The rows whose child frame is none of these."""
+        return self._rows(~self._is_of(children))
+
+    def _is_of(self, children: Collection[str]) -> NDArray[np.bool_]:
+        of = [at for at, frame in enumerate(self.frames) if frame in children]
+        return np.isin(self.edges[:, 1], of)
+
+    def _rows(self, kept: NDArray[np.bool_]) -> "TransformBatch":
+        return _of_checked(self.frames, self.edges[kept], self.stamps_ns[kept], self.poses[kept])
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

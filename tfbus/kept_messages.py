@@ -2,7 +2,13 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from tfbus.wire import decode_transforms, encode_transforms
+
+# Key and payload of a message; or "" and the name of a frame that was removed then.
+Kept = tuple[str, bytes]
 
 # At most so much memory a stream, whatever its seconds are.
 MOST_BYTES = 16 * 2**20
@@ -41,8 +47,14 @@ class KeptMessages:
         while messages and (messages[0][0] < too_old_ns or self._bytes > self._most_bytes):
             self._bytes -= len(messages.popleft()[2]) + _OVERHEAD_BYTES
 
-    def last(self, last_s: float) -> list[tuple[str, bytes]]:
-        """Key and payload of each message of the last `last_s` seconds, oldest first."""
+    def remove(self, frame: str) -> None:
+        """What was sent of a child frame so far shall not come back."""
+        self.append("", frame.encode())
+
+    def last(self, last_s: float) -> list[Kept]:
+        """What there is of the last `last_s` seconds, oldest first: `without_removed` makes the
+        messages of it.
+        """
         since_ns = self._clock_ns() - min(_ns(last_s), self._history_ns)
         return [(key, payload) for sent_ns, key, payload in self._messages if sent_ns >= since_ns]
 
@@ -50,6 +62,29 @@ class KeptMessages:
         """Keep none of them."""
         self._messages.clear()
         self._bytes = 0
+
+
+def without_removed(kept: Iterable[Kept]) -> list[tuple[str, bytes]]:
+    """Key and payload of each message, oldest first, without the frames that were removed later."""
+    removed: set[str] = set()
+    messages = []
+    for key, payload in reversed(list(kept)):
+        if not key:
+            removed.add(payload.decode())
+        elif not removed:
+            messages.append((key, payload))
+        elif left := _without(payload, removed):
+            messages.append((key, left))
+    return messages[::-1]
+
+
+def _without(payload: bytes, removed: set[str]) -> bytes:
+    """The message without these child frames; empty where nothing is left of it."""
+    message = decode_transforms(payload)
+    if removed.isdisjoint(message.batch.frames):
+        return payload
+    batch = message.batch.without(removed)
+    return encode_transforms(replace(message, batch=batch)) if len(batch) else b""
 
 
 def _ns(seconds: float) -> int:

@@ -13,9 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Collection
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.claims import Ruling
@@ -27,6 +24,10 @@ from tfbus.wire import TransformMessage
 
 # Of the delay of each message so much goes into the mean.
 _SMOOTHING = 0.1
+
+# What was kept of a removed frame may still be on its way. A publisher may go through any number
+# of names, and of no more than these is it remembered.
+_MOST_REMOVED = 10_000
 
 # Node, process id and Zenoh's session: what one process is told from the next by.
 Publisher = tuple[str, int, str]
@@ -86,6 +87,8 @@ class StreamReception:
         self._statics_are_current = True
         self._listed_statics: frozenset[str] = frozenset()
         self._listed_epoch_ns: int | None = None
+        # Those that were in the list of this epoch, or of this process, and are no more.
+        self._removed: frozenset[str] = frozenset()
         self._publisher: Publisher | None = None
         self._has_told_refused = self._has_told_two = False
 
@@ -191,7 +194,7 @@ class StreamReception:
 
     def _without(self, batch: TransformBatch | Columns, excluded: frozenset[str]) -> TransformBatch:
         whole = batch.as_batch() if isinstance(batch, Columns) else batch
-        kept = _without(whole, excluded)
+        kept = whole.without(excluded)
         with self.lock:
             self.excluded_rows += len(whole) - len(kept)
         return kept
@@ -239,7 +242,8 @@ class StreamReception:
     def receive_kept(self, payload: bytes) -> None:
         """Take a message that the stream has kept, and that may have come before.
 
-        Frames that the stream does not list any more have been removed since.
+        Frames that the stream has listed, and lists no more, have been removed since. One that it
+        has not listed so far may be newer than its list.
         """
         message = self.decode(payload)
         if message is None or not self.admit(message.epoch_ns):
@@ -249,11 +253,10 @@ class StreamReception:
             self.messages += 1
             self.transforms += len(batch)
             self.bytes += len(payload)
-            is_listed = self._listed_epoch_ns == message.epoch_ns
-        if is_listed:
-            removed = {child for _, child in _edges(batch)} - self.listed
-            batch = _without(batch, removed) if removed else batch
-        self.insert(batch, message.epoch_ns)
+            removed = self._removed
+        self.insert(batch.without(removed) if removed else batch, message.epoch_ns)
+        if self._removed is not removed:
+            self.buffer.remove_sent(self._removed - removed, self.name)
 
     def receive_static(self, payload: bytes) -> None:
         """Take the whole set of static transforms of the stream, in the place of the former."""
@@ -305,7 +308,7 @@ class StreamReception:
         """
         applied = None
         while (batch := self.statics) is not applied and batch is not None:
-            rows = batch if children is None else _only(batch, children)
+            rows = batch if children is None else batch.only(children)
             if len(rows):
                 self.insert(rows, self._static_epoch_ns or 0, static=True)
             applied = batch
@@ -339,8 +342,11 @@ class StreamReception:
             is_same = publisher is not None and publisher == self._publisher
             self._publisher = publisher
             self._turns += 1
-        if former_ns == epoch_ns or is_same:
-            self.buffer.remove_sent(former - children, self.name)
+            dropped = former - children if former_ns == epoch_ns or is_same else frozenset()
+            is_more = former_ns == epoch_ns and len(self._removed) < _MOST_REMOVED
+            self._removed = ((self._removed if is_more else frozenset()) | dropped) - children
+        if dropped:
+            self.buffer.remove_sent(dropped, self.name)
         self.mark()
 
     def appear(self) -> None:
@@ -464,26 +470,6 @@ class StaticReception:
 
 def _is_before(seq: int | None, other: int | None) -> bool:
     return seq is not None and other is not None and seq < other
-
-
-def _without(batch: TransformBatch, children: Collection[str]) -> TransformBatch:
-    """The rows whose child is none of these."""
-    return _rows(batch, ~_is_of(batch, children))
-
-
-def _only(batch: TransformBatch, children: Collection[str]) -> TransformBatch:
-    """The rows whose child is one of these."""
-    return _rows(batch, _is_of(batch, children))
-
-
-def _is_of(batch: TransformBatch, children: Collection[str]) -> NDArray[np.bool_]:
-    """Of each row whether its child is one of these."""
-    of = [at for at, frame in enumerate(batch.frames) if frame in children]
-    return np.isin(batch.edges[:, 1], of)
-
-
-def _rows(batch: TransformBatch, kept: NDArray[np.bool_]) -> TransformBatch:
-    return TransformBatch(batch.frames, batch.edges[kept], batch.stamps_ns[kept], batch.poses[kept])
 
 
 def _edges(batch: TransformBatch) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from tfbus.batch import TransformBatch
 from tfbus.columns import Columns
 from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.kept_messages import KeptMessages
+from tfbus.kept_messages import KeptMessages, without_removed
 from tfbus.newest_stamps import NewestStamps, Rows
 from tfbus.one_message import OneMessage
 from tfbus.query import Query
@@ -176,6 +176,8 @@ class TransformSender:
             self._newest.forget(child)
             self._keys.forget(child)
             self._forget_tables()
+            if self._kept is not None:
+                self._kept.remove(child)
 
     def _note(self, table: _Table, columns: Columns) -> int | None:
         """Note the stamps; where one is too far back, its row is answered, and none is noted."""
@@ -242,8 +244,8 @@ class TransformSender:
         last_s = _seconds(query.parameter("last_s"))
         with self._lock:
             kept = self._kept.last(last_s) if self._kept is not None else []
-        wanted = {key for key in {key for key, _ in kept} if within(key, query.key)}
-        return [message for message in kept if message[0] in wanted]
+        wanted = {key for key in {key for key, _ in kept} if not key or within(key, query.key)}
+        return without_removed(message for message in kept if message[0] in wanted)
 
 
 def _seconds(text: str | None) -> float:

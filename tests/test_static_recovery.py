@@ -20,6 +20,9 @@ class Asked:
         self.keys: list[str] = []
         self.pauses_s: list[float] = []
         self.later: Callable[[], None] | None = None
+        # What is called where a question takes long.
+        self.impatient: Callable[[], None] = lambda: None
+        self._is_open = False
         self.on_answer: Callable[[Answer], None]
         self.on_end: Callable[[], None]
         self.recovery = StaticRecovery(
@@ -38,18 +41,29 @@ class Asked:
     ) -> None:
         self.keys.append(key)
         self.on_answer, self.on_end = on_answer, on_end
+        self._is_open = True
 
     def submit(self, what: str, callback: Callable[[], None]) -> None:
         callback()
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
-        self.pauses_s.append(delay_s)
-        self.later = callback
+        if self._is_open:
+            self.impatient = callback
+        else:
+            self.pauses_s.append(delay_s)
+            self.later = callback
 
     def nobody_answers(self) -> None:
         """The question ends without an answer, and the pause after it."""
-        self.later = None
-        self.on_end()
+        self._ask_another(self.on_end)
+
+    def nothing_is_heard(self) -> None:
+        """The question takes long, and the pause after that has passed."""
+        self._ask_another(self.impatient)
+
+    def _ask_another(self, go_on: Callable[[], None]) -> None:
+        self.later, self._is_open = None, False
+        go_on()
         if self.later is not None:
             self.later()
 
@@ -94,6 +108,21 @@ def test_a_publisher_is_asked_until_it_answers(
     asked.nobody_answers()
     assert received.x_of("post") == 3
     assert len(asked.keys) == 21
+
+
+def test_a_question_that_is_lost_is_not_waited_for(asked: Asked, received: Received) -> None:
+    """Another is asked when one takes long, and the end of the first asks no more."""
+    list_static(received, "post")
+    check(asked, received)
+    end_of_the_first = asked.on_end
+    asked.nothing_is_heard()
+    assert len(asked.keys) == 2
+    end_of_the_first()
+    assert len(asked.keys) == 2
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    asked.nobody_answers()
+    asked.impatient()
+    assert len(asked.keys) == 2
 
 
 def test_what_is_listed_while_a_question_ends_is_asked_for(

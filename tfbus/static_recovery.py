@@ -20,6 +20,8 @@ from tfbus.retained import ask_retained_later
 from tfbus.session import Session
 
 _ANSWER_WITHIN_S = 2.0
+# A question that is lost is not worth the wait for its end; one that is only slow may be doubled.
+_ASK_ANOTHER_S = 0.5
 # The last of them is the pause before all further questions.
 _ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
 
@@ -65,8 +67,16 @@ class StaticRecovery:
             if answer.refusal is None and stream.name in self._asking:
                 stream.receive_static(answer.payload)
 
+        is_over = False
+
+        def end() -> None:
+            nonlocal is_over
+            if not is_over:
+                is_over = True
+                self._ask_again(key, stream, turn)
+
         def on_end() -> None:
-            self._do(lambda: self._ask_again(key, stream, turn))
+            self._do(end)
 
         with suppress(BusError):  # the session has been closed
             if turn % 2:
@@ -75,6 +85,7 @@ class StaticRecovery:
                 ask_retained_later(
                     self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
                 )
+        self._executor.after(_ASK_ANOTHER_S, end)
 
     def _ask_again(self, key: str, stream: StreamReception, turn: int) -> None:
         if stream.name not in self._asking:

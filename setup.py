@@ -18,6 +18,7 @@ KERNEL = (
     "tree",
     "intake",
     "sweep",
+    "time_order",
     "store",
     "answering",
     "filling",
@@ -47,7 +48,9 @@ def kernel_extensions() -> list[Extension]:
             Extension(
                 f"tfbus.{name}",
                 [f"tfbus/{name}.py"],
-                extra_compile_args=ARITHMETIC if name in ("kernel", "intake", "sweep") else [],
+                extra_compile_args=ARITHMETIC
+                if name in ("kernel", "intake", "sweep", "time_order")
+                else [],
             )
             for name in KERNEL
         ],

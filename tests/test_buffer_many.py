@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from tfbus.buffer import Buffer
 from tfbus.errors import (
@@ -13,6 +16,7 @@ from tfbus.errors import (
     LookupException,
 )
 from tfbus.sampling import Sampling
+from tfbus.time_order import by_time
 from tfbus.transform import Transform, TransformStamped
 
 S = 1_000_000_000
@@ -40,6 +44,41 @@ def test_many_lookups_are_the_lookups_one_by_one(ends):
     for stamp, xyz, quat in zip(stamps, *many, strict=True):
         one = buffer.lookup_transform(*ends, stamp).transform
         assert one.is_close(Transform(xyz, quat), 1e-14)
+
+
+@pytest.mark.parametrize(
+    "sampling", [Sampling(), Sampling("screw"), Sampling("nearest", tolerance_s=0.02)]
+)
+@pytest.mark.parametrize("most", [S, 2**62])
+def test_the_order_of_many_stamps_is_of_no_account(sampling, most):
+    """Thousands of stamps in any order have the rows that they have sorted, to the last bit."""
+    buffer = arm(1.0)
+    rng = np.random.default_rng(1)
+    # Some lie outside of what is known, some at the ends of time.
+    stamps = np.concatenate([rng.integers(-S // 9, S + S // 9, 5000), [-most, most, S, S]])
+    order = rng.permutation(len(stamps))
+    in_order = np.sort(stamps)
+    many, known = buffer.lookup_known_transforms("world", "hand", in_order, sampling=sampling)
+    mixed, known_mixed = buffer.lookup_known_transforms(
+        "world", "hand", in_order[order], sampling=sampling
+    )
+    assert known_mixed.tolist() == known[order].tolist()
+    assert np.array_equal(mixed.xyz, many.xyz[order], equal_nan=True)
+    assert np.array_equal(mixed.quat_xyzw, many.quat_xyzw[order], equal_nan=True)
+
+
+@given(arrays(np.int64, st.integers(1024, 3000), elements=st.integers(-(2**63), 2**63 - 1)))
+def test_rows_are_put_into_about_the_order_of_their_times(stamps):
+    """Each row is there once, and near times are near each other, whatever the times are."""
+    rows = by_time(stamps)
+    if len(rows) == 0:
+        assert (np.diff(stamps) >= 0).all()
+        return
+    assert sorted(rows.tolist()) == list(range(len(stamps)))
+    ordered = stamps[rows].astype(float)
+    # Of at least so many buckets none is longer than that, but for the rounding of doubles.
+    bucket = (ordered.max() - ordered.min()) / (len(stamps) // 8 - 1)
+    assert (np.maximum.accumulate(ordered) - ordered <= bucket * 1.001 + 2048).all()
 
 
 def test_the_arrays_know_matrices_inverses_and_points():

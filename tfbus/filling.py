@@ -13,6 +13,7 @@ from tfbus.answering import Answering
 from tfbus.kernel import Path
 from tfbus.sampling import Sampling
 from tfbus.sweep import fill
+from tfbus.time_order import by_time
 from tfbus.transform import TransformStamped
 from tfbus.transform_array import TransformArray
 
@@ -45,6 +46,7 @@ class Filling(Answering):
                 target_frame,
                 source_frame,
                 stamps.data,
+                by_time(stamps).data,
                 xyz.reshape(-1).data,
                 quat_xyzw.reshape(-1).data,
                 known.view(np.uint8).data,
@@ -57,6 +59,7 @@ class Filling(Answering):
         target_frame: str,
         source_frame: str,
         stamps: Any,
+        rows: Any,
         xyz: Any,
         quat: Any,
         known: Any,
@@ -72,17 +75,26 @@ class Filling(Answering):
             if strict and path is not None:
                 # Python's other threads go on meanwhile.
                 with cython.nogil:
-                    start = self._fill_along(path, stamps, start, xyz, quat, known, screw)
+                    start = self._fill_along(path, stamps, rows, start, xyz, quat, known, screw)
             if start == before:
                 stop = min(start + _CHUNK, count)
                 with self._lock:
-                    for i in range(start, stop):
+                    for j in range(start, stop):
+                        i = rows[j] if len(rows) else j
                         answer = self._tree.answer(target_frame, source_frame, stamps[i], sampling)
                         _write_row(answer, i, xyz, quat, known)
                 start = stop
 
     def _fill_along(
-        self, path: Path, stamps: Any, start: int, xyz: Any, quat: Any, known: Any, screw: bool
+        self,
+        path: Path,
+        stamps: Any,
+        rows: Any,
+        start: int,
+        xyz: Any,
+        quat: Any,
+        known: Any,
+        screw: bool,
     ) -> int:
         """Fill the rows from `start` on while the path is one for all times: to which row."""
         count = len(stamps)
@@ -91,7 +103,7 @@ class Filling(Answering):
                 if path.topology != self._tree.topology or path.is_mixed():
                     return start
                 stop = min(start + _CHUNK, count)
-                fill(path, stamps, start, stop, xyz, quat, known, screw)
+                fill(path, stamps, rows, start, stop, xyz, quat, known, screw)
             start = stop
         return start
 

@@ -9,6 +9,8 @@ cdef long long NO_DATA
 
 # Of _ROWS rows.
 cdef struct block_t:
+    long long stamps_ns[64]
+    Py_ssize_t row[64]
     double x[64]
     double y[64]
     double z[64]
@@ -29,10 +31,12 @@ ctypedef block_t* block_ptr
 
 @cython.locals(space=block_t, block=block_ptr, count=Py_ssize_t, i=Py_ssize_t)
 cpdef void fill(
-    Path path, const long long[::1] stamps, Py_ssize_t start, Py_ssize_t stop, double[::1] xyz,
-    double[::1] quat, unsigned char[::1] known, bint screw) noexcept nogil
-@cython.locals(j=Py_ssize_t)
-cdef void _begin(block_t* block, Py_ssize_t count) noexcept nogil
+    Path path, const long long[::1] stamps, const int[::1] rows, Py_ssize_t start, Py_ssize_t stop,
+    double[::1] xyz, double[::1] quat, unsigned char[::1] known, bint screw) noexcept nogil
+@cython.locals(j=Py_ssize_t, is_ordered=cython.bint)
+cdef void _begin(
+    block_t* block, const long long[::1] stamps, const int[::1] rows, Py_ssize_t start,
+    Py_ssize_t count) noexcept nogil
 @cython.locals(
     j=Py_ssize_t, stamp_ns=cython.longlong, before=cython.longlong, after=cython.longlong,
     ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double, bx=double,
@@ -40,14 +44,12 @@ cdef void _begin(block_t* block, Py_ssize_t count) noexcept nogil
     short=double, angle=double, scale=double, elapsed=double, pace=double, ratio=double,
     rest=double, u=double, v=double)
 cdef void _step(
-    block_t* block, samples_t* samples, const long long[::1] stamps, Py_ssize_t start,
-    Py_ssize_t count) noexcept nogil
+    block_t* block, samples_t* samples, Py_ssize_t count) noexcept nogil
 @cython.locals(third=double, second=double)
 cdef double _weight(double short, double square) noexcept nogil
 @cython.locals(j=Py_ssize_t, ratio=double, a=pose_t, b=pose_t)
 cdef void _step_screw(
-    block_t* block, samples_t* samples, const long long[::1] stamps, Py_ssize_t start,
-    Py_ssize_t count) noexcept nogil
+    block_t* block, samples_t* samples, Py_ssize_t count) noexcept nogil
 cdef pose_t _missing(block_t* block, Py_ssize_t j) noexcept nogil
 @cython.locals(
     x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double)
@@ -65,5 +67,5 @@ cdef void _invert(block_t* block, Py_ssize_t count) noexcept nogil
 @cython.locals(
     i=Py_ssize_t, j=Py_ssize_t, qx=double, qy=double, qz=double, qw=double, scale=double)
 cdef void _write(
-    block_t* block, Py_ssize_t start, Py_ssize_t count, double[::1] xyz, double[::1] quat,
+    block_t* block, Py_ssize_t count, double[::1] xyz, double[::1] quat,
     unsigned char[::1] known) noexcept nogil

@@ -35,11 +35,14 @@ _NOTHING = float("nan")
 class Block:
     """What is known of some rows while their poses are put together; compiled, a struct of C.
 
-    x y z qx qy qz qw is the pose so far, and with `step_` before it what is to follow: the pose
-    of one more edge. `known` is 0 where there is none.
+    `stamps_ns` are their times, and `row` is where they go. x y z qx qy qz qw is the pose so far,
+    and with `step_` before it what is to follow: the pose of one more edge. `known` is 0 where
+    there is none.
     """
 
     def __init__(self) -> None:
+        self.stamps_ns = [0] * _ROWS
+        self.row = [0] * _ROWS
         self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw = _columns()
         self.step_x, self.step_y, self.step_z, *quat = _columns()
         self.step_qx, self.step_qy, self.step_qz, self.step_qw = quat
@@ -53,6 +56,7 @@ def _columns() -> list[list[float]]:
 def fill(
     path: Path,
     stamps: Sequence[int],
+    rows: Sequence[int],
     start: int,
     stop: int,
     xyz: MutableSequence[float],
@@ -62,7 +66,7 @@ def fill(
 ) -> None:
     """The poses at the stamps of rows [start, stop), written into their rows of `xyz` (three
     numbers each) and `quat` (four): those of `path.follow`, and not a number where it has none;
-    there `known` is 0.
+    there `known` is 0. Where there are `rows`, they say which row is the first, and so on.
     """
     if cython.compiled:  # noqa: SIM108  # in C the two are of different types
         block = cython.address(space)  # type: ignore[name-defined]  # noqa: F821  # a struct of C
@@ -70,26 +74,32 @@ def fill(
         block = Block()
     while start < stop:
         count = min(_ROWS, stop - start)
-        _begin(block, count)
+        _begin(block, stamps, rows, start, count)
         for i in range(path.count):
             if i == path.turn:
                 _invert(block, count)
             if screw:
-                _step_screw(block, path.steps[i], stamps, start, count)
+                _step_screw(block, path.steps[i], count)
             else:
-                _step(block, path.steps[i], stamps, start, count)
+                _step(block, path.steps[i], count)
             if i == 0:
                 _take(block, count)
             else:
                 _compose(block, count)
         if path.turn == path.count:
             _invert(block, count)
-        _write(block, start, count, xyz, quat, known)
+        _write(block, count, xyz, quat, known)
         start += count
 
 
-def _begin(block: Block, count: int) -> None:
+def _begin(
+    block: Block, stamps: Sequence[int], rows: Sequence[int], start: int, count: int
+) -> None:
     """All rows at the source."""
+    is_ordered = len(rows) > 0
+    for j in range(count):
+        block.row[j] = rows[start + j] if is_ordered else start + j
+        block.stamps_ns[j] = stamps[block.row[j]]
     for j in range(count):
         block.known[j] = 1
         block.x[j] = block.y[j] = block.z[j] = 0.0
@@ -97,14 +107,14 @@ def _begin(block: Block, count: int) -> None:
         block.qw[j] = 1.0
 
 
-def _step(block: Block, samples: Samples, stamps: Sequence[int], start: int, count: int) -> None:
+def _step(block: Block, samples: Samples, count: int) -> None:
     """The pose of an edge for each row, as `blend` has it."""
     before = after = NO_DATA
     ax = ay = az = apx = apy = apz = apw = 0.0
     bx = by = bz = bpx = bpy = bpz = bpw = 0.0
     pace = short = angle = scale = 0.0
     for j in range(count):
-        stamp_ns = stamps[start + j]
+        stamp_ns = block.stamps_ns[j]
         if stamp_ns < before or stamp_ns >= after:
             ratio = locate(samples, stamp_ns)
             before, after = samples.before, samples.after
@@ -150,12 +160,10 @@ def _weight(short: float, square: float) -> float:
     return 1.0 + short * (1.0 - square) * (1.0 / 3.0) * second
 
 
-def _step_screw(
-    block: Block, samples: Samples, stamps: Sequence[int], start: int, count: int
-) -> None:
+def _step_screw(block: Block, samples: Samples, count: int) -> None:
     """The pose of an edge for each row, as `screw_at` has it."""
     for j in range(count):
-        ratio = locate(samples, stamps[start + j])
+        ratio = locate(samples, block.stamps_ns[j])
         if ratio < 0.0:
             _set_step(block, j, _missing(block, j))
         elif ratio == 0.0:
@@ -227,7 +235,6 @@ def _invert(block: Block, count: int) -> None:
 
 def _write(
     block: Block,
-    start: int,
     count: int,
     xyz: MutableSequence[float],
     quat: MutableSequence[float],
@@ -235,7 +242,7 @@ def _write(
 ) -> None:
     """What has been found, with the rounding of many products taken off the norm again."""
     for j in range(count):
-        i = start + j
+        i = block.row[j]
         known[i] = block.known[j]
         qx, qy, qz, qw = block.qx[j], block.qy[j], block.qz[j], block.qw[j]
         scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)

@@ -13,6 +13,9 @@ SAMPLES = 1_000  # of each edge: ten seconds, all that tf2 keeps unless told oth
 RECENT = 10  # periods, in which a robot mostly asks
 COLUMNS = 50  # edges of one message
 BATCH = 50_000  # stamps in one call
+# So many transforms to insert are made at a time. Were as many made as a peer takes in some time,
+# those of a faster one would be further from the processor, while what has just arrived is near.
+INSERTS_AT_ONCE = 5_000
 
 Pose = tuple[float, float, float, float, float, float, float]
 

@@ -29,20 +29,28 @@ class Loop:
     # How many at once, where that is part of the measure; else as many as fill the time.
     count: int | None = None
     fill_ns: int = 50_000_000
+    # No more items are made at a time.
+    at_once: int = sys.maxsize
     # What goes on meanwhile.
     beside: Callable[[], AbstractContextManager[Any]] = field(default=nullcontext)
 
     def time_ns(self, count: int) -> float:
         """How long one of `count` operations takes."""
-        items = self.items(count)
+        gc.collect()
+        gc.disable()
+        done = elapsed = 0
+        while done < count:
+            some = min(self.at_once, count - done)
+            elapsed += self._elapsed_ns(self.items(some))
+            done += some
+        gc.enable()
+        return elapsed / count
+
+    def _elapsed_ns(self, items: Any) -> int:
         with self.beside():
-            gc.collect()
-            gc.disable()
             start = perf_counter_ns()
             self.run(items)
-            elapsed = perf_counter_ns() - start
-            gc.enable()
-        return elapsed / count
+            return perf_counter_ns() - start
 
 
 class Worker:

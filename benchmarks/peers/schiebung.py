@@ -8,7 +8,17 @@ from typing import Any
 
 from schiebung import BufferTree, StampedIsometry, TransformType
 
-from benchmarks.data import COLUMNS, SAMPLES, anywhere, frame, pose, recent, rows, stamp_ns
+from benchmarks.data import (
+    COLUMNS,
+    INSERTS_AT_ONCE,
+    SAMPLES,
+    anywhere,
+    frame,
+    pose,
+    recent,
+    rows,
+    stamp_ns,
+)
 from benchmarks.worker import Loop
 
 
@@ -47,7 +57,7 @@ def insert(edges: int) -> Loop:
         for transform in transforms:
             tree.update(*transform)
 
-    return Loop(_further(edges), run)
+    return Loop(_further(edges), run, at_once=INSERTS_AT_ONCE)
 
 
 def insert_columns(edges: int) -> Loop:
@@ -63,7 +73,7 @@ def insert_columns(edges: int) -> Loop:
         for batch in batches:
             tree.update_batch(batch)
 
-    return Loop(items, run)
+    return Loop(items, run, at_once=INSERTS_AT_ONCE)
 
 
 def memory(samples: int) -> Any:

@@ -8,7 +8,7 @@ import rospy
 import tf2_py
 from geometry_msgs.msg import TransformStamped
 
-from benchmarks.data import SAMPLES, anywhere, frame, pose, recent, rows, stamp_ns
+from benchmarks.data import INSERTS_AT_ONCE, SAMPLES, anywhere, frame, pose, recent, rows, stamp_ns
 from benchmarks.worker import Loop
 
 
@@ -45,7 +45,7 @@ def insert(edges: int) -> Loop:
         for message in messages:
             core.set_transform(message, "bench")
 
-    return Loop(items, run)
+    return Loop(items, run, at_once=INSERTS_AT_ONCE)
 
 
 insert_columns = insert

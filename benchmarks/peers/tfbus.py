@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.data import (
     BATCH,
     COLUMNS,
+    INSERTS_AT_ONCE,
     PERIOD_NS,
     SAMPLES,
     START_NS,
@@ -76,7 +77,7 @@ def insert(edges: int) -> Loop:
         for transform in transforms:
             buffer.set_transform(transform)
 
-    return Loop(items, run)
+    return Loop(items, run, at_once=INSERTS_AT_ONCE)
 
 
 def insert_columns(edges: int) -> Loop:
@@ -91,7 +92,7 @@ def insert_columns(edges: int) -> Loop:
         for batch in batches:
             buffer.set_transforms(batch)
 
-    return Loop(items, run)
+    return Loop(items, run, at_once=INSERTS_AT_ONCE)
 
 
 def lookup_beside_inserts(edges: int) -> Loop:

@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 import tf_tree
 
-from benchmarks.data import BATCH, SAMPLES, anywhere, frame, pose, recent, rows, stamp_ns
+from benchmarks.data import (
+    BATCH,
+    INSERTS_AT_ONCE,
+    SAMPLES,
+    anywhere,
+    frame,
+    pose,
+    recent,
+    rows,
+    stamp_ns,
+)
 from benchmarks.worker import Loop
 
 
@@ -75,7 +85,7 @@ def insert(edges: int) -> Loop:
         for publisher, stamp, quat7 in transforms:
             publisher.push(stamp, quat7)
 
-    return Loop(items, run)
+    return Loop(items, run, at_once=INSERTS_AT_ONCE)
 
 
 insert_columns = insert  # it has columns of the samples of one edge only

@@ -1,9 +1,8 @@
 cimport cython
-cimport libc.math as math
 from tfbus cimport octets
 from tfbus.columns cimport Columns
-from tfbus.kernel cimport History, append, pose_t, samples_t
-from tfbus.octets cimport edge_t, octets_t
+from tfbus.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
+from tfbus.octets cimport edge_t
 from tfbus.tree cimport Tree
 
 cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _LEAST_ROWS
@@ -30,8 +29,7 @@ cdef class Intake:
 
     @cython.locals(table=Table, taken=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
     cdef Py_ssize_t take(self, Columns columns, bint static, str authority) except -1
-    @cython.locals(stamps=octets_t, poses=octets_t, cache_ns=cython.longlong, at=Py_ssize_t,
-                   stamp_ns=cython.longlong, pose=pose_t, error=double)
+    @cython.locals(at=Py_ssize_t)
     cdef Py_ssize_t _append(self, Table table, Columns columns, Py_ssize_t start) except -1
     @cython.locals(stamp_ns=cython.longlong, pose=pose_t, edge=edge_t, parent=str, child=str,
                    error=double)
@@ -42,10 +40,3 @@ cdef class Intake:
     cdef Table _table(self, Columns columns, str authority)
     @cython.locals(i=Py_ssize_t, edge=edge_t, child=History, parent=History, children=list)
     cdef Table _find_table(self, Columns columns, str authority)
-
-@cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double,
-               total=double, square=double)
-cdef double off_unit(pose_t pose) noexcept nogil
-@cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double,
-               scale=double)
-cdef pose_t unit(pose_t pose, double error) noexcept nogil

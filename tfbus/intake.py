@@ -4,7 +4,6 @@ One of the modules that are compiled where there is a C compiler (`intake.pxd` s
 Nothing here locks: the buffer holds its lock around every call.
 """
 
-import math
 from array import array
 
 from tfbus import octets
@@ -12,9 +11,8 @@ from tfbus.columns import Columns
 from tfbus.errors import InvalidArgumentException
 from tfbus.kernel import History, Pose
 from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.outcome import LONGEST_NS
+from tfbus.outcome import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.rejections import Rejections
-from tfbus.transform import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.tree import Tree
 
 try:
@@ -23,8 +21,8 @@ except ImportError:
     from tfbus import uncompiled as cython
 
 if not cython.compiled:
-    # Compiled, it is a function of C.
-    from tfbus.kernel import append
+    # Compiled, they are functions of C.
+    from tfbus.kernel import append_rows, off_unit, unit
 
 # Of so many authorities the edges of the last batch are kept; of fewer rows it is not worth it.
 _MOST_TABLES = 1024
@@ -94,22 +92,16 @@ class Intake:
         """Take rows from `start` on, as long as each is newer than the others of its edge and
         nothing changes but that: the row at which it is not so, or the count of all.
         """
-        stamps, poses = columns.stamps, columns.poses
-        cache_ns = self._tree.cache_ns
-        at = start
-        while at < columns.count:
-            stamp_ns = octets.stamp_at(stamps, columns.stamps_at + STAMP_SIZE * at)
-            pose: Pose = octets.pose_at(poses, columns.poses_at + POSE_SIZE * at)
-            error = off_unit(pose)
-            if not (error > -QUATERNION_TOLERANCE and error < QUATERNION_TOLERANCE):
-                break
-            if not (stamp_ns > -LONGEST_NS and stamp_ns < LONGEST_NS):
-                break
-            if error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
-                pose = unit(pose, error)
-            if not append(table.samples[at], stamp_ns, pose, cache_ns):
-                break
-            at += 1
+        at = append_rows(
+            table.samples,
+            columns.stamps,
+            columns.stamps_at,
+            columns.poses,
+            columns.poses_at,
+            start,
+            columns.count,
+            self._tree.cache_ns,
+        )
         if self._tree.touched is not None:
             self._tree.touched += table.children[start:at]
         return at
@@ -176,21 +168,3 @@ class Intake:
             self._tables.clear()
         self._tables[authority] = table
         return table
-
-
-def off_unit(pose: Pose) -> float:
-    """How far the quaternion's squared norm is off one; not a number where one of the seven is
-    not finite.
-    """
-    x, y, z, qx, qy, qz, qw = pose
-    total = x + y + z
-    square = qx * qx + qy * qy + qz * qz + qw * qw
-    # Of numbers that are not finite a difference to themselves is not 0.
-    return (square - square) + (total - total) + (square - 1.0)
-
-
-def unit(pose: Pose, error: float) -> Pose:
-    """The pose with its quaternion normalised, whose squared norm is so far off one."""
-    x, y, z, qx, qy, qz, qw = pose
-    scale = 1.0 / math.sqrt(1.0 + error)
-    return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale

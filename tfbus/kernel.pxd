@@ -2,7 +2,7 @@ cimport cython
 cimport libc.math as math
 
 from tfbus cimport octets
-from tfbus.octets cimport pose_t
+from tfbus.octets cimport octets_t, pose_t
 
 ctypedef (double, double, double, double, double, double) twist_t
 
@@ -19,6 +19,14 @@ cpdef pose_t between(pose_t a, pose_t b) noexcept nogil
 
 @cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double, scale=double)
 cpdef pose_t normalised(pose_t a) noexcept nogil
+
+@cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double,
+               total=double, square=double)
+cdef double off_unit(pose_t pose) noexcept nogil
+
+@cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double,
+               scale=double)
+cdef pose_t unit(pose_t pose, double error) noexcept nogil
 
 @cython.locals(ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double, bx=double, by=double, bz=double, bpx=double, bpy=double, bpz=double, bpw=double, cosine=double, sign=double, rest=double, short=double, u=double, v=double, angle=double, scale=double)
 cpdef pose_t blend(pose_t a, pose_t b, double ratio) noexcept nogil
@@ -56,9 +64,9 @@ ctypedef samples_t* samples_ptr
 ctypedef long long* stamps_ptr
 ctypedef double* poses_ptr
 
-cdef long long ALL_STATIC, CONFLICT, KEPT, NO_DATA, REPEATED, TOO_OLD
-cdef Py_ssize_t _FIRST_CAPACITY
-cdef double OUTSIDE
+cdef long long ALL_STATIC, CONFLICT, KEPT, LONGEST_NS, NO_DATA, REPEATED, TOO_OLD
+cdef Py_ssize_t POSE_SIZE, STAMP_SIZE, _FIRST_CAPACITY
+cdef double OUTSIDE, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
 # `elapsed` and `period` of a ratio are doubles, so that what is divided is not whole numbers.
 
@@ -77,6 +85,10 @@ cdef pose_t screw_at(samples_t* samples, double ratio) noexcept nogil
 cdef pose_t sample(samples_t* samples, Py_ssize_t place) noexcept nogil
 cdef bint append(
     samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
+@cython.locals(at=Py_ssize_t, stamp_ns=cython.longlong, pose=pose_t, error=double)
+cdef Py_ssize_t append_rows(
+    samples_t** edges, octets_t stamps, Py_ssize_t stamps_at, octets_t poses, Py_ssize_t poses_at,
+    Py_ssize_t start, Py_ssize_t count, long long cache_ns) noexcept nogil
 cdef void push(
     samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
 @cython.locals(stamps=stamps_ptr)

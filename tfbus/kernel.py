@@ -12,10 +12,21 @@ a child frame into its parent.
 
 import math
 from array import array
-from collections.abc import MutableSequence
+from collections.abc import MutableSequence, Sequence
 
 from tfbus import octets
-from tfbus.outcome import ALL_STATIC, CONFLICT, KEPT, NO_DATA, REPEATED, TOO_OLD
+from tfbus.octets import POSE_SIZE, STAMP_SIZE
+from tfbus.outcome import (
+    ALL_STATIC,
+    CONFLICT,
+    KEPT,
+    LONGEST_NS,
+    NO_DATA,
+    QUATERNION_TOLERANCE,
+    REPEATED,
+    TOO_OLD,
+    UNIT_TO_THE_LAST_BIT,
+)
 from tfbus.sampling import Sampling
 
 try:
@@ -86,6 +97,24 @@ def normalised(a: Pose) -> Pose:
     """With the rounding of many products taken off the norm again, by one step of Newton's."""
     x, y, z, qx, qy, qz, qw = a
     scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
+    return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale
+
+
+def off_unit(pose: Pose) -> float:
+    """How far the quaternion's squared norm is off one; not a number where one of the seven is
+    not finite.
+    """
+    x, y, z, qx, qy, qz, qw = pose
+    total = x + y + z
+    square = qx * qx + qy * qy + qz * qz + qw * qw
+    # Of numbers that are not finite a difference to themselves is not 0.
+    return (square - square) + (total - total) + (square - 1.0)
+
+
+def unit(pose: Pose, error: float) -> Pose:
+    """The pose with its quaternion normalised, whose squared norm is so far off one."""
+    x, y, z, qx, qy, qz, qw = pose
+    scale = 1.0 / math.sqrt(1.0 + error)
     return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale
 
 
@@ -378,6 +407,36 @@ def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
         return False
     push(samples, stamp_ns, pose, cache_ns)
     return True
+
+
+def append_rows(
+    edges: Sequence[Samples],
+    stamps: bytes,
+    stamps_at: int,
+    poses: bytes,
+    poses_at: int,
+    start: int,
+    count: int,
+    cache_ns: int,
+) -> int:
+    """Append to each edge its row, from `start` on, as long as each is newer than the others of its
+    edge, and as it should be: the row at which it is not so, or the count of all.
+
+    The rows are bytes from `stamps_at` and `poses_at` on, as a message has them.
+    """
+    for at in range(start, count):
+        stamp_ns = octets.stamp_at(stamps, stamps_at + STAMP_SIZE * at)
+        pose: Pose = octets.pose_at(poses, poses_at + POSE_SIZE * at)
+        error = off_unit(pose)
+        if not (error > -QUATERNION_TOLERANCE and error < QUATERNION_TOLERANCE):
+            return at
+        if not (stamp_ns > -LONGEST_NS and stamp_ns < LONGEST_NS):
+            return at
+        if error > UNIT_TO_THE_LAST_BIT or error < -UNIT_TO_THE_LAST_BIT:
+            pose = unit(pose, error)
+        if not append(edges[at], stamp_ns, pose, cache_ns):
+            return at
+    return count
 
 
 def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:

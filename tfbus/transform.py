@@ -27,6 +27,7 @@ from tfbus.kernel import (
     log_pose,
     normalised,
 )
+from tfbus.outcome import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
 try:
     import cython
@@ -37,11 +38,6 @@ Floats = NDArray[np.float64]
 
 # Differences of such stamps fit into 64 bits.
 LATEST_STAMP_NS = 2**62 - 1
-
-# tf2's tolerance (TF2 "TF_DENORMALIZED_QUATERNION"): the squared norm is within 0.01 of one.
-QUATERNION_TOLERANCE = 0.01
-# So near is the squared norm of a quaternion that was normalised before.
-UNIT_TO_THE_LAST_BIT = 4.5e-16
 
 
 @cython.freelist(256)

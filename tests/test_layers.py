@@ -30,6 +30,7 @@ LAYERS = [
     {"kernel", "time_order"},
     {"sweep"},
     {"transform"},
+    {"rotation_arrays"},
     {"batch", "transform_array", "twist", "describe"},
     {"columns", "one_message"},
     {"tree"},

@@ -36,13 +36,43 @@ def test_conversions_are_those_of_the_rows(singles):
     array = TransformArray.of(singles)
     matrices = [single.as_matrix() for single in singles]
     assert np.allclose(array.as_matrix(), matrices, rtol=0.0, atol=1e-12)
-    assert np.array_equal(array.as_rpy(), [single.as_rpy() for single in singles])
+    for axes in ("xyz", "ZYX", "zxz", "XZX"):
+        angles = [single.as_euler(axes) for single in singles]
+        # Half a turn may have either sign.
+        turned = np.exp(1j * array.as_euler(axes)), np.exp(1j * np.array(angles))
+        assert np.allclose(*turned, rtol=0.0, atol=1e-7)
+        made = TransformArray.from_euler(axes, angles, array.xyz)
+        assert same(
+            made,
+            [Transform.from_euler(axes, a, s.xyz) for a, s in zip(angles, singles, strict=True)],
+        )
     assert np.allclose(array.as_rotvec(), [single.as_rotvec() for single in singles], atol=1e-12)
     assert np.allclose(array.log(), [single.log() for single in singles], atol=1e-11)
     assert same(TransformArray.from_matrix(array.as_matrix()), singles, 1e-9)
     assert same(TransformArray.from_euler("ZYX", array.as_euler("ZYX"), array.xyz), singles, 1e-7)
     assert same(TransformArray.from_rotvec(array.as_rotvec(), array.xyz), singles)
     assert same(TransformArray.exp(array.log()), singles, 1e-11)
+
+
+def test_angles_in_gimbal_lock_are_those_of_the_rows():
+    """Where an outer angle is free it is the same that is 0, also for half turns."""
+    quarters = [-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi]
+    angles = np.array([(a, b, 0.3) for a in quarters for b in quarters])
+    for axes in ("xyz", "ZYX", "zyz", "XYX"):
+        array = TransformArray.from_euler(axes, angles)
+        singles = [array.row(i) for i in range(len(angles))]
+        of_rows = [single.as_euler(axes) for single in singles]
+        assert np.allclose(
+            np.exp(1j * array.as_euler(axes)), np.exp(1j * np.array(of_rows)), rtol=0.0, atol=1e-9
+        )
+        assert same(TransformArray.from_euler(axes, array.as_euler(axes)), singles, 1e-9)
+
+
+def test_half_turns_come_back_from_matrices():
+    """The largest component of each is divided by, whichever it is."""
+    half_turns = TransformArray.from_rotvec(np.pi * np.vstack((np.eye(3), [(0.6, 0.8, 0.0)])))
+    back = TransformArray.from_matrix(half_turns.as_matrix())
+    assert same(back, [half_turns.row(i) for i in range(4)])
 
 
 @given(pairs, ratios)
@@ -80,14 +110,21 @@ def test_no_transform_at_all_is_an_array_too():
     [
         (lambda: TransformArray.exp([1.0] * 6), r"twists have shape \(6,\); \(N, 6\) is wanted"),
         (lambda: TransformArray.from_matrix(np.eye(4)), r"shape \(4, 4\); \(N, 4, 4\) is wanted"),
+        (lambda: TransformArray.from_matrix([np.eye(4), -np.eye(4)]), "the last row of a rigid"),
+        (
+            lambda: TransformArray.from_matrix([np.diag((1, 1, -1, 1))]),
+            r"\(3, 3\) part of the matrix is not a rotation",
+        ),
         (
             lambda: TransformArray.from_rpy([(0, 0, 0)], xyz=[(0, 0, 0)] * 2),
             r"xyz has shape \(2, 3\)",
         ),
     ],
 )
-def test_other_shapes_are_refused(make, says):
-    """An array of another shape is refused, and the one that is wanted named."""
+def test_what_cannot_be_is_refused(make, says):
+    """An array of another shape is refused, and the one that is wanted named; so is a matrix that
+    is no rigid motion.
+    """
     with pytest.raises(InvalidArgumentException, match=says):
         make()
 

@@ -39,6 +39,10 @@ Floats = NDArray[np.float64]
 # Differences of such stamps fit into 64 bits.
 LATEST_STAMP_NS = 2**62 - 1
 
+# Two components of a quaternion that together are below this are none: the angles are in gimbal
+# lock.
+LOCKED_BELOW = 1e-8
+
 
 @cython.freelist(256)
 @cython.cclass
@@ -109,7 +113,7 @@ class Transform:
         Lower case ("xyz") turns about the fixed axes of the parent in that order, upper case
         ("ZYX") about the axes of the turning frame. Neighbouring axes differ.
         """
-        order, fixed = _axes(axes)
+        order, fixed = euler_axes(axes)
         rotation = Transform.identity()
         for axis, angle in zip(order, _numbers(angles_rad, 3, "angles_rad"), strict=True):
             turn = _about_axis(axis, angle)
@@ -206,7 +210,7 @@ class Transform:
         In gimbal lock one of the outer angles is free: the third is 0. Method: Bernardes and
         Viollet, Quaternion to Euler angles conversion, PLOS ONE 2022.
         """
-        order, fixed = _axes(axes)
+        order, fixed = euler_axes(axes)
         first, second, third = _fixed_axes_angles(
             self._quaternion(), order if fixed else order[::-1], free_last=fixed
         )
@@ -513,7 +517,7 @@ def _quaternion_of_matrix(m: list[list[float]]) -> list[float]:
     return [component / norm for component in q]
 
 
-def _axes(axes: str) -> tuple[list[int], bool]:
+def euler_axes(axes: str) -> tuple[list[int], bool]:
     """Three axes as indices, and whether they stay fixed."""
     order = ["xyz".find(axis) for axis in axes.lower()]
     good = len(order) == 3 and -1 not in order and order[1] not in (order[0], order[2])
@@ -546,7 +550,7 @@ def _fixed_axes_angles(
     second = 2.0 * atan2(low, high)
     half_sum, half_difference = atan2(b, a), atan2(d, c)
     # At a lock one of the two is the angle of a vanishing vector: noise.
-    if min(low, high) < 1e-8:
+    if min(low, high) < LOCKED_BELOW:
         lone = 2.0 * half_sum if low < high else -2.0 * half_difference
         if free_last:
             first, third = lone, 0.0

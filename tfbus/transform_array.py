@@ -7,6 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
+from tfbus.rotation_arrays import (
+    angles_of,
+    are_rotations,
+    matrices_of,
+    product,
+    quaternions_of_angles,
+    quaternions_of_matrices,
+)
 from tfbus.transform import Transform
 
 Floats = NDArray[np.float64]
@@ -37,7 +45,12 @@ class TransformArray(NamedTuple):
     @staticmethod
     def from_matrix(matrices: ArrayLike) -> "TransformArray":
         """From homogeneous matrices (N, 4, 4). Raises as `Transform.from_matrix`."""
-        return TransformArray.of(map(Transform.from_matrix, _rows(matrices, (4, 4), "matrices")))
+        rows = _rows(matrices, (4, 4), "matrices")
+        rotations = rows[:, :3, :3]
+        are_rigid = np.isclose(rows[:, 3], (0, 0, 0, 1), atol=1e-9).all(axis=1)
+        for wrong in np.flatnonzero(~(are_rigid & are_rotations(rotations))):
+            Transform.from_matrix(rows[wrong])  # which says why
+        return TransformArray(rows[:, :3, 3].copy(), quaternions_of_matrices(rotations))
 
     @staticmethod
     def from_euler(
@@ -45,8 +58,7 @@ class TransformArray(NamedTuple):
     ) -> "TransformArray":
         """From three angles a row (N, 3), as `Transform.from_euler`; `xyz` is (N, 3) or (3,)."""
         angles = _rows(angles_rad, (3,), "angles_rad")
-        turned = TransformArray.of(Transform.from_euler(axes, row) for row in angles)
-        return _moved(turned.quat_xyzw, xyz)
+        return _moved(quaternions_of_angles(axes, angles), xyz)
 
     @staticmethod
     def from_rpy(rpy_rad: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "TransformArray":
@@ -97,25 +109,15 @@ class TransformArray(NamedTuple):
 
     def as_matrix(self) -> Floats:
         """The homogeneous matrices (N, 4, 4)."""
-        x, y, z, w = np.moveaxis(self.quat_xyzw, -1, 0)
         matrices = np.zeros((len(self.xyz), 4, 4))
-        matrices[:, 0, 0] = 1 - 2 * (y * y + z * z)
-        matrices[:, 0, 1] = 2 * (x * y - z * w)
-        matrices[:, 0, 2] = 2 * (x * z + y * w)
-        matrices[:, 1, 0] = 2 * (x * y + z * w)
-        matrices[:, 1, 1] = 1 - 2 * (x * x + z * z)
-        matrices[:, 1, 2] = 2 * (y * z - x * w)
-        matrices[:, 2, 0] = 2 * (x * z - y * w)
-        matrices[:, 2, 1] = 2 * (y * z + x * w)
-        matrices[:, 2, 2] = 1 - 2 * (x * x + y * y)
+        matrices[:, :3, :3] = matrices_of(self.quat_xyzw)
         matrices[:, :3, 3] = self.xyz
         matrices[:, 3, 3] = 1.0
         return matrices
 
     def as_euler(self, axes: str) -> Floats:
         """Three angles in radians a row (N, 3), as `Transform.as_euler`."""
-        angles = [self.row(i).as_euler(axes) for i in range(len(self.xyz))]
-        return np.array(angles).reshape(-1, 3)
+        return angles_of(axes, self.quat_xyzw)
 
     def as_rpy(self) -> Floats:
         """Roll, pitch and yaw in radians (N, 3), as `Transform.as_rpy`."""
@@ -164,8 +166,8 @@ class TransformArray(NamedTuple):
         if not isinstance(other, TransformArray | Transform):
             return NotImplemented
         xyz, quat_xyzw = _as_array(other)
-        product = _product(self.quat_xyzw, quat_xyzw)
-        return TransformArray(rotate(self.quat_xyzw, xyz) + self.xyz, product)
+        turned = product(self.quat_xyzw, quat_xyzw)
+        return TransformArray(rotate(self.quat_xyzw, xyz) + self.xyz, turned)
 
     def __rmatmul__(self, other: Transform) -> "TransformArray":
         """One transform after each of these."""
@@ -191,10 +193,10 @@ class TransformArray(NamedTuple):
         xyz, quat_xyzw = _as_array(other)
         part = np.asarray(ratio, dtype=np.float64).reshape(-1, 1)
         # So much of the turn from this to the other, which is at most half a turn.
-        turn = _product(_conjugate(self.quat_xyzw), quat_xyzw)
+        turn = product(_conjugate(self.quat_xyzw), quat_xyzw)
         some = TransformArray.from_rotvec(_rotvec(turn) * part).quat_xyzw
         straight = (1.0 - part) * self.xyz + part * xyz
-        return TransformArray(straight, _product(self.quat_xyzw, some))
+        return TransformArray(straight, product(self.quat_xyzw, some))
 
     def interpolate_screw(
         self, other: "TransformArray | Transform", ratio: ArrayLike
@@ -210,16 +212,6 @@ def rotate(quat_xyzw: Floats, vectors: Floats) -> Floats:
     twice = 2.0 * np.cross(axis, vectors)
     turned: Floats = vectors + w * twice + np.cross(axis, twice)
     return turned
-
-
-def _product(a: Floats, b: Floats) -> Floats:
-    """Quaternions (N, 4): first the turn of `b`, then that of `a`; of norm one."""
-    axis_a, w_a = a[..., :3], a[..., 3:]
-    axis_b, w_b = b[..., :3], b[..., 3:]
-    w = w_a * w_b - np.sum(axis_a * axis_b, axis=-1, keepdims=True)
-    product = np.concatenate((w_a * axis_b + w_b * axis_a + np.cross(axis_a, axis_b), w), axis=-1)
-    unit: Floats = product / np.linalg.norm(product, axis=-1, keepdims=True)
-    return unit
 
 
 def _rotvec(quat_xyzw: Floats) -> Floats:

@@ -65,14 +65,14 @@ instructions instead, under valgrind.
   stores before it; the slot of the next sample is therefore fetched ahead while this one is
   written, and columns of 50 edges took 66 ns a row instead of 92.
 - The loop over the rows is in the module of what it calls, so that all of it is compiled as one and
-  no pose is handed from function to function: 40 ns a row instead of 51. Of these about 10 are the
-  copy of a batch's arrays (most of it the calls), which what comes from the bus does without. The
-  names of the frames are compared with those of the batch before, unless they are the same texts,
-  as off the bus, and here.
+  no pose is handed from function to function: then 40 ns a row instead of 51. Of these about 10 are
+  the copy of a batch's arrays (most of it the calls), which what comes from the bus does without.
+  The names of the frames are compared with those of the batch before, unless they are the same
+  texts, as off the bus, and here.
 - Many stamps go edge by edge through blocks of 64. What two samples have in common is computed
   once, which makes sorted stamps twice as fast (41 ns each instead of 87, for three edges). Random
   stamps are first put into about the order of their times, which takes 6 ns each (a full sort would
-  take 46), and cost 52 ns each instead of 93.
+  take 46); so they cost 52 ns each, and 93 without it.
 
 These are times of the processor, of one thread of an EPYC on Python 3.13, the least of many runs;
 what the whole takes here and now is in the table above.

@@ -342,6 +342,14 @@ def test_kept_messages_do_not_bring_a_removed_frame_back(received: Received) -> 
     assert received.buffer.frames() == ["arm", "robot", "world"]
 
 
+def test_a_removed_frame_may_be_back_in_the_next_epoch(received: Received) -> None:
+    """What a list left out in one epoch says nothing of the messages of another."""
+    received.describe("robot", "arm")
+    received.describe("robot")
+    received.stream.receive_kept(payload([at(1, "arm")], epoch_ns=2))
+    assert received.buffer.frames() == ["arm", "world"]
+
+
 def test_kept_messages_may_be_faster_than_the_list_of_frames(received: Received) -> None:
     """What was kept of a frame that the stream has not listed so far is taken."""
     received.describe()

@@ -22,6 +22,7 @@ class Asked:
         self.later: Callable[[], None] | None = None
         # What is called where a question takes long.
         self.impatient: Callable[[], None] = lambda: None
+        self.impatiences = 0
         self._is_open = False
         self.on_answer: Callable[[Answer], None]
         self.on_end: Callable[[], None]
@@ -48,6 +49,7 @@ class Asked:
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
         if self._is_open:
+            self.impatiences += 1
             self.impatient = callback
         else:
             self.pauses_s.append(delay_s)
@@ -62,10 +64,14 @@ class Asked:
         self._ask_another(self.impatient)
 
     def _ask_another(self, go_on: Callable[[], None]) -> None:
-        self.later, self._is_open = None, False
-        go_on()
+        self.pause(go_on)
         if self.later is not None:
             self.later()
+
+    def pause(self, go_on: Callable[[], None]) -> None:
+        """What is called where a question has ended, or takes long: then there is a pause."""
+        self.later, self._is_open = None, False
+        go_on()
 
 
 @pytest.fixture
@@ -117,12 +123,25 @@ def test_a_question_that_is_lost_is_not_waited_for(asked: Asked, received: Recei
     end_of_the_first = asked.on_end
     asked.nothing_is_heard()
     assert len(asked.keys) == 2
+    pauses = len(asked.pauses_s), asked.impatiences
     end_of_the_first()
+    assert (len(asked.pauses_s), asked.impatiences) == pauses
     assert len(asked.keys) == 2
     asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
     asked.nobody_answers()
     asked.impatient()
     assert len(asked.keys) == 2
+
+
+def test_what_comes_in_the_pause_is_not_asked_for_again(asked: Asked, received: Received) -> None:
+    """An answer that is late, but comes before the next question, saves that."""
+    list_static(received, "post")
+    check(asked, received)
+    asked.pause(asked.impatient)
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    assert asked.later is not None
+    asked.later()
+    assert len(asked.keys) == 1
 
 
 def test_what_is_listed_while_a_question_ends_is_asked_for(

@@ -12,6 +12,7 @@ from tfbus.errors import InvalidArgumentException
 rows = st.lists(transforms(), min_size=1, max_size=5)
 pairs = st.lists(st.tuples(transforms(), transforms()), min_size=1, max_size=5)
 ratios = st.floats(0.0, 1.0)
+moved_infinitely = [(1, 0, 0, np.inf), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)]
 
 
 def same(array: TransformArray, singles: list[Transform], atol: float = 1e-12) -> bool:
@@ -46,6 +47,7 @@ def test_conversions_are_those_of_the_rows(singles):
             made,
             [Transform.from_euler(axes, a, s.xyz) for a, s in zip(angles, singles, strict=True)],
         )
+    assert np.array_equal(array.as_rpy(), array.as_euler("xyz"))
     assert np.allclose(array.as_rotvec(), [single.as_rotvec() for single in singles], atol=1e-12)
     assert np.allclose(array.log(), [single.log() for single in singles], atol=1e-11)
     assert same(TransformArray.from_matrix(array.as_matrix()), singles, 1e-9)
@@ -111,6 +113,9 @@ def test_no_transform_at_all_is_an_array_too():
         (lambda: TransformArray.exp([1.0] * 6), r"twists have shape \(6,\); \(N, 6\) is wanted"),
         (lambda: TransformArray.from_matrix(np.eye(4)), r"shape \(4, 4\); \(N, 4, 4\) is wanted"),
         (lambda: TransformArray.from_matrix([np.eye(4), -np.eye(4)]), "the last row of a rigid"),
+        (lambda: TransformArray.from_matrix([np.full((4, 4), np.nan)]), "last row"),
+        (lambda: TransformArray.from_matrix([moved_infinitely]), "finite"),
+        (lambda: TransformArray.from_rpy([(0, 0, 0), (0, np.nan, 0)]), "finite"),
         (
             lambda: TransformArray.from_matrix([np.diag((1, 1, -1, 1))]),
             r"\(3, 3\) part of the matrix is not a rotation",

@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections.abc import Callable
 from itertools import cycle
 from typing import Any
 
@@ -117,18 +118,24 @@ def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) 
     )
     # Half a turn takes three seconds, and on a busy machine a key may take longer: then the next.
     half_turns = cycle([("v", -math.pi / 2), ("r", math.pi / 2)])
+    told = view.page.get_by_role("log").filter(has_text="rotation of turtle1 canceled")
 
-    def is_cancelled() -> bool:
+    def is_ended_by(cancel: Callable[[], object]) -> bool:
+        view.page.get_by_label("drive by keyboard").focus()
         key, theta = next(half_turns)
         start = witness.pose().theta
         view.page.keyboard.press(key)
         eventually(lambda: witness.pose().theta != start, within_s=PATIENCE_S)
-        view.page.keyboard.press("f")
-        is_told = view.shows(view.page.get_by_role("log").filter(has_text=cancelled), 3.0)
+        cancel()
+        is_told = view.shows(told, 3.0)
+        eventually(lambda: witness.pose().angular_velocity == 0.0, within_s=PATIENCE_S)
         return is_told and abs(witness.pose().theta - theta) > 0.1
 
-    cancelled = "rotation of turtle1 canceled"
-    eventually(is_cancelled, within_s=PATIENCE_S)
+    for cancel in (
+        lambda: view.page.keyboard.press("f"),
+        lambda: view.page.get_by_label("cancel the rotation").click(),
+    ):
+        eventually(lambda cancel=cancel: is_ended_by(cancel), within_s=PATIENCE_S)
     assert view.errors == []
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from tfbus.wire import decode_transforms, encode_transforms
 
-# Key and payload of a message; or "" and the name of a frame that was removed then.
-Kept = tuple[str, bytes]
+# Key and payload of a message; or None and the name of a frame that was removed then.
+Kept = tuple[str | None, bytes]
 
 # At most so much memory a stream, whatever its seconds are.
 MOST_BYTES = 16 * 2**20
@@ -34,10 +34,10 @@ class KeptMessages:
         self._history_ns = _ns(history_s)
         self._most_bytes = most_bytes
         self._clock_ns = clock_ns
-        self._messages: deque[tuple[int, str, bytes]] = deque()
+        self._messages: deque[tuple[int, str | None, bytes]] = deque()
         self._bytes = 0
 
-    def append(self, key: str, payload: bytes) -> None:
+    def append(self, key: str | None, payload: bytes) -> None:
         """Keep a message that is sent now on `key`."""
         now_ns = self._clock_ns()
         messages = self._messages
@@ -49,7 +49,7 @@ class KeptMessages:
 
     def remove(self, frame: str) -> None:
         """What was sent of a child frame so far shall not come back."""
-        self.append("", frame.encode())
+        self.append(None, frame.encode())
 
     def last(self, last_s: float) -> list[Kept]:
         """What there is of the last `last_s` seconds, oldest first: `without_removed` makes the
@@ -66,11 +66,11 @@ class KeptMessages:
 
 def without_removed(kept: Iterable[Kept]) -> list[tuple[str, bytes]]:
     """Key and payload of each message, oldest first, without the frames that were removed later."""
-    removed: set[str] = set()
+    removed: set[bytes] = set()
     messages = []
     for key, payload in reversed(list(kept)):
-        if not key:
-            removed.add(payload.decode())
+        if key is None:
+            removed.add(payload)
         elif not removed:
             messages.append((key, payload))
         elif left := _without(payload, removed):
@@ -78,12 +78,14 @@ def without_removed(kept: Iterable[Kept]) -> list[tuple[str, bytes]]:
     return messages[::-1]
 
 
-def _without(payload: bytes, removed: set[str]) -> bytes:
+def _without(payload: bytes, removed: set[bytes]) -> bytes:
     """The message without these child frames; empty where nothing is left of it."""
-    message = decode_transforms(payload)
-    if removed.isdisjoint(message.batch.frames):
+    # Names stand in it as they are; to decode all that was kept would take long.
+    named = {frame.decode() for frame in removed if frame in payload}
+    if not named:
         return payload
-    batch = message.batch.without(removed)
+    message = decode_transforms(payload)
+    batch = message.batch.without(named)
     return encode_transforms(replace(message, batch=batch)) if len(batch) else b""
 
 

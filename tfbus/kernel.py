@@ -420,7 +420,8 @@ def append_rows(
     cache_ns: int,
 ) -> int:
     """Append to each edge its row, from `start` on, as long as each is newer than the others of its
-    edge, and as it should be: the row at which it is not so, or the count of all.
+    edge and can be taken (finite, of norm one, within LONGEST_NS): the row at which it is not so,
+    or the count of all.
 
     The rows are bytes from `stamps_at` and `poses_at` on, as a message has them.
     """

@@ -26,7 +26,7 @@ from tfbus.wire import TransformMessage
 _SMOOTHING = 0.1
 
 # What was kept of a removed frame may still be on its way. A publisher may go through any number
-# of names, and of no more than these is it remembered.
+# of names: where so many are remembered, all but the last are forgotten.
 _MOST_REMOVED = 10_000
 
 # Node, process id and Zenoh's session: what one process is told from the next by.
@@ -253,10 +253,17 @@ class StreamReception:
             self.messages += 1
             self.transforms += len(batch)
             self.bytes += len(payload)
-            removed = self._removed
+        removed = self._removed_in(message.epoch_ns)
         self.insert(batch.without(removed) if removed else batch, message.epoch_ns)
-        if self._removed is not removed:
-            self.buffer.remove_sent(self._removed - removed, self.name)
+        if late := self._removed_in(message.epoch_ns) - removed:
+            # Some were removed meanwhile.
+            late &= {child for _, child in _edges(batch)}
+            self.buffer.remove_sent(late, self.name)
+
+    def _removed_in(self, epoch_ns: int) -> frozenset[str]:
+        """The frames that the stream listed in this epoch, and lists no more."""
+        with self.lock:
+            return self._removed if self._listed_epoch_ns == epoch_ns else frozenset()
 
     def receive_static(self, payload: bytes) -> None:
         """Take the whole set of static transforms of the stream, in the place of the former."""
@@ -343,8 +350,8 @@ class StreamReception:
             self._publisher = publisher
             self._turns += 1
             dropped = former - children if former_ns == epoch_ns or is_same else frozenset()
-            is_more = former_ns == epoch_ns and len(self._removed) < _MOST_REMOVED
-            self._removed = ((self._removed if is_more else frozenset()) | dropped) - children
+            goes_on = former_ns == epoch_ns and len(self._removed) < _MOST_REMOVED
+            self._removed = ((self._removed if goes_on else frozenset()) | dropped) - children
         if dropped:
             self.buffer.remove_sent(dropped, self.name)
         self.mark()

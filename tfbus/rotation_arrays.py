@@ -3,14 +3,13 @@
 The formulas are those of `Transform`, which has them for one.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.transform import LOCKED_BELOW, euler_axes
 
 Floats = NDArray[np.float64]
+Angles = tuple[Floats, Floats, Floats]
 
 
 def product(a: Floats, b: Floats) -> Floats:
@@ -34,7 +33,7 @@ def matrices_of(quat_xyzw: Floats) -> Floats:
 
 
 def are_rotations(matrices: Floats) -> NDArray[np.bool_]:
-    """Of each matrix whether it is a rotation, to 1e-6."""
+    """Of each matrix whether it is a rotation, as `Transform.from_matrix` judges."""
     squares = matrices @ np.swapaxes(matrices, 1, 2)
     are_orthogonal = np.isclose(squares, np.eye(3), atol=1e-6).all(axis=(1, 2))
     checked: NDArray[np.bool_] = are_orthogonal & (np.linalg.det(matrices) > 0.0)
@@ -77,7 +76,7 @@ def angles_of(axes: str, quat_xyzw: Floats) -> Floats:
     return np.column_stack(angles if fixed else angles[::-1])
 
 
-def _fixed_axes_angles(quat_xyzw: Floats, order: list[int], *, free_last: bool) -> tuple[Any, ...]:
+def _fixed_axes_angles(quat_xyzw: Floats, order: list[int], *, free_last: bool) -> Angles:
     """As of one rotation: Bernardes and Viollet, PLOS ONE 2022."""
     i, j, k = order
     proper = i == k

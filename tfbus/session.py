@@ -95,9 +95,10 @@ class Session:
         # Threads of Zenoh's that come back from it into an interpreter that is being taken down
         # abort the process. A child of a fork has none of them, and nothing to close.
         if os.getpid() == self._process:
-            # A signal that comes by now ends it at once, and without a word of where it struck.
-            if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-                signal.signal(signal.SIGINT, signal.SIG_DFL)
+            # From here on Ctrl-C ends the process at once, without a traceback.
+            with suppress(ValueError):  # this interpreter has no signals
+                if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
+                    signal.signal(signal.SIGINT, signal.SIG_DFL)
             self.close()
 
     def at_close(self, end: Callable[[], None]) -> Callable[[], None]:

@@ -20,7 +20,7 @@ from tfbus.retained import ask_retained_later
 from tfbus.session import Session
 
 _ANSWER_WITHIN_S = 2.0
-# A question that is lost is not worth the wait for its end; one that is only slow may be doubled.
+# A question that is lost is not worth the wait for its end; while it is open others are asked.
 _ASK_ANOTHER_S = 0.5
 # The last of them is the pause before all further questions.
 _ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
@@ -63,6 +63,9 @@ class StaticRecovery:
             self._ask(key, stream, 0)
 
     def _ask(self, key: str, stream: StreamReception, turn: int) -> None:
+        if not self._is_wanted(stream):
+            return
+
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None and stream.name in self._asking:
                 stream.receive_static(answer.payload)
@@ -85,13 +88,10 @@ class StaticRecovery:
                 ask_retained_later(
                     self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
                 )
-        self._executor.after(_ASK_ANOTHER_S, end)
+            self._executor.after(_ASK_ANOTHER_S, end)
 
     def _ask_again(self, key: str, stream: StreamReception, turn: int) -> None:
-        if stream.name not in self._asking:
-            return
-        if not stream.lacks_statics():
-            self._asking.discard(stream.name)
+        if not self._is_wanted(stream):
             return
         if turn == len(_ASK_AGAIN_S):
             self._log.warning(
@@ -102,3 +102,9 @@ class StaticRecovery:
             )
         pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
         self._executor.after(pause_s, lambda: self._ask(key, stream, turn + 1))
+
+    def _is_wanted(self, stream: StreamReception) -> bool:
+        """Whether it is to be asked on; where nothing is lacking any more, it is not."""
+        if not stream.lacks_statics():
+            self._asking.discard(stream.name)
+        return stream.name in self._asking

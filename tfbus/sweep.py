@@ -66,7 +66,8 @@ def fill(
 ) -> None:
     """The poses at the stamps of rows [start, stop), written into their rows of `xyz` (three
     numbers each) and `quat` (four): those of `path.follow`, and not a number where it has none;
-    there `known` is 0. Where there are `rows`, they say which row is the first, and so on.
+    there `known` is 0. Where there are `rows`, row `rows[i]` is the i-th: [start, stop) then counts
+    in that order.
     """
     if cython.compiled:  # noqa: SIM108  # in C the two are of different types
         block = cython.address(space)  # type: ignore[name-defined]  # noqa: F821  # a struct of C

@@ -3,7 +3,8 @@
 
 One of the modules that are compiled where there is a C compiler (`time_order.pxd` says the C
 types). Rows that lie between the same samples share what is computed of these, where they come
-one after the other; a few that do not cost little, and so the order may be rough.
+one after the other; a few that do not cost little, and so the order may be rough. How rough it is
+depends on how evenly the times are spread.
 """
 
 from typing import Any
@@ -16,7 +17,7 @@ try:
 except ImportError:
     from tfbus import uncompiled as cython
 
-# Fewer rows share too little; of more than these the numbers would not fit.
+# Fewer rows share too little; the numbers of more would not be of 32 bits.
 _LEAST_ROWS = 1024
 _MOST_ROWS = 2**31 - 1
 # So many rows have a bucket on average; more buckets would not fit into the nearest cache.
@@ -35,9 +36,14 @@ def by_time(stamps: NDArray[np.int64]) -> NDArray[np.int32]:
         return _AS_THEY_ARE
     if not cython.compiled:
         return np.argsort(stamps, kind="stable").astype(np.int32)
+    # Another thread may be about to write into the caller's.
+    stamps = stamps.copy()
+    least, most = float(stamps.min()), float(stamps.max())
+    if least == most:
+        return _AS_THEY_ARE
     rows = np.empty(count, dtype=np.int32)
     starts = np.zeros(min(count // _ROWS_OF_BUCKET, _MOST_BUCKETS) + 1, dtype=np.int32)
-    _distribute(stamps.data, stamps.min(), stamps.max(), starts.data, rows.data)
+    _distribute(stamps.data, least, most, starts.data, rows.data)
     return rows
 
 
@@ -49,9 +55,8 @@ def _are_sorted(stamps: Any) -> bool:
 
 
 def _distribute(stamps: Any, least: float, most: float, starts: Any, rows: Any) -> None:
-    """Write the rows of stamps between two times, by a counting sort into buckets of equal length.
-
-    `starts` are zeros, one more than buckets.
+    """Write the rows of stamps from `least` to `most`, which differ, by a counting sort into
+    buckets of equal length. `starts` are zeros, one more than buckets.
     """
     pace = (len(starts) - 2) / (most - least)
     for i in range(len(stamps)):
@@ -66,5 +71,5 @@ def _distribute(stamps: Any, least: float, most: float, starts: Any, rows: Any) 
 
 
 def _bucket(since: float, pace: float) -> int:
-    way = since * pace
-    return cython.cast(cython.Py_ssize_t, way) if cython.compiled else int(way)
+    bucket: int = cython.cast(cython.Py_ssize_t, since * pace)
+    return bucket

@@ -47,9 +47,12 @@ class TransformArray(NamedTuple):
         """From homogeneous matrices (N, 4, 4). Raises as `Transform.from_matrix`."""
         rows = _rows(matrices, (4, 4), "matrices")
         rotations = rows[:, :3, :3]
-        are_rigid = np.isclose(rows[:, 3], (0, 0, 0, 1), atol=1e-9).all(axis=1)
-        for wrong in np.flatnonzero(~(are_rigid & are_rotations(rotations))):
-            Transform.from_matrix(rows[wrong])  # which says why
+        wrong = ~np.isfinite(rows).all(axis=(1, 2))
+        wrong |= ~np.isclose(rows[:, 3], (0, 0, 0, 1), atol=1e-9).all(axis=1)
+        if not wrong.any():
+            wrong = ~are_rotations(rotations)
+        for row in rows[wrong]:
+            Transform.from_matrix(row)  # says why it is none
         return TransformArray(rows[:, :3, 3].copy(), quaternions_of_matrices(rotations))
 
     @staticmethod
@@ -58,6 +61,8 @@ class TransformArray(NamedTuple):
     ) -> "TransformArray":
         """From three angles a row (N, 3), as `Transform.from_euler`; `xyz` is (N, 3) or (3,)."""
         angles = _rows(angles_rad, (3,), "angles_rad")
+        for row in angles[~np.isfinite(angles).all(axis=1)]:
+            Transform.from_euler(axes, row)  # says that it cannot be
         return _moved(quaternions_of_angles(axes, angles), xyz)
 
     @staticmethod

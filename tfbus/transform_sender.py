@@ -244,8 +244,9 @@ class TransformSender:
         last_s = _seconds(query.parameter("last_s"))
         with self._lock:
             kept = self._kept.last(last_s) if self._kept is not None else []
-        wanted = {key for key in {key for key, _ in kept} if not key or within(key, query.key)}
-        return without_removed(message for message in kept if message[0] in wanted)
+        messages = without_removed(kept)
+        wanted = {key for key in {key for key, _ in messages} if within(key, query.key)}
+        return [message for message in messages if message[0] in wanted]
 
 
 def _seconds(text: str | None) -> float:

@@ -11,7 +11,7 @@ demo: $(VENV)/demo.stamp
 	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest --numprocesses 2 $(ARGS)
+	$(BIN)/python -m pytest --numprocesses 3 $(ARGS)
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .

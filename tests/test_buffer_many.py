@@ -85,7 +85,7 @@ def test_rows_are_put_into_about_the_order_of_their_times(stamps):
     """Each row is there once, and near times are near each other, whatever the times are."""
     rows = by_time(stamps)
     if len(rows) == 0:
-        assert (stamps[1:] >= stamps[:-1]).all() or float(stamps.min()) == float(stamps.max())
+        assert (stamps[1:] >= stamps[:-1]).all()
         return
     assert sorted(rows.tolist()) == list(range(len(stamps)))
     ordered = stamps[rows].astype(float)

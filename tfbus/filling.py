@@ -24,8 +24,6 @@ except ImportError:
 
 # A batch holds the lock for so many stamps at a time, which is some microseconds.
 _CHUNK = 256
-# So many are put into the order of their times, and their answers stay in a near cache.
-_SEGMENT = 16 * 1024
 
 
 class Filling(Answering):
@@ -43,16 +41,15 @@ class Filling(Answering):
             self._check_connected(target_frame, source_frame, stamps)
         xyz, quat_xyzw = np.empty((len(stamps), 3)), np.empty((len(stamps), 4))
         known = np.empty(len(stamps), dtype=np.bool_)
-        for start in range(0, len(stamps), _SEGMENT):
-            part = slice(start, start + _SEGMENT)
+        if len(stamps):
             self._fill_chunks(
                 target_frame,
                 source_frame,
-                stamps[part].data,
-                by_time(stamps[part]).data,
-                xyz[part].reshape(-1).data,
-                quat_xyzw[part].reshape(-1).data,
-                known[part].view(np.uint8).data,
+                stamps.data,
+                by_time(stamps).data,
+                xyz.reshape(-1).data,
+                quat_xyzw.reshape(-1).data,
+                known.view(np.uint8).data,
                 sampling,
             )
         return TransformArray(xyz, quat_xyzw), known

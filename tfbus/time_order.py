@@ -36,14 +36,10 @@ def by_time(stamps: NDArray[np.int64]) -> NDArray[np.int32]:
         return _AS_THEY_ARE
     if not cython.compiled:
         return np.argsort(stamps, kind="stable").astype(np.int32)
-    # Another thread may be about to write into the caller's.
-    stamps = stamps.copy()
-    least, most = float(stamps.min()), float(stamps.max())
-    if least == most:
-        return _AS_THEY_ARE
     rows = np.empty(count, dtype=np.int32)
+    buckets = np.empty(count, dtype=np.uint16)
     starts = np.zeros(min(count // _ROWS_OF_BUCKET, _MOST_BUCKETS) + 1, dtype=np.int32)
-    _distribute(stamps.data, least, most, starts.data, rows.data)
+    _distribute(stamps.data, stamps.min(), stamps.max(), starts.data, buckets.data, rows.data)
     return rows
 
 
@@ -54,22 +50,27 @@ def _are_sorted(stamps: Any) -> bool:
     return True
 
 
-def _distribute(stamps: Any, least: float, most: float, starts: Any, rows: Any) -> None:
-    """Write the rows of stamps from `least` to `most`, which differ, by a counting sort into
-    buckets of equal length. `starts` are zeros, one more than buckets.
+def _distribute(
+    stamps: Any, least: float, most: float, starts: Any, buckets: Any, rows: Any
+) -> None:
+    """Write the rows of stamps from `least` to `most`, by a counting sort into buckets of equal
+    length. `starts` are zeros, one more than buckets; `buckets` is room for those of the stamps.
     """
-    pace = (len(starts) - 2) / (most - least)
-    for i in range(len(stamps)):
-        starts[_bucket(stamps[i] - least, pace) + 1] += 1
-    for bucket in range(1, len(starts)):
-        starts[bucket] += starts[bucket - 1]
-    for i in range(len(stamps)):
-        bucket = _bucket(stamps[i] - least, pace)
-        at = starts[bucket]
-        starts[bucket] = at + 1
-        rows[at] = i
-
-
-def _bucket(since: float, pace: float) -> int:
-    bucket: int = cython.cast(cython.Py_ssize_t, since * pace)
-    return bucket
+    with cython.nogil:
+        last = len(starts) - 2
+        pace = last / (most - least)
+        for i in range(len(stamps)):
+            way = (stamps[i] - least) * pace
+            # All are, but where the two are one double, or a thread writes into the stamps.
+            if not (way >= 0.0 and way <= last):
+                way = 0.0
+            bucket = cython.cast(cython.Py_ssize_t, way)
+            buckets[i] = bucket
+            starts[bucket + 1] += 1
+        for bucket in range(1, len(starts)):
+            starts[bucket] += starts[bucket - 1]
+        for i in range(len(stamps)):
+            bucket = buckets[i]
+            at = starts[bucket]
+            starts[bucket] = at + 1
+            rows[at] = i

@@ -81,6 +81,7 @@ stamps_of_one_double = st.integers(2**62, 2**62 + 9)
 )
 @example(np.array([2**62 + 1, 2**62] * 1000))
 @example(np.array([2**63 - 1, -(2**63)] * 1000))
+@example(np.array([72057594037927900] + [9905883077579894] * 1999))
 def test_rows_are_put_into_about_the_order_of_their_times(stamps):
     """Each row is there once, and near times are near each other, whatever the times are."""
     rows = by_time(stamps)

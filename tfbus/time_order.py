@@ -61,8 +61,11 @@ def _distribute(
         pace = last / (most - least)
         for i in range(len(stamps)):
             way = (stamps[i] - least) * pace
-            # All are, but where the two are one double, or a thread writes into the stamps.
-            if not (way >= 0.0 and way <= last):
+            # Rounding may lead beyond the last. Where the two are one double it is no number, and a
+            # thread may write into the stamps meanwhile.
+            if way > last:
+                way = last
+            elif not way >= 0.0:
                 way = 0.0
             bucket = cython.cast(cython.Py_ssize_t, way)
             buckets[i] = bucket

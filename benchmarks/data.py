@@ -4,8 +4,9 @@ All of it is computed, in Python here and in C++ in peers/tf2_cpp.cpp, to the sa
 file and worker.py need nothing but Python 3.11, as they also run under Debian's own.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from math import cos, sin
+from typing import Any
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000  # 100 Hz
@@ -67,3 +68,8 @@ def pairs(frames: int, count: int) -> list[tuple[str, str]]:
 def rows(edges: int, samples: Iterable[int]) -> Iterable[tuple[int, int]]:
     """(sample, child) of a chain in the order of time."""
     return ((sample, child) for sample in samples for child in range(1, edges + 1))
+
+
+def calls(stamps: Callable[[int], Any], count: int) -> list[Any]:
+    """What so many stamps are given to a peer in: calls of BATCH each, all of the same stamps."""
+    return [stamps(min(count, BATCH))] * max(1, count // BATCH)

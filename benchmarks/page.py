@@ -41,6 +41,7 @@ What is not the same:
   fit into 50 ms, a faster peer would have to fetch more of them from afar. The names in columns are
   the same texts each time. transform-tree has columns of one edge only, so 50 edges are
   50 calls, as with tf2.
+- Many stamps in one call are the same ones from call to call, as many calls as fill 50 ms.
 - Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the
   peer is tfbus alone.
 - Memory is what the process grows by, with a million samples over 100 edges.

@@ -26,8 +26,9 @@ class Loop:
 
     items: Callable[[int], Any]
     run: Callable[[Any], None]
-    # How many at once, where that is part of the measure; else as many as fill the time.
-    count: int | None = None
+    # How many go in one call, where that is part of the measure; there are as many calls as fill
+    # the time.
+    count: int = 1
     fill_ns: int = 50_000_000
     # No more items are made at a time.
     at_once: int = sys.maxsize
@@ -76,7 +77,7 @@ class Worker:
             return str(self._bytes_per_sample(int(argument)))
         if request not in self._warm:
             loop = getattr(self._peer, name)(int(argument))
-            self._warm[request] = (loop, loop.count or _enough(loop))
+            self._warm[request] = (loop, _enough(loop))
         loop, count = self._warm[request]
         return str(loop.time_ns(count))
 
@@ -97,7 +98,7 @@ class Worker:
 
 def _enough(loop: Loop) -> int:
     """How many operations fill the time; finding out warms up."""
-    count = 100
+    count = max(100, loop.count)
     while loop.time_ns(count) * count < loop.fill_ns:
         count *= 2
     return count

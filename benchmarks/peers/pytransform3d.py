@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pytransform3d.transform_manager import NumpyTimeseriesTransform, TemporalTransformManager
 
-from benchmarks.data import BATCH, SAMPLES, START_NS, anywhere, frame, pose, recent, stamp_ns
+from benchmarks.data import BATCH, SAMPLES, START_NS, anywhere, calls, frame, pose, recent, stamp_ns
 from benchmarks.worker import Loop
 
 
@@ -43,10 +43,14 @@ def _batch(edges: int, order: Callable[[list[int]], list[int]]) -> Loop:
     manager = _chain(edges)
     target, source = frame(0), frame(edges)
 
-    def run(times: Any) -> None:
-        manager.get_transform_at_time(source, target, times)
+    def times(count: int) -> Any:
+        return _seconds(np.array(order(anywhere(count))))
 
-    return Loop(lambda count: _seconds(np.array(order(anywhere(count)))), run, BATCH)
+    def run(batches: Sequence[Any]) -> None:
+        for batch in batches:
+            manager.get_transform_at_time(source, target, batch)
+
+    return Loop(lambda count: calls(times, count), run, BATCH)
 
 
 def _chain(edges: int) -> TemporalTransformManager:

@@ -20,6 +20,7 @@ from benchmarks.data import (
     SAMPLES,
     START_NS,
     anywhere,
+    calls,
     frame,
     pairs,
     pose,
@@ -151,10 +152,14 @@ def _batch(edges: int, order: Callable[[list[int]], list[int]]) -> Loop:
     buffer = _chain(edges)
     target, source = frame(0), frame(edges)
 
-    def run(stamps: Any) -> None:
-        buffer.lookup_transforms(target, source, stamps)
+    def stamps(count: int) -> Any:
+        return np.array(order(anywhere(count)))
 
-    return Loop(lambda count: np.array(order(anywhere(count))), run, BATCH)
+    def run(batches: Sequence[Any]) -> None:
+        for batch in batches:
+            buffer.lookup_transforms(target, source, batch)
+
+    return Loop(lambda count: calls(stamps, count), run, BATCH)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from benchmarks.data import (
     INSERTS_AT_ONCE,
     SAMPLES,
     anywhere,
+    calls,
     frame,
     pose,
     recent,
@@ -121,10 +122,14 @@ def _by_names(edges: int, stamps: Callable[[int], list[int]]) -> Loop:
 def _batch(edges: int, order: Callable[[list[int]], list[int]]) -> Loop:
     plan = _Chain(edges).tree.plan(frame(0), frame(edges))
 
-    def run(stamps: Any) -> None:
-        plan.at(stamps)
+    def stamps(count: int) -> Any:
+        return np.array(order(anywhere(count)))
 
-    return Loop(lambda count: np.array(order(anywhere(count))), run, BATCH)
+    def run(batches: Sequence[Any]) -> None:
+        for batch in batches:
+            plan.at(batch)
+
+    return Loop(lambda count: calls(stamps, count), run, BATCH)
 
 
 def _quat7(child: int, sample: int) -> list[float]:

@@ -1,5 +1,6 @@
 """A bus for tests: on loopback only, on a port from the system, apart from any other bus."""
 
+import asyncio
 import logging
 import os
 import re
@@ -18,7 +19,7 @@ from typing import Any, TypeVar
 import hypothesis
 import pytest
 
-from tfbus import Node, NodeSettings
+from tfbus import Buffer, Node, NodeSettings
 from tfbus.session import Session
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
@@ -47,6 +48,13 @@ def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T
         assert time.monotonic() < deadline, f"not within {within_s} s"
         pause.wait(0.01)
     return value
+
+
+async def somebody_waits(buffer: Buffer, count: int = 1) -> None:
+    """Let asyncio go on until so many wait in the buffer; a TimeoutError where they never do."""
+    async with asyncio.timeout(DEADLINE_S):
+        while buffer.waiting < count:
+            await asyncio.sleep(0)
 
 
 def free_port() -> int:

@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 import pytest
-from conftest import eventually
+from conftest import eventually, somebody_waits
 
 from tfbus import (
     Buffer,
@@ -143,8 +143,7 @@ def test_waiting_goes_on_until_the_publisher_is_back(buffer: Buffer, authority: 
         waiting = asyncio.create_task(
             buffer.wait_for_transform("robot", "camera", living=True, timeout_s=60.0)
         )
-        while not buffer.waiting:
-            await asyncio.sleep(0.001)
+        await somebody_waits(buffer)
         if authority == "mount":
             buffer.mark_gone(["camera"], False, "mount")
         else:

@@ -2,9 +2,9 @@
 
 import asyncio
 import threading
-import time
 
 import pytest
+from conftest import eventually, somebody_waits
 
 from tfbus.buffer import Buffer
 from tfbus.errors import (
@@ -25,10 +25,7 @@ def moved(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> TransformSt
 
 def waiting(buffer: Buffer, count: int = 1) -> None:
     """Return when so many wait in the buffer."""
-    deadline = time.monotonic() + 10.0
-    while buffer.waiting < count:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    eventually(lambda: buffer.waiting >= count)
 
 
 class Lookup(threading.Thread):
@@ -169,8 +166,7 @@ def test_thousands_wait_at_once():
             asyncio.create_task(buffer.wait_for_transform("world", "robot", i, timeout_s=60))
             for i in range(1, 3001)
         ]
-        while buffer.waiting < len(tasks):
-            await asyncio.sleep(0)
+        await somebody_waits(buffer, len(tasks))
         for i in range(1, 3001):
             buffer.set_transform(moved(i, "world", "robot", float(i)))
         return [(await task).transform.x for task in tasks]
@@ -188,8 +184,7 @@ def test_awaiting_has_a_timeout_and_can_be_cancelled():
             await buffer.wait_for_transform("world", "robot", timeout_s=0.01)
         assert isinstance(caught.value.reason, LookupException)
         task = asyncio.create_task(buffer.wait_for_transform("world", "robot"))
-        while not buffer.waiting:
-            await asyncio.sleep(0)
+        await somebody_waits(buffer)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
@@ -204,8 +199,7 @@ def test_an_insert_in_another_thread_wakes_the_event_loop():
 
     async def ask() -> float:
         task = asyncio.create_task(buffer.wait_for_transform("world", "robot", timeout_s=10.0))
-        while not buffer.waiting:
-            await asyncio.sleep(0)
+        await somebody_waits(buffer)
         thread = threading.Thread(
             target=lambda: buffer.set_transform(moved(1, "world", "robot", 4.0))
         )

@@ -26,14 +26,13 @@ from tfbus import (
 )
 from tfbus.columns import Columns
 from tfbus.description import StreamDescription
-from tfbus.kept_messages import KeptMessages, without_removed
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.retained import declare_retained_subscriber
 from tfbus.stream_frames import StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.stream_watch import StreamState, StreamWatch
 from tfbus.transform_sender import TransformSender
-from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire import TransformMessage, decode_transforms
 
 S = 1_000_000_000
 
@@ -265,81 +264,6 @@ def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
         sender.send(Columns.of_batch(rows_of(count, 100 * S)))
     assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
     assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)
-
-
-# What is kept
-
-
-class Clock:
-    """A clock that is set by the test."""
-
-    def __init__(self) -> None:
-        self.now_ns = 0
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-
-@settings(deadline=None)
-@given(
-    st.lists(st.integers(0, 3 * S), max_size=20),
-    st.integers(0, 8).map(float),
-    st.integers(0, 12).map(float) | st.just(float("inf")),
-)
-def test_what_was_sent_in_the_last_seconds_is_kept(
-    pauses_ns: list[int], history_s: float, last_s: float
-) -> None:
-    """Asked for the last seconds, exactly those messages come that were sent in them, oldest
-    first, as far back as the history goes.
-    """
-    clock = Clock()
-    kept = KeptMessages(history_s, clock_ns=clock)
-    sent: list[tuple[int, bytes]] = []
-    for number, pause_ns in enumerate(pauses_ns):
-        clock.now_ns += pause_ns
-        sent.append((clock.now_ns, b"%d" % number))
-        kept.append("tf/sim", sent[-1][1])
-    clock.now_ns += S // 2
-    window_ns = min(last_s, history_s) * S
-    assert kept.last(last_s) == [
-        ("tf/sim", payload) for sent_ns, payload in sent if sent_ns >= clock.now_ns - window_ns
-    ]
-
-
-def test_what_is_kept_is_bounded() -> None:
-    """However much is sent, what is kept stays within its bytes: the oldest goes first."""
-    kept = KeptMessages(10.0, most_bytes=3000, clock_ns=Clock())
-    for number in range(100):
-        kept.append("tf/sim", b"%2d" % number * 250)
-    assert [payload[:2] for _, payload in kept.last(10.0)] == [b"96", b"97", b"98", b"99"]
-    kept.append("tf/sim", bytes(4000))
-    assert kept.last(10.0) == []
-
-
-@given(st.lists(st.tuples(st.booleans(), st.sets(st.sampled_from("abc"), min_size=1))))
-def test_what_was_sent_of_a_removed_frame_is_kept_no_more(
-    steps: list[tuple[bool, set[str]]],
-) -> None:
-    """Of each frame that comes back which was sent since it was last removed."""
-    kept = KeptMessages(10.0, clock_ns=Clock())
-    wanted: dict[str, list[int]] = {}
-    for number, (is_sent, children) in enumerate(steps):
-        for child in children if not is_sent else ():
-            kept.remove(child)
-            wanted.pop(child, None)
-        if is_sent:
-            batch = TransformBatch.from_transforms(
-                at(0.0, child, stamp_ns=number) for child in sorted(children)
-            )
-            kept.append("tf/sim", encode_transforms(TransformMessage(batch, 1, number)))
-            for child in children:
-                wanted.setdefault(child, []).append(number)
-    found: dict[str, list[int]] = {}
-    for key, payload in without_removed(kept.last(10.0)):
-        assert key == "tf/sim"
-        for ts in decode_transforms(payload).batch:
-            found.setdefault(ts.child_frame_id, []).append(ts.stamp_ns)
-    assert found == wanted
 
 
 # On a bus

@@ -24,7 +24,7 @@ def check_kernel(seen: Examination) -> Finding:
         return ok("the buffer is compiled")
     return Finding(
         "warn",
-        ("the buffer is interpreted: right, but some thirty times slower",),
+        ("the buffer is interpreted: right, but a lookup takes some seventy times as long",),
         "install tfbus again where there is a C compiler, without TFBUS_PURE_PYTHON",
     )
 

@@ -64,9 +64,10 @@ instructions instead, under valgrind.
   3.7 MB, more than the processor's nearer caches hold, and each row is written to another part of
   it. In a profile 58 % of the loop over the rows was at the first store that had to wait for the
   stores before it; the slot of the next sample is therefore fetched ahead while this one is
-  written, and columns of 50 edges took 66 ns a row instead of 92.
+  written, by which columns of 50 edges took 66 ns a row instead of 92.
 - The loop over the rows is in the module of what it calls, so that all of it is compiled as one and
-  no pose is handed from function to function: then 40 ns a row instead of 51. Of these about 10 are
+  no pose is handed from function to function: 40 ns a row instead of the 51 that it took by then,
+  with what is inserted near the processor. About 10 of them are
   the copy of a batch's arrays (most of it the calls), which what comes from the bus does without.
   The names of the frames are compared with those of the batch before, unless they are the same
   texts, as off the bus, and here.

@@ -243,7 +243,7 @@ def test_nobody_hangs_up_where_a_peer_is_restarted(
 def test_two_peers_that_lost_only_each_other_meet_again(
     network: Network, tmp_path: Path, router: bool
 ) -> None:
-    """Two peers that another introduced lose their link for a while, and not that with the other:
+    """Two peers that the named one introduced lose their link for a while, and keep those with it:
     they meet again, though nobody introduces them a second time.
     """
     peers = Peers(network, tmp_path, router=router)

@@ -158,6 +158,35 @@ def test_a_description_that_does_not_come_is_asked_for_on_and_on(
     assert asked[before:].count("@tfbus/stream/first") <= 1
 
 
+def test_a_question_that_is_lost_is_not_waited_for(
+    bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Others are asked while one does not end, and whichever is answered first ends them."""
+    questions: list[Callable[[Answer], None]] = []
+    ends: list[Callable[[], None]] = []
+
+    def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+        questions.append(on_answer)
+        ends.append(on_end)
+
+    monkeypatch.setattr(stream_watch, "ask_retained_later", ask)
+    monkeypatch.setattr(stream_watch, "_ASK_ANOTHER_S", 0.001)
+    monkeypatch.setattr(stream_watch, "_ASK_AGAIN_S", (0.001,))
+    bus.node("sim").session.token("@tfbus/stream/lone")
+    eventually(lambda: len(questions) >= 3)
+    key = "@tfbus/stream/lone"
+    questions[0](Answer(key, encode_message(StreamDescription(1, "/sim", 7, ()))))
+    ends[0]()
+    assert eventually(lambda: watching.described("lone")).epoch == 7
+    asked = len(questions)
+    monkeypatch.setattr(stream_watch, "_ASK_ANOTHER_S", 60.0)
+    other = bus.node("other").session.token("@tfbus/stream/other")
+    # The question about the other comes after any that was still to come about the first.
+    eventually(lambda: watching.alive() == ["lone", "other"] and len(questions) > asked)
+    assert len(questions) <= asked + 2
+    other.close()
+
+
 def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
     bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from tfbus.wire import decode_transforms, encode_transforms
@@ -64,11 +64,11 @@ class KeptMessages:
         self._bytes = 0
 
 
-def without_removed(kept: Iterable[Kept]) -> list[tuple[str, bytes]]:
+def without_removed(kept: Sequence[Kept]) -> list[tuple[str, bytes]]:
     """Key and payload of each message, oldest first, without the frames that were removed later."""
     removed: set[bytes] = set()
     messages = []
-    for key, payload in reversed(list(kept)):
+    for key, payload in reversed(kept):
         if key is None:
             removed.add(payload)
         elif not removed:

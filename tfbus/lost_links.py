@@ -36,8 +36,8 @@ _ANSWERS_WITHIN_S = 0.5
 # So many are looked for at most.
 _MOST_LOST = 256
 
-# What the operating system says of a call that is over; nothing of one that goes on or got nowhere.
-_MEANING = {0: True, errno.ECONNREFUSED: False}
+# Whether somebody listens, by how a call ended; one that goes on or got nowhere says nothing.
+_LISTENS = {0: True, errno.ECONNREFUSED: False}
 
 # Each time the named one is away for a moment: so often until somebody is met, and so far apart.
 _HANG_UPS = 3
@@ -135,9 +135,12 @@ class LostLinks:
                 is_new = True
         if now - self._hung_up_at >= _HANG_UP_EVERY_S:
             self._meet(
-                address
-                for address, lost in list(self._lost.items())
-                if lost.answers_since is not None and now - lost.answers_since >= _MEETS_WITHIN_S
+                [
+                    address
+                    for address, lost in self._lost.items()
+                    if lost.answers_since is not None
+                    and now - lost.answers_since >= _MEETS_WITHIN_S
+                ]
             )
         self._look_later(_MEETS_WITHIN_S if is_new else random.uniform(*_LOOK_EVERY_S))
 
@@ -151,7 +154,7 @@ class LostLinks:
             del self._lost[address]
             self._hang_ups_left = _HANG_UPS
 
-    def _meet(self, there: Iterable[Address]) -> None:
+    def _meet(self, there: list[Address]) -> None:
         """Hang up once for all of them, and give up those for whom it does not help."""
         waiting = []
         for address in there:
@@ -211,14 +214,14 @@ def who_answers(asked: Iterable[Address], within_s: float) -> dict[Address, bool
             call = opened.enter_context(socket.socket(family, socket.SOCK_STREAM))
             call.setblocking(False)
             outcome = call.connect_ex(address)
-            answered[address] = _MEANING.get(outcome)
+            answered[address] = _LISTENS.get(outcome)
             if outcome == errno.EINPROGRESS:
                 calls.register(call, selectors.EVENT_WRITE, (address, call))
         until = time.monotonic() + within_s
         while calls.get_map() and (left_s := until - time.monotonic()) > 0:
             for key, _ in calls.select(left_s):
                 address, call = key.data
-                answered[address] = _MEANING.get(
+                answered[address] = _LISTENS.get(
                     call.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
                 )
                 calls.unregister(call)

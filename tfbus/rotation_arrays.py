@@ -6,7 +6,7 @@ The formulas are those of `Transform`, which has them for one.
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.transform import LOCKED_BELOW, euler_axes
+from tfbus.transform import LOCKED_BELOW, ORTHOGONAL_WITHIN, euler_axes
 
 Floats = NDArray[np.float64]
 Angles = tuple[Floats, Floats, Floats]
@@ -35,7 +35,7 @@ def matrices_of(quat_xyzw: Floats) -> Floats:
 def are_rotations(matrices: Floats) -> NDArray[np.bool_]:
     """Of each matrix whether it is a rotation, as `Transform.from_matrix` judges."""
     squares = matrices @ np.swapaxes(matrices, 1, 2)
-    are_orthogonal = np.isclose(squares, np.eye(3), atol=1e-6).all(axis=(1, 2))
+    are_orthogonal = np.isclose(squares, np.eye(3), atol=ORTHOGONAL_WITHIN).all(axis=(1, 2))
     checked: NDArray[np.bool_] = are_orthogonal & (np.linalg.det(matrices) > 0.0)
     return checked
 

@@ -3,10 +3,11 @@
 import math
 
 # What was on its way from a dead process comes within a moment, so what is closer together is
-# counted once. So many in a row are a second of something that comes often, or a few periods of
-# what comes seldom.
+# counted once.
 _APART_S = 0.35
+# A second of something that comes often, or a few periods of what comes seldom.
 _ALONE = 4
+# Two seconds of it.
 _OF_A_LIVING = 7
 # Those of several epochs belong together where they follow each other as closely as that.
 _TOGETHER_S = 5.0

@@ -22,6 +22,8 @@ MOST_GONE = 1000
 
 # A token may come before its publisher can answer, or has anything to tell.
 _ANSWER_WITHIN_S = 2.0
+# A question that is lost is not worth the wait for its end; while it is open others are asked.
+_ASK_ANOTHER_S = 0.5
 # The last of them is the pause before all further questions.
 _ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
 # One that came back, and is not described again after so many of them, is taken for the same.
@@ -147,6 +149,7 @@ class StreamWatch:
             return
         known = self._state(key).description
         answers: list[StreamDescription | None] = []
+        is_over = False
 
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
@@ -156,18 +159,25 @@ class StreamWatch:
             self._do(take_answers)
 
         def take_answers() -> None:
-            # One that has come by itself in the meantime is at least as new.
-            is_news = self._state(key).description is not known
-            if is_news or self._asking.get(key) != token or self._closed:
+            nonlocal is_over
+            if self._asking.get(key) != token or self._closed:
+                return
+            if self._state(key).description is not known:
+                # One that has come by itself in the meantime is at least as new.
+                self._asking.pop(key)
                 return
             readable = [answer for answer in answers if answer]
             if epoch_ns is not None:
                 readable = [answer for answer in readable if answer.epoch == epoch_ns]
             if readable:
+                self._asking.pop(key)
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
                 return
+            if is_over:
+                return
+            is_over = True
             if answers or turn >= _PATIENCE:
                 self._take_back(key)
             if not answers:
@@ -177,6 +187,7 @@ class StreamWatch:
 
         with suppress(BusError):  # the session has been closed
             ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            self._executor.after(_ASK_ANOTHER_S, take_answers)
 
     def _take_back(self, key: str) -> None:
         """Nobody describes the stream: what is known of it has to do."""

@@ -42,6 +42,9 @@ LATEST_STAMP_NS = 2**62 - 1
 # Two components of a quaternion that together are below this are none: the angles are in gimbal
 # lock.
 LOCKED_BELOW = 1e-8
+# So far from orthogonal a rotation's matrix may be, and from 0 0 0 1 the last row beside it.
+ORTHOGONAL_WITHIN = 1e-6
+LAST_ROW_WITHIN = 1e-9
 
 
 @cython.freelist(256)
@@ -87,10 +90,10 @@ class Transform:
         m = np.asarray(matrix, dtype=np.float64)
         if m.shape not in ((4, 4), (3, 4)):
             raise InvalidArgumentException(f"a matrix of shape {m.shape}; (4, 4) is wanted")
-        if m.shape == (4, 4) and not np.allclose(m[3], (0, 0, 0, 1), atol=1e-9):
+        if m.shape == (4, 4) and not np.allclose(m[3], (0, 0, 0, 1), atol=LAST_ROW_WITHIN):
             raise InvalidArgumentException("the last row of a rigid motion's matrix is 0 0 0 1")
         rotation = m[:3, :3]
-        is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+        is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=ORTHOGONAL_WITHIN)
         if not is_rotation or np.linalg.det(rotation) < 0:
             raise InvalidArgumentException(
                 "the (3, 3) part of the matrix is not a rotation: its columns are to be "

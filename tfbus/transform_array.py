@@ -15,7 +15,7 @@ from tfbus.rotation_arrays import (
     quaternions_of_angles,
     quaternions_of_matrices,
 )
-from tfbus.transform import Transform
+from tfbus.transform import LAST_ROW_WITHIN, Transform
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class TransformArray(NamedTuple):
         rows = _rows(matrices, (4, 4), "matrices")
         rotations = rows[:, :3, :3]
         wrong = ~np.isfinite(rows).all(axis=(1, 2))
-        wrong |= ~np.isclose(rows[:, 3], (0, 0, 0, 1), atol=1e-9).all(axis=1)
+        wrong |= ~np.isclose(rows[:, 3], (0, 0, 0, 1), atol=LAST_ROW_WITHIN).all(axis=1)
         if not wrong.any():
             wrong = ~are_rotations(rotations)
         for row in rows[wrong]:

@@ -33,7 +33,7 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     Raises SettingsError where the file is not one.
     """
     config = _config_of(settings.config)
-    said = _said(settings.config)
+    named = _named_in_file(settings.config)
     defaults = {
         # Retained messages carry a time, by which late joiners order them.
         "timestamping/enabled": True,
@@ -53,8 +53,8 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     }
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
-    unsaid = {key: value for key, value in defaults.items() if not _is_in(said, key)}
-    for key, value in {**unsaid, **given}.items():
+    unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
+    for key, value in {**unnamed, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
@@ -72,8 +72,8 @@ def has_scouting(settings: NodeSettings) -> bool:
     return enabled is not False and not is_told_where
 
 
-def _said(path: str) -> Any:
-    """What the file itself says: in a configuration it cannot be told from Zenoh's defaults."""
+def _named_in_file(path: str) -> Any:
+    """The keys that the file itself names: a configuration does not tell them from defaults."""
     if not path:
         return {}
     text = Path(path).read_text(encoding="utf-8")
@@ -85,10 +85,10 @@ def _said(path: str) -> Any:
     return json.loads(reader.get_json("metadata"))
 
 
-def _is_in(said: Any, key: str) -> bool:
+def _is_in(named: Any, key: str) -> bool:
     """Whether a key such as `transport/link` is in dictionaries within each other."""
     first, _, rest = key.partition("/")
-    return isinstance(said, dict) and first in said and (not rest or _is_in(said[first], rest))
+    return isinstance(named, dict) and first in named and (not rest or _is_in(named[first], rest))
 
 
 def _config_of(path: str) -> zenoh.Config:

@@ -75,17 +75,18 @@ bare Zenoh's does (90 to 110), and tfbus's own parts together 50 more: a tick of
 or another process on the core is the likelier the longer the code is. That is why the 99th
 percentile is farther from Zenoh's than the median.
 
-Of the CPU of a message of 50 (13 us) a third is the rows' way into the buffer, a fifth Python, a
-sixth Zenoh, a sixth the system, and the rest copies of memory.
+Of the CPU of a message of 50 (13 us when it was taken apart in November 2026; the table has less
+now) a third was the rows' way into the buffer, a fifth Python, a sixth Zenoh, a sixth the system,
+and the rest copies of memory.
 
 ### How the bus grows
 
 ![The CPU of a listener, by publishers and by frames](performance-bus.svg)
 
-A listener that receives {rate:,} transforms a second in all, from ever more streams of one frame, a
-transform to a message; and of ever more frames of one stream, a thousand to a message at most, so
-that 100,000 take ten seconds to be sent once. A message that comes alone costs more than one of
-many: most of it is the waking of threads.
+A listener that is sent {rate:,} transforms a second in all, as far as the publishers get round to
+it, from ever more streams of one frame, a transform to a message; and of ever more frames of one
+stream, a thousand to a message at most, so that 100,000 take ten seconds to be sent once. A message
+that comes alone costs more than one of many: most of it is the waking of threads.
 
 {publishers}
 

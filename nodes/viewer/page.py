@@ -26,8 +26,8 @@ from tfbus.nodes.viewer.urdf import Visual
 # The panel is read by people, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25
 _REFRESH_UNWATCHED_S = 1.0
-# And of thousands so much more that it has to rest for so many times as long as it took.
-_REST = 8.0
+# With thousands of frames a look takes long: so many times as long it rests after one.
+_RESTS_PER_LOOK = 8.0
 
 _BY_DEFAULT = ViewSettings()
 
@@ -158,7 +158,7 @@ class Page:
         if is_due:
             end_s = time.monotonic()
             rest_s = _REFRESH_S if is_watched else _REFRESH_UNWATCHED_S
-            self._refresh_at_s = max(now_s + rest_s, end_s + _REST * (end_s - now_s))
+            self._refresh_at_s = max(now_s + rest_s, end_s + _RESTS_PER_LOOK * (end_s - now_s))
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""

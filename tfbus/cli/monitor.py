@@ -72,9 +72,9 @@ def _check(heard: Listening, report: Report, once: bool) -> None:
     """Raises ClickException where there is nothing to measure, and waiting is no good."""
     pair = report.pair
     if pair and pair.failure:
-        unknown = {pair.target, pair.source}.difference(heard.buffer.frames())
-        hints = sorted(filter(None, map(heard.hint, unknown)))
-        failure = f"{pair.failure}; {hints[0]}" if hints else pair.failure
+        unknown = sorted({pair.target, pair.source}.difference(heard.buffer.frames()))
+        hint = next(filter(None, map(heard.hint, unknown)), "")
+        failure = f"{pair.failure}; {hint}" if hint else pair.failure
         raise click.ClickException(
             f"{failure} (tfbus why {pair.target} {pair.source} says what to do)"
         )

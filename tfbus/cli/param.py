@@ -88,7 +88,7 @@ def get_command(
         click.echo(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
 
 
-class _Set(click.Command):
+class _SetCommand(click.Command):
     """Takes negative numbers as values, where click sees options in them."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -109,7 +109,7 @@ def _is_negative(text: str) -> bool:
         return False
 
 
-@command.command("set", cls=_Set, epilog="Example: tfbus param set sim background_r 100")
+@command.command("set", cls=_SetCommand, epilog="Example: tfbus param set sim background_r 100")
 @click.argument("node", type=NodeName())
 @click.argument(
     "pairs",

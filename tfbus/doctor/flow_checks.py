@@ -5,7 +5,7 @@ from collections import Counter
 from tfbus.doctor.clock_checks import of_our_time, of_system_time
 from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.frames.facts import SIMULATED, duration, is_another_time
+from tfbus.frames.facts import ASK_IF_SIMULATED, duration, is_another_time
 from tfbus.frames.tree import who
 from tfbus.words import counted
 
@@ -118,7 +118,7 @@ def check_stamps(seen: Examination) -> Finding:
     far = [
         f"samples of {flow.frame!r} are {duration(abs(flow.delay_s))} "
         f"{'in the future' if flow.delay_s < 0 else 'old'}: "
-        f"{'is its node without --sim-time?' if seen.settings.sim_time else SIMULATED}"
+        f"{'is its node without --sim-time?' if seen.settings.sim_time else ASK_IF_SIMULATED}"
         for flow in of_our_time(seen)
         if flow.delay_s is not None and is_another_time(flow.delay_s) and not flow.at_zero
     ]

@@ -17,7 +17,7 @@ def check_unread(seen: Examination) -> Finding:
         for stream in node.unread
     ]
     if len(unread) <= _FEW_UNREAD:
-        return ok(*unread) if unread else ok("each stream is read")
+        return ok(*(unread or ["each stream is read"]))
     rest = len(unread) - _FEW_UNREAD
     return Finding(
         "warn",

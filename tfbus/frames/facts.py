@@ -15,7 +15,7 @@ _STALE_S = 1.0
 # Whose stamps are further away than this goes by another clock.
 _YEAR_S = 365.25 * 86_400
 
-SIMULATED = "is its time simulated? try --sim-time"
+ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
 
 
 def state(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> State:
@@ -53,7 +53,7 @@ def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
         words.append("static")
     else:
         words.append(duration(tree.age_s(frame)) + " old")
-        words += [SIMULATED] * (told == "stale" and is_another_time(tree.age_s(frame)))
+        words += [ASK_IF_SIMULATED] * (told == "stale" and is_another_time(tree.age_s(frame)))
         if frame.rate_hz is not None:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")

@@ -7,23 +7,26 @@ time of installing. The rest of the packaging is in pyproject.toml.
 import os
 import sys
 
-from setuptools import Extension, setup
+from setuptools import Extension, find_packages, setup
 
 # Beside each stands a .pxd file that says its C types.
 KERNEL = (
-    "kernel",
-    "transform",
-    "columns",
-    "one_message",
-    "tree",
-    "intake",
-    "sweep",
-    "time_order",
-    "store",
-    "answering",
-    "filling",
-    "buffer",
+    "tfbus.kernel",
+    "tfbus.transform",
+    "tfbus.columns",
+    "tfbus.one_message",
+    "tfbus.tree",
+    "tfbus.intake",
+    "tfbus.sweep",
+    "tfbus.time_order",
+    "tfbus.store",
+    "tfbus.answering",
+    "tfbus.filling",
+    "tfbus.buffer",
 )
+
+# Those that do arithmetic on poses.
+HOT = ("tfbus.kernel", "tfbus.intake", "tfbus.sweep", "tfbus.time_order")
 
 # The arithmetic of a pose is many small functions, which are to become one, however large; and no
 # part of it asks errno about a square root. Nothing here changes a result.
@@ -46,11 +49,9 @@ def kernel_extensions() -> list[Extension]:
     extensions: list[Extension] = cythonize(
         [
             Extension(
-                f"tfbus.{name}",
-                [f"tfbus/{name}.py"],
-                extra_compile_args=ARITHMETIC
-                if name in ("kernel", "intake", "sweep", "time_order")
-                else [],
+                name,
+                [f"{name.replace('.', '/')}.py"],
+                extra_compile_args=ARITHMETIC if name in HOT else [],
             )
             for name in KERNEL
         ],
@@ -70,6 +71,12 @@ def kernel_extensions() -> list[Extension]:
 
 
 setup(
+    # `nodes` and `configs` stand beside the library in the repository, and inside it when installed.
+    packages=[
+        *find_packages(include=["tfbus", "tfbus.*"]),
+        *(f"tfbus.{name}" for name in find_packages(include=["nodes", "nodes.*"])),
+        "tfbus.configs",
+    ],
     ext_modules=kernel_extensions(),
     # A compiler for each processor, instead of one file after the other.
     options={"build_ext": {"parallel": os.cpu_count()}},

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from tfbus.frame import FrameInfo
-from tfbus.words import counted
+from tfbus.wording import counted
 
 # A static edge has no rate; tf2 writes this, and readers of its dumps know it.
 _TF2_STATIC_RATE = 10000.0

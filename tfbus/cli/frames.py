@@ -19,7 +19,7 @@ from tfbus.frames.tree import FrameTree
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
-from tfbus.words import counted
+from tfbus.wording import counted
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {
     ".dot": document.as_tf2_dot,

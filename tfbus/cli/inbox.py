@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from tfbus.cli.output import say, warn
 from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
-from tfbus.words import counted
+from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.node import Node

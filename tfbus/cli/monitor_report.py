@@ -12,7 +12,7 @@ from tfbus.frame import FrameInfo
 from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree
-from tfbus.words import counted
+from tfbus.wording import counted
 
 _MOST_SAMPLES = 1_000
 _ROLES: dict[State, str] = {

@@ -20,7 +20,7 @@ from tfbus.options import bus_options
 from tfbus.presence import list_nodes
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
-from tfbus.words import counted
+from tfbus.wording import counted
 
 
 def _complete_pair(

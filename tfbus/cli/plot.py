@@ -20,7 +20,7 @@ from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
-from tfbus.words import counted
+from tfbus.wording import counted
 
 _ENDINGS = (".png", ".svg", ".pdf")
 

@@ -16,7 +16,7 @@ from tfbus.graph import Endpoint, TopicInfo
 from tfbus.name_types import TopicName
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
-from tfbus.words import counted
+from tfbus.wording import counted
 
 
 @click.group(cls=Verbs)

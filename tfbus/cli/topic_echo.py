@@ -18,7 +18,7 @@ from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
-from tfbus.words import counted
+from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.node import Node

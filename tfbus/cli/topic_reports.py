@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.cli.window import Reading, Spread, spread_of
-from tfbus.words import counted
+from tfbus.wording import counted
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, ok
-from tfbus.words import counted
+from tfbus.wording import counted
 
 # The type of the topic that tells the time, by whatever name it goes.
 _CLOCK = "Clock"

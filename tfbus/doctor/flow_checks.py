@@ -7,7 +7,7 @@ from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.facts import ASK_IF_SIMULATED, duration, is_another_time
 from tfbus.frames.tree import who
-from tfbus.words import counted
+from tfbus.wording import counted
 
 # Above this a lookup at one's own "now" fails, or is a guess.
 _MOST_SKEW_S = 0.1

@@ -5,7 +5,7 @@ from collections import defaultdict
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, Verdict, found
 from tfbus.frames.tree import ProblemKind, who
-from tfbus.words import counted
+from tfbus.wording import counted
 
 _MOST_SENTENCES = 10
 

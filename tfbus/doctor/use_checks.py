@@ -3,7 +3,7 @@
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.facts import duration
-from tfbus.words import counted
+from tfbus.wording import counted
 
 # What nobody reads yet is how most begin; of many somebody has forgotten what they were for.
 _FEW_UNREAD = 10

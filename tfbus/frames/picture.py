@@ -10,7 +10,7 @@ from tfbus.frames.facts import State, facts, state
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree
-from tfbus.words import counted
+from tfbus.wording import counted
 
 COLOURS: dict[State, str] = {
     "root": "#111827",

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from tfbus.frame import FrameInfo
 from tfbus.frames.facts import State, duration, facts, state
 from tfbus.frames.tree import FrameTree, who
-from tfbus.words import counted
+from tfbus.wording import counted
 
 Paint = Callable[[str, State], str]
 

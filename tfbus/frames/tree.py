@@ -8,7 +8,7 @@ from tfbus.buffer import Buffer
 from tfbus.fleet import shared_name
 from tfbus.frame import FrameInfo
 from tfbus.stream_info import StreamInfo
-from tfbus.words import counted
+from tfbus.wording import counted
 
 ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]
 

@@ -23,7 +23,7 @@ from textual.widgets import (
 from tfbus.frames.facts import State, duration
 from tfbus.top.rows import Row, Table, chosen, is_service
 from tfbus.top.source import Source
-from tfbus.words import counted
+from tfbus.wording import counted
 
 _LOOK_EVERY_S = 1.0
 _ASK_EVERY_S = 2.0

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus import Buffer, LookupException, TimeoutException, Transform, TransformStamped
-from tfbus.clock import SimulatedClock
+from tfbus.runtime.clock import SimulatedClock
 
 SECOND = 1_000_000_000
 

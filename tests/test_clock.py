@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfbus.clock import SYSTEM_CLOCK, SimulatedClock, limit_by
+from tfbus.runtime.clock import SYSTEM_CLOCK, SimulatedClock, limit_by
 
 S = 1_000_000_000
 

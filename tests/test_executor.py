@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 from conftest import eventually
 
-from tfbus.clock import SimulatedClock
-from tfbus.executor import Executor
+from tfbus.runtime.clock import SimulatedClock
+from tfbus.runtime.executor import Executor
 
 DEADLINE_S = 10.0
 SECOND = 1_000_000_000

@@ -10,8 +10,8 @@ from conftest import Bus, Process, eventually, free_port
 from many_publishers import frame, stream
 
 from tfbus import Buffer, Change, Node, TransformListener
-from tfbus.executor import Executor
 from tfbus.keys import ALL_STREAMS, stream_key
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 SCRIPT = Path(__file__).parent / "many_publishers.py"

@@ -7,8 +7,8 @@ from typing import cast
 import pytest
 from test_reception import Received, at, payload
 
-from tfbus.executor import Executor
 from tfbus.query import Answer
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 from tfbus.static_recovery import StaticRecovery
 

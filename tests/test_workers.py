@@ -4,7 +4,7 @@ import threading
 
 from conftest import eventually
 
-from tfbus.workers import Workers
+from tfbus.runtime.workers import Workers
 
 
 def test_jobs_beyond_what_can_wait_are_refused() -> None:

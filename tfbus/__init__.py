@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
     from tfbus.change import Change as Change
-    from tfbus.clock import SimulatedClock as SimulatedClock
-    from tfbus.clock import SystemClock as SystemClock
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
     from tfbus.errors import DecodeError as DecodeError
@@ -52,6 +50,8 @@ if TYPE_CHECKING:
     from tfbus.options import fleet_options as fleet_options
     from tfbus.options import node_options as node_options
     from tfbus.parameters import Parameter as Parameter
+    from tfbus.runtime.clock import SimulatedClock as SimulatedClock
+    from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.sampling import Sampling as Sampling
     from tfbus.settings import NodeSettings as NodeSettings
     from tfbus.transform import Transform as Transform
@@ -88,11 +88,11 @@ _MODULE_OF = {
     "ServiceError": "tfbus.errors",
     "ServiceName": "tfbus.name_types",
     "SettingsError": "tfbus.errors",
-    "SimulatedClock": "tfbus.clock",
+    "SimulatedClock": "tfbus.runtime.clock",
     "SingleSampleException": "tfbus.errors",
     "StaleException": "tfbus.errors",
     "StaticTransformBroadcaster": "tfbus.broadcaster",
-    "SystemClock": "tfbus.clock",
+    "SystemClock": "tfbus.runtime.clock",
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
     "TopicName": "tfbus.name_types",

@@ -6,10 +6,10 @@ from contextlib import suppress
 
 from tfbus.buffer import Buffer
 from tfbus.errors import BusError
-from tfbus.executor import Executor
 from tfbus.keys import kept_transforms_selector
 from tfbus.query import Answer
 from tfbus.reception import StreamReception
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 _KEPT_WITHIN_S = 5.0

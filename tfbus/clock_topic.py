@@ -2,13 +2,13 @@
 
 import logging
 
-from tfbus.clock import SimulatedClock
 from tfbus.codec import decode_message, encode_message
 from tfbus.errors import DecodeError
-from tfbus.executor import Executor
 from tfbus.interface import Interface
 from tfbus.keys import ALL_NODES_EVERYWHERE
 from tfbus.messages import Clock
+from tfbus.runtime.clock import SimulatedClock
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 TOPIC = "clock"

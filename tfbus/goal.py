@@ -23,9 +23,9 @@ from tfbus.codec import (
     from_map,
 )
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.executor import Executor
 from tfbus.interface import Interface
 from tfbus.query import Answer, Query
+from tfbus.runtime.executor import Executor
 from tfbus.service import Caller, Service, submit_or_refuse
 from tfbus.session import Session
 

@@ -9,13 +9,11 @@ from typing import Any, Literal, get_args
 from tfbus.asked_history import AskedHistory
 from tfbus.buffer import Buffer
 from tfbus.claims import Claimant, Rule, name_some
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
 from tfbus.declaration import Declaration
 from tfbus.elsewhere import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
-from tfbus.executor import Executor
 from tfbus.fleet import Fleet
 from tfbus.interest import Interest
 from tfbus.keys import (
@@ -27,6 +25,8 @@ from tfbus.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.retained import declare_retained_subscriber
+from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.executor import Executor
 from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo, stream_info
 from tfbus.stream_names import StreamNames

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import zenoh
 
-from tfbus.executor import Executor
 from tfbus.own_connections import Address, can_shut, plain, shut
+from tfbus.runtime.executor import Executor
 
 # At random, so that not all peers hang up on the named one at the same time.
 _LOOK_EVERY_S = (2.0, 6.0)

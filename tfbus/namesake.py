@@ -4,9 +4,9 @@ import logging
 
 from tfbus.codec import decode_message
 from tfbus.description import NodeDescription
-from tfbus.executor import Executor, Timer
 from tfbus.keys import node_key
 from tfbus.query import Answer
+from tfbus.runtime.executor import Executor, Timer
 from tfbus.session import Session
 
 # After a link to another process has opened, its declarations take a moment to arrive.

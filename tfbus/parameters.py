@@ -13,9 +13,9 @@ from typing import Any
 
 from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ParameterError
-from tfbus.executor import Executor
 from tfbus.keys import check_topic, last_name, node_parameters_key, parameter_key
 from tfbus.query import Query
+from tfbus.runtime.executor import Executor
 from tfbus.service import submit_or_refuse
 from tfbus.session import Session, within
 

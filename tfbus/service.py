@@ -10,9 +10,9 @@ from typing import Any
 
 from tfbus.codec import decode_message, encode_message
 from tfbus.errors import ServiceError
-from tfbus.executor import Executor
 from tfbus.interface import Interface
 from tfbus.query import Query
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 # A class with the dataclasses Request and Response in it, which types cannot say.

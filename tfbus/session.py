@@ -23,8 +23,8 @@ from tfbus.errors import BusError
 from tfbus.kept_thread import kept
 from tfbus.lost_links import LostLinks
 from tfbus.query import Answer, Query, answer_of
+from tfbus.runtime.workers import Workers
 from tfbus.settings import NodeSettings
-from tfbus.workers import Workers
 from tfbus.zenoh_config import is_peer, zenoh_config
 from tfbus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from tfbus.errors import BusError
-from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key_beside
 from tfbus.query import Answer
 from tfbus.reception import StreamReception
 from tfbus.retained import ask_retained_later
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 _ANSWER_WITHIN_S = 2.0

@@ -10,13 +10,13 @@ from contextlib import suppress
 
 from tfbus.batch import TransformBatch
 from tfbus.change import Change
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.columns import Columns
 from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.intake import Intake
 from tfbus.kernel import Path
 from tfbus.outcome import LONGEST_NS
 from tfbus.rejections import Rejections
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.sampling import TF2, Sampling
 from tfbus.shortfall import Shortfall
 from tfbus.transform import TransformStamped

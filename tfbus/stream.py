@@ -17,10 +17,10 @@ from tfbus.batch import TransformBatch
 from tfbus.codec import encode_map
 from tfbus.description import STREAM_VERSION, StreamDescription
 from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.executor import Executor
 from tfbus.keys import static_transforms_key, stream_key
 from tfbus.query import Query
 from tfbus.retained import declare_retained_publisher
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions

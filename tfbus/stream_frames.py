@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from tfbus.bytes_publisher import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
-from tfbus.executor import Executor
+from tfbus.runtime.executor import Executor
 from tfbus.transform import check_frame_id
 
 # Of each child frame: its parent, and whether the transform is static.

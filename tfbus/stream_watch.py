@@ -11,10 +11,10 @@ from functools import partial
 from tfbus.codec import decode_message
 from tfbus.description import StreamDescription
 from tfbus.errors import BusError, DecodeError
-from tfbus.executor import Executor
 from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 from tfbus.query import Answer
 from tfbus.retained import ask_retained_later, declare_retained_subscriber
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 # Streams come and go; of those that have gone so many of the last are remembered.

@@ -8,8 +8,8 @@ from typing import Any, Generic, TypeVar
 
 from tfbus.codec import decode_message, encode_message, type_name
 from tfbus.errors import DecodeError
-from tfbus.executor import Executor
 from tfbus.interface import Interface
+from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 
 M = TypeVar("M")

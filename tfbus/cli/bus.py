@@ -5,8 +5,8 @@ from collections.abc import Callable
 from tfbus.cli.output import warn
 from tfbus.errors import DecodeError
 from tfbus.graph import Graph, graph_of
-from tfbus.log import open_log
 from tfbus.presence import describe_all, describe_streams
+from tfbus.runtime.log import open_log
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
 

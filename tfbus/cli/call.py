@@ -17,9 +17,9 @@ from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.query import Answer
+from tfbus.runtime.signals import StopSignals
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
-from tfbus.signals import StopSignals
 
 # However long a goal takes: what ends the waiting is silence.
 _LONGEST_GOAL_S = 1e6

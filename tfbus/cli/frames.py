@@ -8,7 +8,6 @@ import click
 
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import TfbusError
 from tfbus.fleet import Fleet
 from tfbus.frames import document
@@ -18,6 +17,7 @@ from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.frames.tree import FrameTree
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
 from tfbus.wording import counted
 

@@ -154,10 +154,10 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
 
     A client's router is waited for; Ctrl-C and SIGTERM end that as they end a launch.
     """
-    from tfbus.log import open_log
     from tfbus.presence import NodeWatch
+    from tfbus.runtime.log import open_log
+    from tfbus.runtime.signals import StopSignals
     from tfbus.session import Session  # Zenoh, which a launch without `after:` does not need
-    from tfbus.signals import StopSignals
 
     log = open_log("/launch", "launch", settings.log_level)
     signals = StopSignals()

@@ -12,8 +12,8 @@ from tfbus.cli.output import print_json, print_lines, say, table, warn
 from tfbus.cli.topic_reports import Report
 from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, type_of, why_silent
 from tfbus.cli.window import Reading, Window
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import BusError, DecodeError
+from tfbus.runtime.clock import SYSTEM_CLOCK
 
 if TYPE_CHECKING:
     from tfbus.node import Node

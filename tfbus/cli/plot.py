@@ -10,7 +10,6 @@ import click
 
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.errors import LookupException, TfbusError
 from tfbus.fleet import Fleet
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
@@ -19,6 +18,7 @@ from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
 from tfbus.options import listening_options
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
 from tfbus.wording import counted
 

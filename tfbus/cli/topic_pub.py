@@ -18,7 +18,6 @@ from tfbus.cli.message import (
 from tfbus.cli.output import as_json, say, warn
 from tfbus.cli.prototype import complete_message
 from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.codec import type_name
 from tfbus.declaration import HeardWatch
 from tfbus.errors import BusError
@@ -26,6 +25,7 @@ from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.name_types import TopicName
 from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.options import bus_options
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
 from tfbus.topic import RawPublisher
 

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from tfbus.buffer import Buffer
-from tfbus.clock import SYSTEM_CLOCK
 from tfbus.description import NodeDescription
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
@@ -16,6 +15,7 @@ from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.presence import describe_all
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
 
 # What publishers have kept tells the rates that they had before.

@@ -9,7 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from functools import partial
 
-from tfbus.clock import SimulatedClock
+from tfbus.runtime.clock import SimulatedClock
 
 Callback = Callable[[], None]
 

@@ -1,0 +1,1 @@
+"""Time, threads, signals and log of one process."""

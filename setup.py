@@ -11,14 +11,14 @@ from setuptools import Extension, find_packages, setup
 
 # Beside each stands a .pxd file that says its C types.
 KERNEL = (
-    "tfbus.kernel",
+    "tfbus.core.kernel",
     "tfbus.transform",
     "tfbus.columns",
     "tfbus.one_message",
     "tfbus.tree",
     "tfbus.intake",
-    "tfbus.sweep",
-    "tfbus.time_order",
+    "tfbus.core.batch_lookup",
+    "tfbus.core.time_order",
     "tfbus.store",
     "tfbus.answering",
     "tfbus.filling",
@@ -26,7 +26,7 @@ KERNEL = (
 )
 
 # Those that do arithmetic on poses.
-HOT = ("tfbus.kernel", "tfbus.intake", "tfbus.sweep", "tfbus.time_order")
+HOT = ("tfbus.core.kernel", "tfbus.intake", "tfbus.core.batch_lookup", "tfbus.core.time_order")
 
 # The arithmetic of a pose is many small functions, which are to become one, however large; and no
 # part of it asks errno about a square root. Nothing here changes a result.

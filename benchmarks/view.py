@@ -25,7 +25,7 @@ import msgpack
 
 from benchmarks import machine, parts
 from benchmarks.report import markdown_table
-from tfbus import kernel
+from tfbus.core import kernel
 from tfbus.nodes.viewer.screenshot import FLAGS
 
 RATE_HZ = 30.0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.change import Change
+from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
@@ -21,7 +22,6 @@ from tfbus.errors import (
     PastExtrapolationException,
     SingleSampleException,
 )
-from tfbus.sampling import Sampling
 from tfbus.transform import Transform, TransformStamped
 
 S = 1_000_000_000

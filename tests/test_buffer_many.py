@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tfbus.buffer import Buffer
+from tfbus.core.sampling import Sampling
+from tfbus.core.time_order import by_time
 from tfbus.errors import (
     ConnectivityException,
     FutureExtrapolationException,
     InvalidArgumentException,
     LookupException,
 )
-from tfbus.sampling import Sampling
-from tfbus.time_order import by_time
 from tfbus.transform import Transform, TransformStamped
 
 S = 1_000_000_000

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
+from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException
-from tfbus.sampling import Sampling
 from tfbus.transform import Transform, TransformStamped
 
 MS = 1_000_000

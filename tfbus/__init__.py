@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
     from tfbus.change import Change as Change
+    from tfbus.core.sampling import Sampling as Sampling
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
     from tfbus.errors import DecodeError as DecodeError
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
     from tfbus.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
-    from tfbus.sampling import Sampling as Sampling
     from tfbus.settings import NodeSettings as NodeSettings
     from tfbus.transform import Transform as Transform
     from tfbus.transform import TransformStamped as TransformStamped
@@ -84,7 +84,7 @@ _MODULE_OF = {
     "Parameter": "tfbus.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
-    "Sampling": "tfbus.sampling",
+    "Sampling": "tfbus.core.sampling",
     "ServiceError": "tfbus.errors",
     "ServiceName": "tfbus.name_types",
     "SettingsError": "tfbus.errors",

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 
+from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
@@ -20,7 +21,6 @@ from tfbus.errors import (
 from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.freshness import Freshness
 from tfbus.runtime.clock import Limit, limit_by
-from tfbus.sampling import Sampling
 from tfbus.store import Store
 from tfbus.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.waiting import Question, Waiter

@@ -1,5 +1,5 @@
 from tfbus.filling cimport Filling
-from tfbus.kernel cimport Path
+from tfbus.core.kernel cimport Path
 
 cdef long long ALL_STATIC, NO_DATA
 

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfbus.core.outcome import ALL_STATIC, NO_DATA
+from tfbus.core.sampling import Sampling
 from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
 from tfbus.filling import Filling
 from tfbus.frame import FrameInfo as FrameInfo
 from tfbus.freshness import Freshness
-from tfbus.outcome import ALL_STATIC, NO_DATA
-from tfbus.sampling import Sampling
 from tfbus.transform import Transform, TransformStamped, check_stamp, make_stamped
 from tfbus.transform_array import TransformArray, rotate
 from tfbus.twist import TwistStamped, fit_twist, pick_stamps
@@ -22,7 +22,7 @@ from tfbus.twist import TwistStamped, fit_twist, pick_stamps
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # Whether this kernel is compiled, or interpreted.
 COMPILED: bool = cython.compiled

@@ -1,6 +1,6 @@
 cimport cython
-from tfbus cimport octets
-from tfbus.octets cimport octets_t
+from tfbus.core cimport packed
+from tfbus.core.packed cimport octets_t
 from tfbus.transform cimport TransformStamped
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE

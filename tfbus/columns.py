@@ -9,16 +9,16 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus import octets
 from tfbus.batch import TransformBatch
+from tfbus.core import packed
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
-from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.transform import TransformStamped
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # Whether messages are found here, where it takes a fraction of a microsecond, or are read by
 # msgpack and numpy, which are faster than this file interpreted. Numbers are taken as they stand.
@@ -106,7 +106,7 @@ class Columns:
         """The stamp of the last row; None where there is none."""
         if self.count == 0:
             return None
-        return octets.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * (self.count - 1))
+        return packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * (self.count - 1))
 
 
 def _of_list(transforms: list[TransformStamped]) -> Columns:
@@ -115,9 +115,9 @@ def _of_list(transforms: list[TransformStamped]) -> Columns:
     for ts in transforms:
         parent = index_of.setdefault(ts._frame_id, len(index_of))
         child = index_of.setdefault(ts._child_frame_id, len(index_of))
-        edges.append(octets.edge_bytes(parent, child))
-        stamps.append(octets.stamp_bytes(ts._stamp_ns))
-        poses.append(octets.pose_bytes(ts._pose))
+        edges.append(packed.edge_bytes(parent, child))
+        stamps.append(packed.stamp_bytes(ts._stamp_ns))
+        poses.append(packed.pose_bytes(ts._pose))
     columns = Columns(tuple(index_of), len(transforms))
     columns.edges = b"".join(edges)
     columns.stamps = b"".join(stamps)
@@ -147,7 +147,7 @@ class _Walk:
     def number(self, size: int) -> int:
         """The number in the next `size` bytes."""
         start = self.skip(size)
-        return 0 if self.failed else octets.big_endian_at(self.data, start, size)
+        return 0 if self.failed else packed.big_endian_at(self.data, start, size)
 
     def head(self) -> int:
         """The byte that begins the next value; 0xc1, which begins none, at the end."""
@@ -249,18 +249,18 @@ def _key(walk: _Walk) -> int:
     if walk.failed:
         return 0
     if size == 6:
-        if octets.is_at(walk.data, at, b"frames", 6):
+        if packed.is_at(walk.data, at, b"frames", 6):
             return _FRAMES
-        return _STAMPS if octets.is_at(walk.data, at, b"stamps", 6) else 0
+        return _STAMPS if packed.is_at(walk.data, at, b"stamps", 6) else 0
     if size == 5:
-        if octets.is_at(walk.data, at, b"edges", 5):
+        if packed.is_at(walk.data, at, b"edges", 5):
             return _EDGES
-        if octets.is_at(walk.data, at, b"poses", 5):
+        if packed.is_at(walk.data, at, b"poses", 5):
             return _POSES
-        return _EPOCH if octets.is_at(walk.data, at, b"epoch", 5) else 0
+        return _EPOCH if packed.is_at(walk.data, at, b"epoch", 5) else 0
     if size == 3:
-        return _SEQ if octets.is_at(walk.data, at, b"seq", 3) else 0
-    return _V if size == 1 and octets.is_at(walk.data, at, b"v", 1) else 0
+        return _SEQ if packed.is_at(walk.data, at, b"seq", 3) else 0
+    return _V if size == 1 and packed.is_at(walk.data, at, b"v", 1) else 0
 
 
 def _names(walk: _Walk, tables: dict[bytes, tuple[str, ...]]) -> tuple[str, ...]:
@@ -289,7 +289,7 @@ def _texts(walk: _Walk, start: int) -> tuple[str, ...]:
     try:
         for _ in range(walk.array_length()):
             size = walk.text_size()
-            texts.append(octets.text_at(walk.data, walk.skip(size), size))
+            texts.append(packed.text_at(walk.data, walk.skip(size), size))
     except UnicodeDecodeError:
         walk.failed = True
     return tuple(texts)
@@ -300,7 +300,7 @@ def _are_edges(columns: Columns, count: int) -> bool:
     edges = columns.edges
     known = len(columns.frames)
     for i in range(count):
-        parent, child = octets.edge_at(edges, columns.edges_at + EDGE_SIZE * i)
+        parent, child = packed.edge_at(edges, columns.edges_at + EDGE_SIZE * i)
         if parent >= known or child >= known:
             return False
     return True

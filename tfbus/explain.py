@@ -4,6 +4,9 @@ import difflib
 from collections.abc import Iterable
 from itertools import islice
 
+from tfbus.core.kernel import History
+from tfbus.core.outcome import ALL_STATIC, NO_DATA
+from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
@@ -16,9 +19,6 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.kernel import History
-from tfbus.outcome import ALL_STATIC, NO_DATA
-from tfbus.sampling import Sampling
 from tfbus.tree import Tree, chain
 
 # Comparing names takes microseconds each; of a great many only the likely ones are compared.

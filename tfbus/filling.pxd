@@ -1,7 +1,7 @@
 cimport cython
 from tfbus.answering cimport Answering
-from tfbus.kernel cimport Path
-from tfbus.sweep cimport fill
+from tfbus.core.kernel cimport Path
+from tfbus.core.batch_lookup cimport fill
 from tfbus.transform cimport TransformStamped
 
 cdef Py_ssize_t _CHUNK

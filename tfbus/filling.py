@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.answering import Answering
-from tfbus.kernel import Path
-from tfbus.sampling import Sampling
-from tfbus.sweep import fill
-from tfbus.time_order import by_time
+from tfbus.core.batch_lookup import fill
+from tfbus.core.kernel import Path
+from tfbus.core.sampling import Sampling
+from tfbus.core.time_order import by_time
 from tfbus.transform import TransformStamped
 from tfbus.transform_array import TransformArray
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # A batch holds the lock for so many stamps at a time, which is some microseconds.
 _CHUNK = 256

@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tfbus.core.kernel import History
 from tfbus.errors import InvalidArgumentException, StaleException
-from tfbus.kernel import History
 from tfbus.tree import Tree
 
 

@@ -1,8 +1,8 @@
 cimport cython
-from tfbus cimport octets
+from tfbus.core cimport packed
 from tfbus.columns cimport Columns
-from tfbus.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
-from tfbus.octets cimport edge_t
+from tfbus.core.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
+from tfbus.core.packed cimport edge_t
 from tfbus.tree cimport Tree
 
 cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _LEAST_ROWS

@@ -6,23 +6,23 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from array import array
 
-from tfbus import octets
 from tfbus.columns import Columns
+from tfbus.core import packed
+from tfbus.core.kernel import History, Pose
+from tfbus.core.outcome import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
-from tfbus.kernel import History, Pose
-from tfbus.octets import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
-from tfbus.outcome import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.rejections import Rejections
 from tfbus.tree import Tree
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 if not cython.compiled:
     # Compiled, they are functions of C.
-    from tfbus.kernel import append_rows, off_unit, unit
+    from tfbus.core.kernel import append_rows, off_unit, unit
 
 # Of so many authorities the edges of the last batch are kept; of fewer rows it is not worth it.
 _MOST_TABLES = 1024
@@ -108,9 +108,9 @@ class Intake:
 
     def _insert(self, columns: Columns, at: int, static: bool, authority: str) -> bool:
         """Take one row; whether it was taken."""
-        stamp_ns = octets.stamp_at(columns.stamps, columns.stamps_at + STAMP_SIZE * at)
-        pose: Pose = octets.pose_at(columns.poses, columns.poses_at + POSE_SIZE * at)
-        edge = octets.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * at)
+        stamp_ns = packed.stamp_at(columns.stamps, columns.stamps_at + STAMP_SIZE * at)
+        pose: Pose = packed.pose_at(columns.poses, columns.poses_at + POSE_SIZE * at)
+        edge = packed.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * at)
         parent, child = columns.frames[edge[0]], columns.frames[edge[1]]
         error = off_unit(pose)
         # What is not a number is no less than anything.
@@ -142,7 +142,7 @@ class Intake:
             table is not None
             and self._holds(table)
             and len(table.edges) == size
-            and octets.is_at(columns.edges, columns.edges_at, table.edges, size)
+            and packed.is_at(columns.edges, columns.edges_at, table.edges, size)
             and (table.frames is columns.frames or table.frames == columns.frames)
         ):
             return table
@@ -151,7 +151,7 @@ class Intake:
     def _find_table(self, columns: Columns, authority: str) -> Table | None:
         children = []
         for i in range(columns.count):
-            edge = octets.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * i)
+            edge = packed.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * i)
             child = self._tree.frames.get(columns.frames[edge[1]])
             parent = None if child is None else child.parent
             if (

@@ -1,5 +1,5 @@
 cimport cython
-from tfbus cimport octets
+from tfbus.core cimport packed
 from tfbus.transform cimport TransformStamped
 
 @cython.final

@@ -4,7 +4,7 @@ One of the modules that are compiled where there is a C compiler (`one_message.p
 types).
 """
 
-from tfbus import octets
+from tfbus.core import packed
 from tfbus.transform import TransformStamped
 
 
@@ -38,8 +38,8 @@ class OneMessage:
                 self._head,
                 seq.to_bytes(8, "big"),
                 self._stamps,
-                octets.stamp_bytes(transform._stamp_ns),
+                packed.stamp_bytes(transform._stamp_ns),
                 self._poses,
-                octets.pose_bytes(transform._pose),
+                packed.pose_bytes(transform._pose),
             )
         )

@@ -1,7 +1,7 @@
 cimport cython
 from tfbus.columns cimport Columns
 from tfbus.intake cimport Intake
-from tfbus.kernel cimport Path
+from tfbus.core.kernel cimport Path
 from tfbus.transform cimport TransformStamped
 from tfbus.tree cimport Tree
 

@@ -11,13 +11,13 @@ from contextlib import suppress
 from tfbus.batch import TransformBatch
 from tfbus.change import Change
 from tfbus.columns import Columns
+from tfbus.core.kernel import Path
+from tfbus.core.outcome import LONGEST_NS
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.intake import Intake
-from tfbus.kernel import Path
-from tfbus.outcome import LONGEST_NS
 from tfbus.rejections import Rejections
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.sampling import TF2, Sampling
 from tfbus.shortfall import Shortfall
 from tfbus.transform import TransformStamped
 from tfbus.tree import Tree
@@ -26,7 +26,7 @@ from tfbus.waiting import Waiters
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # Told which frames are asked for; and explains why one of them is not there yet, if it can.
 Reader = tuple[Callable[[str, str], object], Callable[[str, str], TransformException | None]]

@@ -9,8 +9,8 @@ import numpy as np
 from tfbus.batch import TransformBatch
 from tfbus.bytes_publisher import BytesPublisher
 from tfbus.columns import Columns
+from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.keys import escape, transforms_key
-from tfbus.octets import POSE_SIZE, STAMP_SIZE
 from tfbus.session import Session
 from tfbus.wire import TransformEncoder
 

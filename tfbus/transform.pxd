@@ -1,5 +1,5 @@
 cimport cython
-from tfbus.kernel cimport (
+from tfbus.core.kernel cimport (
     pose_t, between, blend, blend_screw, compose, exp_twist, invert, log_pose, normalised
 )
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tfbus.errors import InvalidArgumentException
-from tfbus.kernel import (
+from tfbus.core.kernel import (
     IDENTITY,
     Pose,
     between,
@@ -27,12 +26,13 @@ from tfbus.kernel import (
     log_pose,
     normalised,
 )
-from tfbus.outcome import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.core.outcome import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.errors import InvalidArgumentException
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 Floats = NDArray[np.float64]
 

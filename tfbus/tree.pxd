@@ -1,7 +1,7 @@
 cimport cython
-from tfbus.kernel cimport History
-from tfbus.kernel cimport Path, seek_as
-from tfbus.kernel cimport pose_t, compose, invert, normalised
+from tfbus.core.kernel cimport History
+from tfbus.core.kernel cimport Path, seek_as
+from tfbus.core.kernel cimport pose_t, compose, invert, normalised
 from tfbus.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2

@@ -7,17 +7,17 @@ Nothing here locks: the buffer holds its lock around every call.
 from collections.abc import Iterable
 
 from tfbus.change import Change, Kind
+from tfbus.core.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
+from tfbus.core.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.frame import FrameInfo
-from tfbus.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
-from tfbus.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
-from tfbus.sampling import TF2, Sampling
 from tfbus.transform import TransformStamped, check_frame_id, make_stamped
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # Paths are found again in a microsecond; so many of one target are worth keeping.
 _MOST_PATHS = 1024

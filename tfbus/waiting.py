@@ -10,8 +10,8 @@ import itertools
 import threading
 from collections.abc import Callable, Iterable
 
-from tfbus.kernel import History
-from tfbus.outcome import NO_DATA
+from tfbus.core.kernel import History
+from tfbus.core.outcome import NO_DATA
 from tfbus.tree import Tree, chain
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.

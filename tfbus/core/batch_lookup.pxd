@@ -1,6 +1,6 @@
 cimport cython
 cimport libc.math as math
-from tfbus.kernel cimport (
+from tfbus.core.kernel cimport (
     Path, blend_screw, invert, locate, pose_at, pose_t, sample, samples_ptr, samples_t)
 
 cdef Py_ssize_t _ROWS

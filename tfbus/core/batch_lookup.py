@@ -12,17 +12,17 @@ rows at a time, none of which waits for another.
 import math
 from collections.abc import MutableSequence, Sequence
 
-from tfbus.kernel import Path, Pose, Samples, blend_screw, invert
-from tfbus.outcome import NO_DATA
+from tfbus.core.kernel import Path, Pose, Samples, blend_screw, invert
+from tfbus.core.outcome import NO_DATA
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 if not cython.compiled:
     # Compiled, they are functions of C.
-    from tfbus.kernel import locate, pose_at, sample
+    from tfbus.core.kernel import locate, pose_at, sample
 
 # Rows of a block: what is known of so many fits into the processor's nearest cache.
 _ROWS = 64

@@ -1,8 +1,8 @@
 cimport cython
 cimport libc.math as math
 
-from tfbus cimport octets
-from tfbus.octets cimport octets_t, pose_t
+from tfbus.core cimport packed
+from tfbus.core.packed cimport octets_t, pose_t
 
 ctypedef (double, double, double, double, double, double) twist_t
 

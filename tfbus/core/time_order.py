@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 # Fewer rows share too little; the numbers of more would not be of 32 bits.
 _LEAST_ROWS = 1024

@@ -14,9 +14,8 @@ import math
 from array import array
 from collections.abc import MutableSequence, Sequence
 
-from tfbus import octets
-from tfbus.octets import POSE_SIZE, STAMP_SIZE
-from tfbus.outcome import (
+from tfbus.core import packed
+from tfbus.core.outcome import (
     ALL_STATIC,
     CONFLICT,
     KEPT,
@@ -27,12 +26,13 @@ from tfbus.outcome import (
     TOO_OLD,
     UNIT_TO_THE_LAST_BIT,
 )
-from tfbus.sampling import Sampling
+from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
+from tfbus.core.sampling import Sampling
 
 try:
     import cython
 except ImportError:
-    from tfbus import uncompiled as cython
+    from tfbus.core import cython_stub as cython
 
 Pose = tuple[float, float, float, float, float, float, float]
 
@@ -426,8 +426,8 @@ def append_rows(
     The rows are bytes from `stamps_at` and `poses_at` on, as a message has them.
     """
     for at in range(start, count):
-        stamp_ns = octets.stamp_at(stamps, stamps_at + STAMP_SIZE * at)
-        pose: Pose = octets.pose_at(poses, poses_at + POSE_SIZE * at)
+        stamp_ns = packed.stamp_at(stamps, stamps_at + STAMP_SIZE * at)
+        pose: Pose = packed.pose_at(poses, poses_at + POSE_SIZE * at)
         error = off_unit(pose)
         if not (error > -QUATERNION_TOLERANCE and error < QUATERNION_TOLERANCE):
             return at
@@ -448,7 +448,7 @@ def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:
     if cython.compiled:
         # Many edges take turns, so that the next slot has long left the processor's near caches:
         # without this, half the time of an insert is the wait for it.
-        octets.fetch_pose(samples.poses, 7 * slot(samples, samples.tail))
+        packed.fetch_pose(samples.poses, 7 * slot(samples, samples.tail))
     drop(samples, stamp_ns - cache_ns)
 
 

@@ -1,0 +1,1 @@
+"""Numbers: pose arithmetic, the history of one edge, paths; compiled where possible."""

@@ -12,8 +12,8 @@ from setuptools import Extension, find_packages, setup
 # Beside each stands a .pxd file that says its C types.
 KERNEL = (
     "tfbus.core.kernel",
-    "tfbus.transform",
-    "tfbus.columns",
+    "tfbus.geometry.transform",
+    "tfbus.geometry.columns",
     "tfbus.one_message",
     "tfbus.tree",
     "tfbus.intake",

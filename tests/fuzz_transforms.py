@@ -22,8 +22,8 @@ from typing import Any
 import msgpack
 
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
-from tfbus.batch import TransformBatch
-from tfbus.columns import Columns, find_columns
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns, find_columns
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, decode_transforms, encode_transforms

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tfbus.batch import TransformBatch
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import Transform, TransformStamped
 
 
 def test_what_goes_in_comes_out():

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.change import Change
 from tfbus.core.sampling import Sampling
@@ -22,7 +21,8 @@ from tfbus.errors import (
     PastExtrapolationException,
     SingleSampleException,
 )
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import Transform, TransformStamped
 
 S = 1_000_000_000
 

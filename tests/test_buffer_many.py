@@ -17,7 +17,7 @@ from tfbus.errors import (
     InvalidArgumentException,
     LookupException,
 )
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.transform import Transform, TransformStamped
 
 S = 1_000_000_000
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import Transform, TransformStamped
 
 MS = 1_000_000
 CACHE_MS = 50

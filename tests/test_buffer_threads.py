@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.errors import ExtrapolationException, LookupException
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import Transform, TransformStamped
 
 MS = 1_000_000
 WRITERS = 3

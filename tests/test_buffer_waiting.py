@@ -13,7 +13,7 @@ from tfbus.errors import (
     PastExtrapolationException,
     TimeoutException,
 )
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.waiting import Waiter
 
 S = 1_000_000_000

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from test_wire import EPOCH_NS, SAMPLE, messages, poses, rows
 
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
-from tfbus.columns import Columns, find_columns
+from tfbus.geometry.columns import Columns, find_columns
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tfbus import InvalidArgumentException, TransformBatch
-from tfbus.columns import Columns
 from tfbus.description import StreamDescription
 from tfbus.fleet import Fleet, FrameNames
+from tfbus.geometry.columns import Columns
 from tfbus.stream_names import StreamNames
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage, encode_transforms

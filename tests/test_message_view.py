@@ -7,11 +7,11 @@ import click
 import numpy as np
 import pytest
 
-from tfbus.batch import TransformBatch
 from tfbus.cli.message import complete_values, find_type, reader_of, supplied_type
 from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.codec import encode_map
 from tfbus.errors import DecodeError
+from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, Twist
 from tfbus.wire import TransformMessage, encode_transforms
 

@@ -24,8 +24,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.columns import Columns
 from tfbus.description import StreamDescription
+from tfbus.geometry.columns import Columns
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.retained import declare_retained_subscriber
 from tfbus.stream_frames import StreamFrames

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import Transform, TransformStamped
+from tfbus.geometry.transform import Transform, TransformStamped
 
 TINY = 1e-12
 lengths = st.floats(-10, 10)

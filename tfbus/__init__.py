@@ -12,7 +12,6 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from tfbus.batch import TransformBatch as TransformBatch
     from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer import Buffer as Buffer
@@ -39,6 +38,11 @@ if TYPE_CHECKING:
     from tfbus.errors import TransformException as TransformException
     from tfbus.fleet import Fleet as Fleet
     from tfbus.frame import FrameInfo as FrameInfo
+    from tfbus.geometry.batch import TransformBatch as TransformBatch
+    from tfbus.geometry.transform import Transform as Transform
+    from tfbus.geometry.transform import TransformStamped as TransformStamped
+    from tfbus.geometry.transform_array import TransformArray as TransformArray
+    from tfbus.geometry.twist import TwistStamped as TwistStamped
     from tfbus.goal import GoalHandle as GoalHandle
     from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
@@ -54,10 +58,6 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.settings import NodeSettings as NodeSettings
-    from tfbus.transform import Transform as Transform
-    from tfbus.transform import TransformStamped as TransformStamped
-    from tfbus.transform_array import TransformArray as TransformArray
-    from tfbus.twist import TwistStamped as TwistStamped
 
 _MODULE_OF = {
     "Buffer": "tfbus.buffer",
@@ -96,14 +96,14 @@ _MODULE_OF = {
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
     "TopicName": "tfbus.name_types",
-    "Transform": "tfbus.transform",
-    "TransformArray": "tfbus.transform_array",
-    "TransformBatch": "tfbus.batch",
+    "Transform": "tfbus.geometry.transform",
+    "TransformArray": "tfbus.geometry.transform_array",
+    "TransformBatch": "tfbus.geometry.batch",
     "TransformBroadcaster": "tfbus.broadcaster",
     "TransformException": "tfbus.errors",
     "TransformListener": "tfbus.listener",
-    "TransformStamped": "tfbus.transform",
-    "TwistStamped": "tfbus.twist",
+    "TransformStamped": "tfbus.geometry.transform",
+    "TwistStamped": "tfbus.geometry.twist",
     "fleet_options": "tfbus.options",
     "node_options": "tfbus.options",
 }

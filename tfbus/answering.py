@@ -20,9 +20,9 @@ from tfbus.errors import (
 )
 from tfbus.explain import may_come, unknown_frame, why_not
 from tfbus.freshness import Freshness
+from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.runtime.clock import Limit, limit_by
 from tfbus.store import Store
-from tfbus.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.waiting import Question, Waiter
 
 

@@ -15,9 +15,9 @@ from tfbus.errors import ExtrapolationException, InvalidArgumentException, Trans
 from tfbus.filling import Filling
 from tfbus.frame import FrameInfo as FrameInfo
 from tfbus.freshness import Freshness
-from tfbus.transform import Transform, TransformStamped, check_stamp, make_stamped
-from tfbus.transform_array import TransformArray, rotate
-from tfbus.twist import TwistStamped, fit_twist, pick_stamps
+from tfbus.geometry.transform import Transform, TransformStamped, check_stamp, make_stamped
+from tfbus.geometry.transform_array import TransformArray, rotate
+from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 
 try:
     import cython

@@ -2,7 +2,7 @@ cimport cython
 from tfbus.answering cimport Answering
 from tfbus.core.kernel cimport Path
 from tfbus.core.batch_lookup cimport fill
-from tfbus.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped
 
 cdef Py_ssize_t _CHUNK
 

@@ -14,8 +14,8 @@ from tfbus.core.batch_lookup import fill
 from tfbus.core.kernel import Path
 from tfbus.core.sampling import Sampling
 from tfbus.core.time_order import by_time
-from tfbus.transform import TransformStamped
-from tfbus.transform_array import TransformArray
+from tfbus.geometry.transform import TransformStamped
+from tfbus.geometry.transform_array import TransformArray
 
 try:
     import cython

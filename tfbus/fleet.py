@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import check_frame_id
+from tfbus.geometry.transform import check_frame_id
 
 # A stream sends a few tables of names, over and over; of one that makes up more, none is kept.
 _MOST_TABLES = 64

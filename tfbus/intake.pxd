@@ -1,6 +1,6 @@
 cimport cython
 from tfbus.core cimport packed
-from tfbus.columns cimport Columns
+from tfbus.geometry.columns cimport Columns
 from tfbus.core.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
 from tfbus.core.packed cimport edge_t
 from tfbus.tree cimport Tree

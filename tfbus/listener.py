@@ -15,6 +15,7 @@ from tfbus.declaration import Declaration
 from tfbus.elsewhere import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.fleet import Fleet
+from tfbus.geometry.transform import check_frame_id
 from tfbus.interest import Interest
 from tfbus.keys import (
     STATIC_TRANSFORMS,
@@ -31,7 +32,6 @@ from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo, stream_info
 from tfbus.stream_names import StreamNames
 from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
-from tfbus.transform import check_frame_id
 
 # Names come from the bus: of more keys than these no dynamic transforms are taken.
 MOST_KEYS = 200_000

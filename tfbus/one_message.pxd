@@ -1,6 +1,6 @@
 cimport cython
 from tfbus.core cimport packed
-from tfbus.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped
 
 @cython.final
 cdef class OneMessage:

@@ -5,7 +5,7 @@ types).
 """
 
 from tfbus.core import packed
-from tfbus.transform import TransformStamped
+from tfbus.geometry.transform import TransformStamped
 
 
 class OneMessage:

@@ -13,11 +13,11 @@ import threading
 import time
 from collections.abc import Callable, Collection
 
-from tfbus.batch import TransformBatch
 from tfbus.buffer import Buffer
 from tfbus.claims import Ruling
-from tfbus.columns import Columns
 from tfbus.errors import DecodeError
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.stragglers import Stragglers
 from tfbus.transform_reader import TransformReader
 from tfbus.wire import TransformMessage

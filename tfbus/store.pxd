@@ -1,8 +1,8 @@
 cimport cython
-from tfbus.columns cimport Columns
+from tfbus.geometry.columns cimport Columns
 from tfbus.intake cimport Intake
 from tfbus.core.kernel cimport Path
-from tfbus.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped
 from tfbus.tree cimport Tree
 
 cdef object TF2

@@ -8,18 +8,18 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
-from tfbus.batch import TransformBatch
 from tfbus.change import Change
-from tfbus.columns import Columns
 from tfbus.core.kernel import Path
 from tfbus.core.outcome import LONGEST_NS
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, TransformException
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped
 from tfbus.intake import Intake
 from tfbus.rejections import Rejections
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.shortfall import Shortfall
-from tfbus.transform import TransformStamped
 from tfbus.tree import Tree
 from tfbus.waiting import Waiters
 

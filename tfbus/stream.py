@@ -13,10 +13,11 @@ import threading
 import time
 from contextlib import suppress
 
-from tfbus.batch import TransformBatch
 from tfbus.codec import encode_map
 from tfbus.description import STREAM_VERSION, StreamDescription
 from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import TransformStamped
 from tfbus.keys import static_transforms_key, stream_key
 from tfbus.query import Query
 from tfbus.retained import declare_retained_publisher
@@ -24,7 +25,6 @@ from tfbus.runtime.executor import Executor
 from tfbus.session import Session
 from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
-from tfbus.transform import TransformStamped
 from tfbus.transform_sender import TransformSender
 from tfbus.wire import TransformMessage, encode_transforms
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 
 from tfbus.bytes_publisher import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
+from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime.executor import Executor
-from tfbus.transform import check_frame_id
 
 # Of each child frame: its parent, and whether the transform is static.
 Edges = Mapping[str, tuple[str, bool]]

@@ -6,10 +6,10 @@ from typing import Protocol
 
 import numpy as np
 
-from tfbus.batch import TransformBatch
 from tfbus.bytes_publisher import BytesPublisher
-from tfbus.columns import Columns
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.keys import escape, transforms_key
 from tfbus.session import Session
 from tfbus.wire import TransformEncoder

@@ -1,7 +1,7 @@
 """Messages of transforms as columns, by the fast way where it knows them."""
 
-from tfbus.columns import FAST, Columns, find_columns
 from tfbus.fleet import FrameNames
+from tfbus.geometry.columns import FAST, Columns, find_columns
 from tfbus.wire import TransformMessage, decode_transforms
 
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from tfbus.batch import TransformBatch
-from tfbus.columns import Columns
 from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped
 from tfbus.kept_messages import KeptMessages, without_removed
 from tfbus.newest_stamps import NewestStamps, Rows
 from tfbus.one_message import OneMessage
@@ -18,7 +19,6 @@ from tfbus.session import Session, within
 from tfbus.stream_frames import Edges, StreamFrames
 from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.stream_options import StreamOptions
-from tfbus.transform import TransformStamped
 
 # What sends have in common is remembered for tables of so many edges in all.
 _MOST_EDGES = 50_000

@@ -12,7 +12,7 @@ from tfbus.core.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.frame import FrameInfo
-from tfbus.transform import TransformStamped, check_frame_id, make_stamped
+from tfbus.geometry.transform import TransformStamped, check_frame_id, make_stamped
 
 try:
     import cython

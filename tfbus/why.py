@@ -11,8 +11,8 @@ from tfbus.frame import FrameInfo
 from tfbus.frames.facts import duration, facts, is_stale
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree, Problem, who
+from tfbus.geometry.transform import TransformStamped
 from tfbus.stream_info import StreamInfo
-from tfbus.transform import TransformStamped
 
 Verdict = Literal["ok", "warn", "fail"]
 

@@ -21,7 +21,7 @@ from tfbus.errors import DecodeError
 from tfbus.graph import TRANSFORMS_TYPE
 
 if TYPE_CHECKING:
-    from tfbus.batch import TransformBatch
+    from tfbus.geometry.batch import TransformBatch
 
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tfbus.buffer import Buffer
 from tfbus.errors import DecodeError
-from tfbus.transform_array import TransformArray
+from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
 

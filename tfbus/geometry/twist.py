@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.transform import Transform
+from tfbus.geometry.transform import Transform
 
 Floats = NDArray[np.float64]
 

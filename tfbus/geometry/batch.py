@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import Transform, TransformStamped, check_frame_id
+from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 cimport cython
 from tfbus.core cimport packed
 from tfbus.core.packed cimport octets_t
-from tfbus.transform cimport TransformStamped
+from tfbus.geometry.transform cimport TransformStamped
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE
 cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED

@@ -6,7 +6,7 @@ The formulas are those of `Transform`, which has them for one.
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.transform import LOCKED_BELOW, ORTHOGONAL_WITHIN, euler_axes
+from tfbus.geometry.transform import LOCKED_BELOW, ORTHOGONAL_WITHIN, euler_axes
 
 Floats = NDArray[np.float64]
 Angles = tuple[Floats, Floats, Floats]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.rotation_arrays import (
+from tfbus.geometry.rotations import (
     angles_of,
     are_rotations,
     matrices_of,
@@ -15,7 +15,7 @@ from tfbus.rotation_arrays import (
     quaternions_of_angles,
     quaternions_of_matrices,
 )
-from tfbus.transform import LAST_ROW_WITHIN, Transform
+from tfbus.geometry.transform import LAST_ROW_WITHIN, Transform
 
 Floats = NDArray[np.float64]
 

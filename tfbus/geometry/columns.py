@@ -9,11 +9,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.batch import TransformBatch
 from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
-from tfbus.transform import TransformStamped
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.transform import TransformStamped
 
 try:
     import cython

@@ -1,0 +1,1 @@
+"""Transforms as values: one, many; nothing of time or network."""

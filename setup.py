@@ -15,18 +15,23 @@ KERNEL = (
     "tfbus.geometry.transform",
     "tfbus.geometry.columns",
     "tfbus.one_message",
-    "tfbus.tree",
-    "tfbus.intake",
+    "tfbus.buffer.tree",
+    "tfbus.buffer.insert_many",
     "tfbus.core.batch_lookup",
     "tfbus.core.time_order",
-    "tfbus.store",
-    "tfbus.answering",
-    "tfbus.filling",
-    "tfbus.buffer",
+    "tfbus.buffer.store",
+    "tfbus.buffer.lookup",
+    "tfbus.buffer.lookup_many",
+    "tfbus.buffer.buffer",
 )
 
 # Those that do arithmetic on poses.
-HOT = ("tfbus.core.kernel", "tfbus.intake", "tfbus.core.batch_lookup", "tfbus.core.time_order")
+HOT = (
+    "tfbus.core.kernel",
+    "tfbus.buffer.insert_many",
+    "tfbus.core.batch_lookup",
+    "tfbus.core.time_order",
+)
 
 # The arithmetic of a pose is many small functions, which are to become one, however large; and no
 # part of it asks errno about a square root. Nothing here changes a result.

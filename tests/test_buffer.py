@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfbus.buffer import Buffer
-from tfbus.change import Change
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.change import Change
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,

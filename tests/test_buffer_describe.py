@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ElementTree
 
 import yaml
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.geometry.transform import Transform, TransformStamped
 
 S = 1_000_000_000

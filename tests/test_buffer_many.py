@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.core.time_order import by_time
 from tfbus.errors import (

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import ExtrapolationException
 from tfbus.geometry.batch import TransformBatch

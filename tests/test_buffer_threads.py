@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.errors import ExtrapolationException, LookupException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import Transform, TransformStamped

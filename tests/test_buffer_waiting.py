@@ -6,7 +6,8 @@ import threading
 import pytest
 from conftest import eventually, somebody_waits
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.waiting import Waiter
 from tfbus.errors import (
     FutureExtrapolationException,
     LookupException,
@@ -14,7 +15,6 @@ from tfbus.errors import (
     TimeoutException,
 )
 from tfbus.geometry.transform import Transform, TransformStamped
-from tfbus.waiting import Waiter
 
 S = 1_000_000_000
 

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
 
     from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
-    from tfbus.buffer import Buffer as Buffer
-    from tfbus.change import Change as Change
+    from tfbus.buffer.buffer import Buffer as Buffer
+    from tfbus.buffer.change import Change as Change
+    from tfbus.buffer.frame import FrameInfo as FrameInfo
     from tfbus.core.sampling import Sampling as Sampling
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
     from tfbus.fleet import Fleet as Fleet
-    from tfbus.frame import FrameInfo as FrameInfo
     from tfbus.geometry.batch import TransformBatch as TransformBatch
     from tfbus.geometry.transform import Transform as Transform
     from tfbus.geometry.transform import TransformStamped as TransformStamped
@@ -60,14 +60,14 @@ if TYPE_CHECKING:
     from tfbus.settings import NodeSettings as NodeSettings
 
 _MODULE_OF = {
-    "Buffer": "tfbus.buffer",
+    "Buffer": "tfbus.buffer.buffer",
     "BusError": "tfbus.errors",
-    "Change": "tfbus.change",
+    "Change": "tfbus.buffer.change",
     "ConnectivityException": "tfbus.errors",
     "DecodeError": "tfbus.errors",
     "ExtrapolationException": "tfbus.errors",
     "Fleet": "tfbus.fleet",
-    "FrameInfo": "tfbus.frame",
+    "FrameInfo": "tfbus.buffer.frame",
     "FrameName": "tfbus.name_types",
     "FutureExtrapolationException": "tfbus.errors",
     "GoalHandle": "tfbus.goal",

@@ -3,8 +3,8 @@
 import logging
 from collections.abc import Mapping
 
-from tfbus.buffer import Buffer
-from tfbus.change import Change
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.change import Change
 from tfbus.claims import Claims, Conflict, Rule, name_some
 from tfbus.description import StreamDescription
 from tfbus.reception import StreamReception

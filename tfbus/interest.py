@@ -10,11 +10,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.explain import unknown_frame
 from tfbus.declaration import Declaration
 from tfbus.described_tree import DescribedTree, Pair, described_edges
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
-from tfbus.explain import unknown_frame
 from tfbus.fleet import FrameNames
 from tfbus.keys import transforms_key_beside
 from tfbus.reading import Forget, Subscribe

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from tfbus.asked_history import AskedHistory
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts

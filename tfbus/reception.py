@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Collection
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.claims import Ruling
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch

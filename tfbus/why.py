@@ -4,10 +4,10 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.frame import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
 from tfbus.fleet import shared_name
-from tfbus.frame import FrameInfo
 from tfbus.frames.facts import duration, facts, is_stale
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree, Problem, who

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TimeoutException
 from tfbus.fleet import Fleet
 from tfbus.frames.tree import FrameTree, frame_tree

@@ -3,12 +3,12 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tfbus.buffer.frame import FrameInfo
 from tfbus.cli.listening import Listening
 from tfbus.cli.output import paint, table
 from tfbus.cli.transform_meter import EdgeFlow, TransformMeter
 from tfbus.cli.window import Spread, Window, spread_of
 from tfbus.errors import TransformException
-from tfbus.frame import FrameInfo
 from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree

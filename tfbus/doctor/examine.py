@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.description import NodeDescription
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter

@@ -6,7 +6,7 @@ import socket
 from dataclasses import replace
 from importlib import metadata
 
-from tfbus.buffer import COMPILED
+from tfbus.buffer.buffer import COMPILED
 from tfbus.doctor.examination import Host
 from tfbus.scouting import interfaces
 from tfbus.session import Session

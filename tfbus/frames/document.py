@@ -5,7 +5,7 @@ import textwrap
 from dataclasses import asdict
 from typing import Any
 
-from tfbus.describe import as_dot, as_yaml
+from tfbus.buffer.formats import as_dot, as_yaml
 from tfbus.frames.facts import facts
 from tfbus.frames.text import conflicting, publisher_lines, tree_lines
 from tfbus.frames.tree import FrameTree

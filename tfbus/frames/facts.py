@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from tfbus.frame import FrameInfo
+from tfbus.buffer.frame import FrameInfo
 from tfbus.frames.tree import FrameTree
 
 State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]

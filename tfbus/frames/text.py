@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from tfbus.frame import FrameInfo
+from tfbus.buffer.frame import FrameInfo
 from tfbus.frames.facts import State, duration, facts, state
 from tfbus.frames.tree import FrameTree, who
 from tfbus.wording import counted

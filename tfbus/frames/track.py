@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform_array import TransformArray
 

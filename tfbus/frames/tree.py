@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from tfbus.buffer import Buffer
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.frame import FrameInfo
 from tfbus.fleet import shared_name
-from tfbus.frame import FrameInfo
 from tfbus.stream_info import StreamInfo
 from tfbus.wording import counted
 

@@ -8,7 +8,12 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
-from tfbus.change import Change
+from tfbus.buffer.change import Change
+from tfbus.buffer.expired_lookups import Shortfall
+from tfbus.buffer.insert_many import Intake
+from tfbus.buffer.rejections import Rejections
+from tfbus.buffer.tree import Tree
+from tfbus.buffer.waiting import Waiters
 from tfbus.core.kernel import Path
 from tfbus.core.outcome import LONGEST_NS
 from tfbus.core.sampling import TF2, Sampling
@@ -16,12 +21,7 @@ from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.intake import Intake
-from tfbus.rejections import Rejections
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.shortfall import Shortfall
-from tfbus.tree import Tree
-from tfbus.waiting import Waiters
 
 try:
     import cython

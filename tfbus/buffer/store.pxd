@@ -1,9 +1,9 @@
 cimport cython
 from tfbus.geometry.columns cimport Columns
-from tfbus.intake cimport Intake
+from tfbus.buffer.insert_many cimport Intake
 from tfbus.core.kernel cimport Path
 from tfbus.geometry.transform cimport TransformStamped
-from tfbus.tree cimport Tree
+from tfbus.buffer.tree cimport Tree
 
 cdef object TF2
 cdef long long LONGEST_NS

@@ -6,12 +6,12 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from collections.abc import Iterable
 
-from tfbus.change import Change, Kind
+from tfbus.buffer.change import Change, Kind
+from tfbus.buffer.frame import FrameInfo
 from tfbus.core.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
 from tfbus.core.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
-from tfbus.frame import FrameInfo
 from tfbus.geometry.transform import TransformStamped, check_frame_id, make_stamped
 
 try:

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tfbus.buffer.tree import Tree
 from tfbus.core.kernel import History
 from tfbus.errors import InvalidArgumentException, StaleException
-from tfbus.tree import Tree
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-from tfbus.store cimport Store
+from tfbus.buffer.store cimport Store
 
 cdef class Answering(Store):
     cpdef _watch(self, waiter, questions, fresh=*)

@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Iterable
 from itertools import islice
 
+from tfbus.buffer.tree import Tree, chain
 from tfbus.core.kernel import History
 from tfbus.core.outcome import ALL_STATIC, NO_DATA
 from tfbus.core.sampling import Sampling
@@ -19,7 +20,6 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.tree import Tree, chain
 
 # Comparing names takes microseconds each; of a great many only the likely ones are compared.
 _MOST_COMPARED = 1000

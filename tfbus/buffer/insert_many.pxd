@@ -3,7 +3,7 @@ from tfbus.core cimport packed
 from tfbus.geometry.columns cimport Columns
 from tfbus.core.kernel cimport History, append_rows, off_unit, pose_t, samples_t, unit
 from tfbus.core.packed cimport edge_t
-from tfbus.tree cimport Tree
+from tfbus.buffer.tree cimport Tree
 
 cdef Py_ssize_t EDGE_SIZE, POSE_SIZE, STAMP_SIZE, _LEAST_ROWS
 cdef long long LONGEST_NS

@@ -1,4 +1,4 @@
-from tfbus.filling cimport Filling
+from tfbus.buffer.lookup_many cimport Filling
 from tfbus.core.kernel cimport Path
 
 cdef long long ALL_STATIC, NO_DATA

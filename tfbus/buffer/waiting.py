@@ -10,9 +10,9 @@ import itertools
 import threading
 from collections.abc import Callable, Iterable
 
+from tfbus.buffer.tree import Tree, chain
 from tfbus.core.kernel import History
 from tfbus.core.outcome import NO_DATA
-from tfbus.tree import Tree, chain
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.
 Question = tuple[str, str, int | None]

@@ -7,6 +7,10 @@ import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 
+from tfbus.buffer.explain import may_come, unknown_frame, why_not
+from tfbus.buffer.freshness import Freshness
+from tfbus.buffer.store import Store
+from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -18,12 +22,8 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.explain import may_come, unknown_frame, why_not
-from tfbus.freshness import Freshness
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.runtime.clock import Limit, limit_by
-from tfbus.store import Store
-from tfbus.waiting import Question, Waiter
 
 
 class Answering(Store):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.answering import Answering
+from tfbus.buffer.lookup import Answering
 from tfbus.core.batch_lookup import fill
 from tfbus.core.kernel import Path
 from tfbus.core.sampling import Sampling

@@ -6,14 +6,14 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from array import array
 
+from tfbus.buffer.rejections import Rejections
+from tfbus.buffer.tree import Tree
 from tfbus.core import packed
 from tfbus.core.kernel import History, Pose
 from tfbus.core.outcome import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns
-from tfbus.rejections import Rejections
-from tfbus.tree import Tree
 
 try:
     import cython

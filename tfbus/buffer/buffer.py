@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
+from tfbus.buffer.frame import FrameInfo as FrameInfo
+from tfbus.buffer.freshness import Freshness
+from tfbus.buffer.lookup_many import Filling
 from tfbus.core.outcome import ALL_STATIC, NO_DATA
 from tfbus.core.sampling import Sampling
-from tfbus.describe import as_dot, as_svg, as_text, as_yaml
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
-from tfbus.filling import Filling
-from tfbus.frame import FrameInfo as FrameInfo
-from tfbus.freshness import Freshness
 from tfbus.geometry.transform import Transform, TransformStamped, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray, rotate
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps

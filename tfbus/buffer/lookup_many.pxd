@@ -1,5 +1,5 @@
 cimport cython
-from tfbus.answering cimport Answering
+from tfbus.buffer.lookup cimport Answering
 from tfbus.core.kernel cimport Path
 from tfbus.core.batch_lookup cimport fill
 from tfbus.geometry.transform cimport TransformStamped

@@ -1,0 +1,1 @@
+"""The last seconds of every frame: inserts, lookups, waiting, reasons."""

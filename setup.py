@@ -14,7 +14,7 @@ KERNEL = (
     "tfbus.core.kernel",
     "tfbus.geometry.transform",
     "tfbus.geometry.columns",
-    "tfbus.one_message",
+    "tfbus.wire.one_message",
     "tfbus.buffer.tree",
     "tfbus.buffer.insert_many",
     "tfbus.core.batch_lookup",

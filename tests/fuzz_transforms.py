@@ -25,8 +25,8 @@ from tfbus import Buffer, DecodeError, Transform, TransformException, TransformS
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns, find_columns
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 S = 10**9
 # What is sent to one buffer before it is examined as a whole, and another takes its place.

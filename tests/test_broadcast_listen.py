@@ -22,8 +22,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.description import StreamDescription
 from tfbus.stream_watch import StreamWatch
+from tfbus.wire.descriptions import StreamDescription
 
 STAMP_NS = 1670400305709085026
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tfbus import InvalidArgumentException
 from tfbus.claims import Claims, Conflict, Rule
-from tfbus.description import StreamDescription
+from tfbus.wire.descriptions import StreamDescription
 
 
 def described(

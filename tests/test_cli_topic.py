@@ -13,8 +13,8 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.codec import encode_map, encode_message
 from tfbus.messages import Color, Pose
+from tfbus.wire.codec import encode_map, encode_message
 
 USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC
 Try 'python -m tfbus topic echo --help' for help.

@@ -15,9 +15,9 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.clock_offset import ClockOffset, ClockOffsets, measured
-from tfbus.description import StreamDescription
-from tfbus.keys import clock_key
 from tfbus.stream_info import StreamInfo
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import clock_key
 
 MS = 1_000_000
 SECOND = 1_000_000_000

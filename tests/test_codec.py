@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import DecodeError
-from tfbus.codec import decode_map, decode_message, encode_map, encode_message, from_map
 from tfbus.messages import Color, Pose, Twist, Vector3
+from tfbus.wire.codec import decode_map, decode_message, encode_map, encode_message, from_map
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from test_wire import EPOCH_NS, SAMPLE, messages, poses, rows
 
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns, find_columns
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 Told = tuple[int, int | None, tuple[str, ...], bytes, bytes, bytes]
 

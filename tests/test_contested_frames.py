@@ -7,10 +7,10 @@ import pytest
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.claims import Rule
 from tfbus.conflicts import Conflicts
-from tfbus.description import StreamDescription
 from tfbus.reception import DynamicReception, StreamReception
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, encode_transforms
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 
 def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.described_tree import DescribedTree, described_edges
-from tfbus.description import StreamDescription
-from tfbus.fleet import FrameNames
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.fleet import FrameNames
 
 Row = tuple[str, str, bool]
 

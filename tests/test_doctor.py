@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
-from tfbus.description import BufferDescription, NodeDescription
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Flow, Host
 from tfbus.frames.tree import frame_tree
 from tfbus.scouting import Interface
 from tfbus.stream_info import StreamInfo
+from tfbus.wire.descriptions import BufferDescription, NodeDescription
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tfbus import InvalidArgumentException, TransformBatch
-from tfbus.description import StreamDescription
-from tfbus.fleet import Fleet, FrameNames
 from tfbus.geometry.columns import Columns
 from tfbus.stream_names import StreamNames
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, encode_transforms
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 NAMES = FrameNames("robot7", ("world", "map"))
 

@@ -5,9 +5,9 @@ import logging
 from conftest import Bus, eventually
 
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
-from tfbus.description import NodeDescription, StreamDescription
 from tfbus.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
 from tfbus.presence import describe_streams
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 
 def node(name: str, **interfaces: dict[str, str]) -> NodeDescription:

@@ -24,9 +24,9 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.declaration import Declaration
-from tfbus.description import StreamDescription
 from tfbus.interest import Interest
 from tfbus.stream_watch import StreamState
+from tfbus.wire.descriptions import StreamDescription
 
 PATIENCE_S = 20.0
 

@@ -9,11 +9,11 @@ import pytest
 
 from tfbus.cli.message import complete_values, find_type, reader_of, supplied_type
 from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
-from tfbus.codec import encode_map
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, Twist
-from tfbus.wire import TransformMessage, encode_transforms
+from tfbus.wire.codec import encode_map
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 MESSAGE = {"x": 1.5, "cells": [3.5, {"name": "left"}], "linear": {"x": 2, "y": 0}}
 

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import DecodeError, messages
-from tfbus.codec import decode_message, encode_map, encode_message
 from tfbus.messages import (
     Clock,
     Color,
@@ -23,6 +22,7 @@ from tfbus.messages import (
     Twist,
     Vector3,
 )
+from tfbus.wire.codec import decode_message, encode_map, encode_message
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.builds(Vector3, numbers, numbers, numbers)

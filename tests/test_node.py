@@ -19,9 +19,9 @@ from tfbus import (
     ServiceError,
     SettingsError,
 )
-from tfbus.codec import decode_map, encode_map
-from tfbus.keys import node_key, node_parameters_key, parameter_key
 from tfbus.messages import Pose, RotateAbsolute, Spawn, Vector3
+from tfbus.wire.codec import decode_map, encode_map
+from tfbus.wire.keys import node_key, node_parameters_key, parameter_key
 
 DEADLINE_S = 10.0
 

@@ -8,8 +8,8 @@ import pytest
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.claims import Ruling
 from tfbus.reception import DynamicReception, StreamReception
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage, encode_transforms
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 S = 10**9
 

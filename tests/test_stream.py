@@ -24,7 +24,6 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.description import StreamDescription
 from tfbus.geometry.columns import Columns
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.retained import declare_retained_subscriber
@@ -32,7 +31,8 @@ from tfbus.stream_frames import StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.stream_watch import StreamState, StreamWatch
 from tfbus.transform_sender import TransformSender
-from tfbus.wire import TransformMessage, decode_transforms
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 S = 1_000_000_000
 

@@ -15,12 +15,12 @@ from tfbus import (
     stream_watch,
 )
 from tfbus.bytes_publisher import BytesPublisher
-from tfbus.codec import encode_message
-from tfbus.description import StreamDescription
 from tfbus.query import Answer
 from tfbus.retained import declare_retained_publisher
 from tfbus.session import Session
 from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import StreamDescription
 
 
 class Watching:

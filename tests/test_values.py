@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.values import read_value
+from tfbus.wire.yaml_values import read_value
 
 
 @pytest.mark.parametrize(

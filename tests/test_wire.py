@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import DecodeError, Transform, TransformBatch, TransformStamped
-from tfbus.wire import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 STAMP_NS = 1670400305709085026
 EPOCH_NS = 1670400300000064000

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
-    from tfbus.fleet import Fleet as Fleet
     from tfbus.geometry.batch import TransformBatch as TransformBatch
     from tfbus.geometry.transform import Transform as Transform
     from tfbus.geometry.transform import TransformStamped as TransformStamped
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.settings import NodeSettings as NodeSettings
+    from tfbus.wire.fleet import Fleet as Fleet
 
 _MODULE_OF = {
     "Buffer": "tfbus.buffer.buffer",
@@ -66,7 +66,7 @@ _MODULE_OF = {
     "ConnectivityException": "tfbus.errors",
     "DecodeError": "tfbus.errors",
     "ExtrapolationException": "tfbus.errors",
-    "Fleet": "tfbus.fleet",
+    "Fleet": "tfbus.wire.fleet",
     "FrameInfo": "tfbus.buffer.frame",
     "FrameName": "tfbus.name_types",
     "FutureExtrapolationException": "tfbus.errors",

@@ -6,11 +6,11 @@ from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import BusError
-from tfbus.keys import kept_transforms_selector
 from tfbus.query import Answer
 from tfbus.reception import StreamReception
 from tfbus.runtime.executor import Executor
 from tfbus.session import Session
+from tfbus.wire.keys import kept_transforms_selector
 
 _KEPT_WITHIN_S = 5.0
 # The way to a stream that was just met may not be open for questions.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
 
-from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
+from tfbus.wire.descriptions import StreamDescription
 
 # What wins: who sent last, as in tf2; who was first; or who has the higher priority.
 Rule = Literal["latest", "first", "priority"]

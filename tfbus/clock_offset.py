@@ -11,12 +11,12 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from tfbus.codec import decode_map
-from tfbus.description import StreamDescription
 from tfbus.errors import BusError, DecodeError
-from tfbus.keys import clock_key
 from tfbus.query import Answer
 from tfbus.session import Session
+from tfbus.wire.codec import decode_map
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import clock_key
 
 # So many are asked for in a row; the one with the shortest way is the most exact.
 _SAMPLES = 4

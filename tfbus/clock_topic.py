@@ -2,14 +2,14 @@
 
 import logging
 
-from tfbus.codec import decode_message, encode_message
 from tfbus.errors import DecodeError
 from tfbus.interface import Interface
-from tfbus.keys import ALL_NODES_EVERYWHERE
 from tfbus.messages import Clock
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message, encode_message
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 
 TOPIC = "clock"
 

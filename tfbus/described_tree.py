@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from tfbus.description import StreamDescription
-from tfbus.fleet import FrameNames
-from tfbus.keys import static_transforms_key_beside, transforms_key_beside
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.fleet import FrameNames
+from tfbus.wire.keys import static_transforms_key_beside, transforms_key_beside
 
 # Streams come and go; of those that have gone so many of the last are remembered.
 _MOST_GONE = 1000

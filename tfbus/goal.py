@@ -14,7 +14,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from tfbus.codec import (
+from tfbus.errors import BusError, DecodeError, ServiceError
+from tfbus.interface import Interface
+from tfbus.query import Answer, Query
+from tfbus.runtime.executor import Executor
+from tfbus.service import Caller, Service, submit_or_refuse
+from tfbus.session import Session
+from tfbus.wire.codec import (
     as_map,
     decode_map,
     decode_message,
@@ -22,12 +28,6 @@ from tfbus.codec import (
     encode_message,
     from_map,
 )
-from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.interface import Interface
-from tfbus.query import Answer, Query
-from tfbus.runtime.executor import Executor
-from tfbus.service import Caller, Service, submit_or_refuse
-from tfbus.session import Session
 
 # A class with the dataclasses Goal, Feedback and Result in it, which types cannot say.
 GoalType = Any

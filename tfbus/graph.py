@@ -7,8 +7,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from tfbus.description import NodeDescription, StreamDescription
 from tfbus.presence import relative_name
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 # What the keys of transforms carry.
 TRANSFORMS_TYPE = "TransformMessage"

@@ -15,10 +15,10 @@ from tfbus.buffer.explain import unknown_frame
 from tfbus.declaration import Declaration
 from tfbus.described_tree import DescribedTree, Pair, described_edges
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
-from tfbus.fleet import FrameNames
-from tfbus.keys import transforms_key_beside
 from tfbus.reading import Forget, Subscribe
 from tfbus.stream_watch import StreamState
+from tfbus.wire.fleet import FrameNames
+from tfbus.wire.keys import transforms_key_beside
 
 # A lookup that is not repeated for so long needs nothing any more; and what nothing needs is
 # read for as long again, as a path may lead there and back.

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from tfbus.codec import type_name
+from tfbus.wire.codec import type_name
 
 
 class Closable(Protocol):

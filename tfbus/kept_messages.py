@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from tfbus.wire import decode_transforms, encode_transforms
+from tfbus.wire.transforms import decode_transforms, encode_transforms
 
 # Key and payload of a message; or None and the name of a frame that was removed then.
 Kept = tuple[str | None, bytes]

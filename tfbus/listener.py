@@ -14,14 +14,8 @@ from tfbus.conflicts import Conflicts
 from tfbus.declaration import Declaration
 from tfbus.elsewhere import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
-from tfbus.fleet import Fleet
 from tfbus.geometry.transform import check_frame_id
 from tfbus.interest import Interest
-from tfbus.keys import (
-    STATIC_TRANSFORMS,
-    stream_of,
-    transforms_key_beside,
-)
 from tfbus.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
@@ -32,6 +26,12 @@ from tfbus.static_recovery import StaticRecovery
 from tfbus.stream_info import StreamInfo, stream_info
 from tfbus.stream_names import StreamNames
 from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
+from tfbus.wire.fleet import Fleet
+from tfbus.wire.keys import (
+    STATIC_TRANSFORMS,
+    stream_of,
+    transforms_key_beside,
+)
 
 # Names come from the bus: of more keys than these no dynamic transforms are taken.
 MOST_KEYS = 200_000

@@ -11,11 +11,11 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from tfbus.codec import from_map
-from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import TfbusError
-from tfbus.keys import namespace_of
 from tfbus.settings import NodeSettings
+from tfbus.wire.codec import from_map
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.keys import namespace_of
 
 # How long names are remembered: as long as one line is typed.
 FRESH_S = 5.0

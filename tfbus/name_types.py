@@ -10,8 +10,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.errors import InvalidNameError, TfbusError
-from tfbus.keys import check_topic
 from tfbus.settings import NodeSettings
+from tfbus.wire.keys import check_topic
 
 if TYPE_CHECKING:
     from tfbus.live_names import LiveNames
@@ -62,7 +62,7 @@ class FrameName(_BusName):
         """
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
-        from tfbus.fleet import Fleet  # numpy, which most completion does not need
+        from tfbus.wire.fleet import Fleet  # numpy, which most completion does not need
 
         fleet = Fleet(ctx.params.get("shared_frames") or ())
         robots = {"": names.frames, **names.robots}

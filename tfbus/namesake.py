@@ -2,12 +2,12 @@
 
 import logging
 
-from tfbus.codec import decode_message
-from tfbus.description import NodeDescription
-from tfbus.keys import node_key
 from tfbus.query import Answer
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import node_key
 
 # After a link to another process has opened, its declarations take a moment to arrive.
 _CHECK_AFTER_S = 0.3

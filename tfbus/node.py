@@ -9,11 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tfbus.codec import encode_map
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.interface import Interface
-from tfbus.keys import check_topic, clock_key, node_key
 from tfbus.namesake import NamesakeWatch
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.query import Query
@@ -27,6 +25,8 @@ from tfbus.session import Session
 from tfbus.settings import NodeSettings
 from tfbus.stream import Stream
 from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
+from tfbus.wire.codec import encode_map
+from tfbus.wire.keys import check_topic, clock_key, node_key
 
 if TYPE_CHECKING:
     # With the messages it takes long to load, and most nodes have no use for it.

@@ -37,7 +37,7 @@ def fleet_options(function: F) -> F:
 
     @functools.wraps(function)
     def command(*args: Any, fleet: bool, shared_frames: tuple[str, ...], **values: Any) -> Any:
-        from tfbus.fleet import Fleet  # numpy, which `--help` does not need
+        from tfbus.wire.fleet import Fleet  # numpy, which `--help` does not need
 
         if shared_frames and not fleet:
             raise click.UsageError("--shared names what the robots of a fleet share: add --fleet")

@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ParameterError
-from tfbus.keys import check_topic, last_name, node_parameters_key, parameter_key
 from tfbus.query import Query
 from tfbus.runtime.executor import Executor
 from tfbus.service import submit_or_refuse
 from tfbus.session import Session, within
+from tfbus.wire.codec import decode_map, encode_map
+from tfbus.wire.keys import check_topic, last_name, node_parameters_key, parameter_key
 
 Value = bool | int | float | str | list[Any]
 
@@ -169,7 +169,7 @@ class Parameters:
 
 
 def _read_text(text: str) -> object:
-    from tfbus.values import read_value  # YAML, only where a value comes as text
+    from tfbus.wire.yaml_values import read_value  # YAML, only where a value comes as text
 
     return read_value(text)
 

@@ -4,13 +4,13 @@ import difflib
 import threading
 from collections.abc import Callable
 
-from tfbus.codec import decode_message
-from tfbus.description import NodeDescription, StreamDescription
 from tfbus.errors import BusError, DecodeError
-from tfbus.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
 from tfbus.query import Answer
 from tfbus.retained import ask_retained
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
 
 # The nodes of this namespace and of those below it.
 _ALL_NODES = "**/@tfbus/node/*"

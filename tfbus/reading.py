@@ -4,15 +4,15 @@ from collections.abc import Callable
 from typing import Protocol
 
 from tfbus.declaration import Declaration
-from tfbus.fleet import FrameNames
-from tfbus.keys import (
+from tfbus.stream_watch import StreamState
+from tfbus.wire.fleet import FrameNames
+from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,
     ALL_STATIC_TRANSFORMS_EVERYWHERE,
     ALL_TRANSFORMS,
     ALL_TRANSFORMS_EVERYWHERE,
     transforms_key_beside,
 )
-from tfbus.stream_watch import StreamState
 
 # Have what comes on a key of a stream received, until the declaration is closed: stream, key,
 # and whether it carries static transforms.

@@ -19,8 +19,8 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.stragglers import Stragglers
-from tfbus.transform_reader import TransformReader
-from tfbus.wire import TransformMessage
+from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformMessage
 
 # Of the delay of each message so much goes into the mean.
 _SMOOTHING = 0.1

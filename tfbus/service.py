@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from tfbus.codec import decode_message, encode_message
 from tfbus.errors import ServiceError
 from tfbus.interface import Interface
 from tfbus.query import Query
 from tfbus.runtime.executor import Executor
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
 ServiceType = Any

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tfbus.errors import SettingsError
-from tfbus.keys import check_namespace, check_node_name, check_topic
+from tfbus.wire.keys import check_namespace, check_node_name, check_topic
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")

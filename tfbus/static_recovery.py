@@ -12,12 +12,12 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from tfbus.errors import BusError
-from tfbus.keys import static_transforms_key_beside
 from tfbus.query import Answer
 from tfbus.reception import StreamReception
 from tfbus.retained import ask_retained_later
 from tfbus.runtime.executor import Executor
 from tfbus.session import Session
+from tfbus.wire.keys import static_transforms_key_beside
 
 _ANSWER_WITHIN_S = 2.0
 # A question that is lost is not worth the wait for its end; while it is open others are asked.

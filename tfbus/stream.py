@@ -13,12 +13,9 @@ import threading
 import time
 from contextlib import suppress
 
-from tfbus.codec import encode_map
-from tfbus.description import STREAM_VERSION, StreamDescription
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import TransformStamped
-from tfbus.keys import static_transforms_key, stream_key
 from tfbus.query import Query
 from tfbus.retained import declare_retained_publisher
 from tfbus.runtime.executor import Executor
@@ -26,7 +23,10 @@ from tfbus.session import Session
 from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.transform_sender import TransformSender
-from tfbus.wire import TransformMessage, encode_transforms
+from tfbus.wire.codec import encode_map
+from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
+from tfbus.wire.keys import static_transforms_key, stream_key
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 # Epochs that follow each other closer than that, as of a short recording in a loop, are told by one
 # line.

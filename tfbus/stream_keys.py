@@ -10,9 +10,9 @@ from tfbus.bytes_publisher import BytesPublisher
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.keys import escape, transforms_key
 from tfbus.session import Session
-from tfbus.wire import TransformEncoder
+from tfbus.wire.keys import escape, transforms_key
+from tfbus.wire.transforms import TransformEncoder
 
 # Nearly always a frame has one row in a send: the first name is its parent, the second itself.
 _ONE_EDGE = np.array([[0, 1]], dtype=np.uint32)

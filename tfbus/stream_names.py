@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-from tfbus.fleet import Fleet, FrameNames
-from tfbus.keys import namespace_of
 from tfbus.stream_watch import StreamState
-from tfbus.transform_reader import TransformReader
+from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.keys import namespace_of
+from tfbus.wire.transform_reader import TransformReader
 
 # Namespaces come from the bus: of so many the names are remembered.
 MOST_NAMESPACES = 1000

@@ -8,14 +8,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
-from tfbus.codec import decode_message
-from tfbus.description import StreamDescription
 from tfbus.errors import BusError, DecodeError
-from tfbus.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 from tfbus.query import Answer
 from tfbus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.runtime.executor import Executor
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 
 # Streams come and go; of those that have gone so many of the last are remembered.
 MOST_GONE = 1000

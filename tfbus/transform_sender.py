@@ -13,12 +13,12 @@ from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.kept_messages import KeptMessages, without_removed
 from tfbus.newest_stamps import NewestStamps, Rows
-from tfbus.one_message import OneMessage
 from tfbus.query import Query
 from tfbus.session import Session, within
 from tfbus.stream_frames import Edges, StreamFrames
 from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.stream_options import StreamOptions
+from tfbus.wire.one_message import OneMessage
 
 # What sends have in common is remembered for tables of so many edges in all.
 _MOST_EDGES = 50_000

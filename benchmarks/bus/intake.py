@@ -95,7 +95,7 @@ def flood(rows: int) -> None:
     import zenoh
 
     import tfbus
-    from tfbus.keys import transforms_key
+    from tfbus.wire.keys import transforms_key
 
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
@@ -117,7 +117,7 @@ class Template:
         import numpy as np
 
         from tfbus import TransformBatch
-        from tfbus.wire import TransformMessage, encode_transforms
+        from tfbus.wire.transforms import TransformMessage, encode_transforms
 
         stamp = 0x0102030405060708
         edges = [(0, 1 + row) for row in range(rows)]

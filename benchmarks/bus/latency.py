@@ -77,7 +77,7 @@ def _latency(taken_us: list[float]) -> Latency:
 def _size() -> int:
     """How many bytes a message of one transform is."""
     from tfbus import Transform, TransformBatch, TransformStamped
-    from tfbus.wire import TransformMessage, encode_transforms
+    from tfbus.wire.transforms import TransformMessage, encode_transforms
 
     one = TransformStamped(0, "base_link", "frame_0", Transform.identity())
     batch = TransformBatch.from_transforms([one])

@@ -11,7 +11,6 @@ from tfbus.cli.message import checked_map, encode_values
 from tfbus.cli.nearest import nearest
 from tfbus.cli.output import print_json
 from tfbus.cli.prototype import complete_request
-from tfbus.codec import decode_map, encode_map
 from tfbus.errors import ServiceError
 from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
@@ -20,6 +19,7 @@ from tfbus.query import Answer
 from tfbus.runtime.signals import StopSignals
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
+from tfbus.wire.codec import decode_map, encode_map
 
 # However long a goal takes: what ends the waiting is silence.
 _LONGEST_GOAL_S = 1e6

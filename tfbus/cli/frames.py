@@ -9,7 +9,6 @@ import click
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
 from tfbus.errors import TfbusError
-from tfbus.fleet import Fleet
 from tfbus.frames import document
 from tfbus.frames.facts import State
 from tfbus.frames.picture import write_picture
@@ -19,6 +18,7 @@ from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
+from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {

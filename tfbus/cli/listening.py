@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TimeoutException
-from tfbus.fleet import Fleet
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
+from tfbus.wire.fleet import Fleet
 
 # So much of what publishers sent before tells their rates at once.
 _HISTORY_S = 3.0

@@ -16,9 +16,9 @@ import click
 
 from tfbus.cli.nearest import nearest
 from tfbus.cli.of_type import bare
-from tfbus.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 from tfbus.errors import DecodeError
 from tfbus.graph import TRANSFORMS_TYPE
+from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 
 if TYPE_CHECKING:
     from tfbus.geometry.batch import TransformBatch
@@ -93,7 +93,7 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
 
 def read_map(text: str) -> dict[str, Any] | None:
     """The YAML map that somebody typed in; None where it is something else."""
-    from tfbus.values import read_value  # YAML, which `--help` does not need
+    from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
 
     value = read_value(text)
     return value if isinstance(value, dict) else None
@@ -147,7 +147,7 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
 
 
 def _read_transforms(payload: bytes) -> dict[str, Any]:
-    from tfbus.wire import decode_transforms  # numpy, which other messages do not need
+    from tfbus.wire.transforms import decode_transforms  # numpy, which other messages do not need
 
     message = decode_transforms(payload)
     counted = {} if message.seq is None else {"seq": message.seq}

@@ -11,12 +11,12 @@ from tfbus.cli.listening import Listening, listening
 from tfbus.cli.monitor_report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
 from tfbus.cli.transform_meter import TransformMeter
-from tfbus.fleet import Fleet
 from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
+from tfbus.wire.fleet import Fleet
 
 # A pair is looked up so often, to see how old its answer gets between two samples.
 _LOOK_EVERY_S = 0.05

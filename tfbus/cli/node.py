@@ -8,12 +8,12 @@ import click
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.cli.verbs import Verbs
-from tfbus.codec import as_map
-from tfbus.description import NodeDescription
 from tfbus.name_types import NodeName
 from tfbus.options import bus_options
 from tfbus.presence import describe_all, describe_nodes, list_nodes
 from tfbus.settings import NodeSettings
+from tfbus.wire.codec import as_map
+from tfbus.wire.descriptions import NodeDescription
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 

@@ -12,14 +12,14 @@ from tfbus.cli.output import as_text, json_option, paint, print_json, print_line
 from tfbus.cli.param_file import read_parameter_file
 from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.cli.verbs import Verbs
-from tfbus.codec import as_map
-from tfbus.description import ParameterDescription
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.name_types import NodeName, ParameterName
 from tfbus.options import bus_options
 from tfbus.presence import list_nodes
 from tfbus.session import Session
 from tfbus.settings import NodeSettings
+from tfbus.wire.codec import as_map
+from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wording import counted
 
 

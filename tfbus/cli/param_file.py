@@ -16,7 +16,7 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
     A file of parameters without a node is for any. Raises click.BadParameter where it is no map,
     or has nothing for this node.
     """
-    from tfbus.values import read_value  # YAML, which `--help` does not need
+    from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
 
     content = read_value(file.read())
     if not isinstance(content, dict) or not content:

@@ -1,13 +1,13 @@
 """Parameters of nodes, asked for over the bus."""
 
 from tfbus.cli.output import warn
-from tfbus.codec import decode_message, encode_map
-from tfbus.description import ParameterDescription
 from tfbus.errors import BusError, DecodeError, ParameterError
-from tfbus.keys import node_parameters_key, parameter_key
 from tfbus.presence import describe_nodes, relative_name
 from tfbus.query import Answer
 from tfbus.session import Session
+from tfbus.wire.codec import decode_message, encode_map
+from tfbus.wire.descriptions import ParameterDescription
+from tfbus.wire.keys import node_parameters_key, parameter_key
 
 # A node that is in the middle of something answers later than that.
 _PATIENCE_S = 2.0

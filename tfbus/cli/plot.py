@@ -11,7 +11,6 @@ import click
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
 from tfbus.errors import LookupException, TfbusError
-from tfbus.fleet import Fleet
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.name_types import FrameName
@@ -20,6 +19,7 @@ from tfbus.numbers import POSITIVE
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
+from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
 _ENDINGS = (".png", ".svg", ".pdf")

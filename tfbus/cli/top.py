@@ -5,10 +5,10 @@ import click
 from tfbus.cli.listening import listening
 from tfbus.cli.output import is_terminal
 from tfbus.errors import TfbusError
-from tfbus.fleet import Fleet
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
+from tfbus.wire.fleet import Fleet
 
 
 @click.command(epilog="Example: tfbus top")

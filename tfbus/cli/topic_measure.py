@@ -13,13 +13,13 @@ from tfbus.cli.message_view import MessageFilter
 from tfbus.cli.meter import Meter, measure
 from tfbus.cli.output import json_option
 from tfbus.cli.topic_source import type_of, visiting
-from tfbus.codec import decode_map
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
 from tfbus.settings import NodeSettings
+from tfbus.wire.codec import decode_map
 
 if TYPE_CHECKING:
     from tfbus.node import Node
@@ -108,7 +108,7 @@ def _run(
 
 
 def _newest_stamp(payload: bytes) -> int:
-    from tfbus.wire import decode_transforms  # numpy, which other messages do not need
+    from tfbus.wire.transforms import decode_transforms  # numpy, which other messages do not need
 
     stamps = decode_transforms(payload).batch.stamps_ns
     return int(stamps.max()) if len(stamps) else 0

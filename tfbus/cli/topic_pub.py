@@ -18,7 +18,6 @@ from tfbus.cli.message import (
 from tfbus.cli.output import as_json, say, warn
 from tfbus.cli.prototype import complete_message
 from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
-from tfbus.codec import type_name
 from tfbus.declaration import HeardWatch
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
@@ -28,6 +27,7 @@ from tfbus.options import bus_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
 from tfbus.topic import RawPublisher
+from tfbus.wire.codec import type_name
 
 if TYPE_CHECKING:
     from tfbus.node import Node

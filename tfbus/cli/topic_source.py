@@ -13,9 +13,9 @@ from tfbus.cli.bus import look
 from tfbus.cli.nearest import nearest
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.retained import declare_retained_subscriber
 from tfbus.settings import NodeSettings
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 if TYPE_CHECKING:
     from tfbus.node import Node

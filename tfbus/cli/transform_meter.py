@@ -8,11 +8,11 @@ from itertools import pairwise
 
 from tfbus.cli.window import Spread, Window, spread_of
 from tfbus.errors import DecodeError
-from tfbus.fleet import Fleet
-from tfbus.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.node import Node
 from tfbus.stream_names import StreamNames
-from tfbus.wire import TransformMessage, decode_transforms
+from tfbus.wire.fleet import Fleet
+from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
+from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # What is older than this tells of a past that is over.
 _LAST_S = 10.0

@@ -7,7 +7,6 @@ import click
 from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.elsewhere import frames_elsewhere
-from tfbus.fleet import Fleet
 from tfbus.frames.facts import duration
 from tfbus.name_types import FrameName
 from tfbus.nodes.moment import Moment, parse_moment
@@ -15,6 +14,7 @@ from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.settings import NodeSettings
 from tfbus.why import Explanation, Step, explain
+from tfbus.wire.fleet import Fleet
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 

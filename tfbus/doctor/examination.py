@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from tfbus.description import NodeDescription
 from tfbus.frames.tree import FrameTree
 from tfbus.scouting import Interface
 from tfbus.settings import NodeSettings
+from tfbus.wire.descriptions import NodeDescription
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,18 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.description import NodeDescription
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
-from tfbus.fleet import Fleet
 from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.presence import describe_all
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.settings import NodeSettings
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.fleet import Fleet
 
 # What publishers have kept tells the rates that they had before.
 _HISTORY_S = 10.0

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 from tfbus.doctor.examination import Flow
 from tfbus.errors import DecodeError
-from tfbus.fleet import Fleet
-from tfbus.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.node import Node
 from tfbus.stream_names import StreamNames
-from tfbus.wire import decode_transforms
+from tfbus.wire.fleet import Fleet
+from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
+from tfbus.wire.transforms import decode_transforms
 
 # Of more edges than these nothing is measured; names come from the bus.
 _MOST_EDGES = 20_000

@@ -6,8 +6,8 @@ from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.frame import FrameInfo
-from tfbus.fleet import shared_name
 from tfbus.stream_info import StreamInfo
+from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted
 
 ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.errors import TfbusError
-from tfbus.keys import check_namespace, check_node_name, check_topic
 from tfbus.launch.description import Process, Respawn
 from tfbus.launch.document import Value
 from tfbus.launch.fields import Fields
 from tfbus.launch.place import Place
 from tfbus.launch.substitution import Scope
+from tfbus.wire.keys import check_namespace, check_node_name, check_topic
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.cli.monitor_report import Report
-from tfbus.description import NodeDescription
 from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.graph import Graph
+from tfbus.wire.descriptions import NodeDescription
 
 _SERVICE = "service"
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from tfbus.cli.listening import Listening
 from tfbus.cli.monitor_report import Report, make_report
 from tfbus.cli.transform_meter import TransformMeter
-from tfbus.description import NodeDescription
 from tfbus.errors import TransformException
 from tfbus.frames.text import frame_lines
 from tfbus.graph import Graph, graph_of
 from tfbus.presence import describe_all, describe_streams
 from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
+from tfbus.wire.descriptions import NodeDescription
 
 # The past of a frame that its sparklines show: so many looks, one a second.
 _LOOKS = 120

@@ -13,9 +13,9 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.codec import decode_map
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.wire.codec import decode_map
 
 VERSION = 1
 

@@ -1,8 +1,8 @@
 """Messages of transforms as columns, by the fast way where it knows them."""
 
-from tfbus.fleet import FrameNames
 from tfbus.geometry.columns import FAST, Columns, find_columns
-from tfbus.wire import TransformMessage, decode_transforms
+from tfbus.wire.fleet import FrameNames
+from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 
 class TransformReader:

@@ -7,9 +7,9 @@ they are `robot7/base_link`, but for those that the robots share, such as `map`.
 from collections.abc import Iterable
 from dataclasses import replace
 
-from tfbus.description import StreamDescription
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
+from tfbus.wire.descriptions import StreamDescription
 
 # A stream sends a few tables of names, over and over; of one that makes up more, none is kept.
 _MOST_TABLES = 64

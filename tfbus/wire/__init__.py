@@ -1,0 +1,1 @@
+"""Values to bytes and names on the bus; no sockets."""

@@ -20,7 +20,7 @@ import hypothesis
 import pytest
 
 from tfbus import Buffer, Node, NodeSettings
-from tfbus.session import Session
+from tfbus.bus.session import Session
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
 pytest_plugins = ["tf2_versus", "fault_options", "stress_options", "view_pages"]

@@ -10,10 +10,10 @@ import pytest
 from conftest import Bus, Process, eventually, free_port
 
 from tfbus import GoalHandle
+from tfbus.bus.handles import Declaration
+from tfbus.bus.query import Query
 from tfbus.cli import NODES, TOOLS, main
-from tfbus.declaration import Declaration
 from tfbus.messages import RotateAbsolute, SetPen, Spawn
-from tfbus.query import Query
 from tfbus.wire.codec import encode_map
 
 _RESULT = RotateAbsolute.Result(-1.5)

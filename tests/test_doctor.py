@@ -6,10 +6,10 @@ from dataclasses import replace
 import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
+from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Flow, Host
 from tfbus.frames.tree import frame_tree
-from tfbus.scouting import Interface
 from tfbus.stream_info import StreamInfo
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 

@@ -23,7 +23,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.declaration import Declaration
+from tfbus.bus.handles import Declaration
 from tfbus.interest import Interest
 from tfbus.stream_watch import StreamState
 from tfbus.wire.descriptions import StreamDescription

@@ -10,8 +10,8 @@ from conftest import Bus, Process, eventually, free_port
 from many_publishers import frame, stream
 
 from tfbus import Buffer, Change, Node, TransformListener
+from tfbus.bus.session import Session
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.keys import ALL_STREAMS, stream_key
 
 SCRIPT = Path(__file__).parent / "many_publishers.py"

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.description import Argument, Process, Respawn
 from tfbus.launch.find import find_launch_file, installed_launch_files
@@ -16,7 +17,6 @@ from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError
 from tfbus.launch.program import check_startable, dry_run_line, program_of
 from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.launch.substitution import Scope
-from tfbus.settings import NodeSettings
 
 
 def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:

@@ -16,9 +16,10 @@ import zenoh
 from conftest import DEADLINE_S, Bus, eventually, free_port
 from hosts import ROUTER_HOST, Network, frames, why_not
 
-from tfbus import NodeSettings, lost_links
-from tfbus.lost_links import LostLinks, addresses, who_answers
-from tfbus.session import Session
+from tfbus import NodeSettings
+from tfbus.bus import lost_links
+from tfbus.bus.lost_links import LostLinks, addresses, who_answers
+from tfbus.bus.session import Session
 
 REASON = why_not()
 needs_hosts = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
@@ -204,7 +205,7 @@ def test_nobody_hangs_up_where_a_peer_is_restarted(
     # The looks begin when it is back.
     monkeypatch.setattr(lost_links, "_LOOK_EVERY_S", (3.0, 3.0))
     monkeypatch.setattr(lost_links, "shut", lambda *link: hung_up.append(link))
-    monkeypatch.setattr("tfbus.session.LostLinks", make)
+    monkeypatch.setattr("tfbus.bus.session.LostLinks", make)
     named, port = f"tcp/{host}:{free_port()}", free_port()
     with ExitStack() as sessions:
 

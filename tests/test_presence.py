@@ -7,8 +7,8 @@ import pytest
 from conftest import Bus, eventually
 
 from tfbus import BusError, NodeSettings
+from tfbus.bus.session import Session
 from tfbus.presence import NodeWatch, describe_nodes, list_nodes, relative_name
-from tfbus.session import Session
 
 
 def look(bus: Bus, namespace: str = "") -> Session:

@@ -11,10 +11,10 @@ import zenoh
 from conftest import Bus, eventually
 
 from tfbus import NodeSettings
+from tfbus.bus.query import Answer, Query
+from tfbus.bus.session import Session
+from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.errors import BusError
-from tfbus.query import Answer, Query
-from tfbus.session import Session
-from tfbus.zenoh_config import zenoh_config
 
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
@@ -88,7 +88,7 @@ def test_a_session_that_cannot_watch_its_links_is_closed(
         raise zenoh.ZError("no links today")
 
     monkeypatch.setattr(zenoh, "open", open_and_keep)
-    monkeypatch.setattr("tfbus.session.LostLinks", fail)
+    monkeypatch.setattr("tfbus.bus.session.LostLinks", fail)
     settings = NodeSettings("sim", config=str(bus.config), connect=(bus.endpoint,))
     with pytest.raises(BusError, match=r"could not join the bus through .*: no links today"):
         Session(settings, logging.getLogger("sim"))

@@ -7,9 +7,9 @@ from typing import cast
 import pytest
 from test_reception import Received, at, payload
 
-from tfbus.query import Answer
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.static_recovery import StaticRecovery
 
 

@@ -24,9 +24,9 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
 from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
-from tfbus.retained import declare_retained_subscriber
 from tfbus.stream_frames import StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.stream_watch import StreamState, StreamWatch

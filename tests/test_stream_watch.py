@@ -14,10 +14,10 @@ from tfbus import (
     TransformStamped,
     stream_watch,
 )
-from tfbus.bytes_publisher import BytesPublisher
-from tfbus.query import Answer
-from tfbus.retained import declare_retained_publisher
-from tfbus.session import Session
+from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.query import Answer
+from tfbus.bus.retained import declare_retained_publisher
+from tfbus.bus.session import Session
 from tfbus.stream_watch import StreamState, StreamWatch
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tfbus.buffer.buffer import Buffer as Buffer
     from tfbus.buffer.change import Change as Change
     from tfbus.buffer.frame import FrameInfo as FrameInfo
+    from tfbus.bus.settings import NodeSettings as NodeSettings
     from tfbus.core.sampling import Sampling as Sampling
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from tfbus.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
-    from tfbus.settings import NodeSettings as NodeSettings
     from tfbus.wire.fleet import Fleet as Fleet
 
 _MODULE_OF = {
@@ -79,7 +79,7 @@ _MODULE_OF = {
     "NoDataException": "tfbus.errors",
     "Node": "tfbus.node",
     "NodeName": "tfbus.name_types",
-    "NodeSettings": "tfbus.settings",
+    "NodeSettings": "tfbus.bus.settings",
     "Number": "tfbus.numbers",
     "Parameter": "tfbus.parameters",
     "ParameterError": "tfbus.errors",

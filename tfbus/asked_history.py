@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
 from tfbus.errors import BusError
-from tfbus.query import Answer
 from tfbus.reception import StreamReception
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.keys import kept_transforms_selector
 
 _KEPT_WITHIN_S = 5.0

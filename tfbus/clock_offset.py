@@ -11,9 +11,9 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
-from tfbus.query import Answer
-from tfbus.session import Session
 from tfbus.wire.codec import decode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key

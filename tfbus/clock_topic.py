@@ -2,12 +2,12 @@
 
 import logging
 
+from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.interface import Interface
 from tfbus.messages import Clock
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message, encode_message
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 

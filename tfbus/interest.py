@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import unknown_frame
-from tfbus.declaration import Declaration
+from tfbus.bus.handles import Declaration
 from tfbus.described_tree import DescribedTree, Pair, described_edges
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.reading import Forget, Subscribe

@@ -8,10 +8,11 @@ from typing import Any, Literal, get_args
 
 from tfbus.asked_history import AskedHistory
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.handles import Declaration
+from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
-from tfbus.declaration import Declaration
 from tfbus.elsewhere import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
@@ -19,7 +20,6 @@ from tfbus.interest import Interest
 from tfbus.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.retained import declare_retained_subscriber
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.static_recovery import StaticRecovery

@@ -11,8 +11,8 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TfbusError
-from tfbus.settings import NodeSettings
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import namespace_of
@@ -62,8 +62,8 @@ def live_names(settings: NodeSettings) -> LiveNames:
 
 def look_for_names(settings: NodeSettings) -> LiveNames:
     """The names that are there now. Raises BusError where the bus cannot be joined."""
+    from tfbus.bus.session import Session  # Zenoh, which names that are remembered do not need
     from tfbus.presence import describe_all, describe_streams
-    from tfbus.session import Session  # Zenoh, which names that are remembered do not need
 
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)

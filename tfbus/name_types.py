@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.errors import InvalidNameError, TfbusError
-from tfbus.settings import NodeSettings
 from tfbus.wire.keys import check_topic
 
 if TYPE_CHECKING:

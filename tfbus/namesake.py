@@ -2,9 +2,9 @@
 
 import logging
 
-from tfbus.query import Answer
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
 from tfbus.runtime.executor import Executor, Timer
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key

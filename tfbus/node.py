@@ -9,20 +9,20 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.bus.query import Query
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.interface import Interface
 from tfbus.namesake import NamesakeWatch
 from tfbus.parameters import Bounds, Parameter, Parameters, Value
-from tfbus.query import Query
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.runtime.version import installed_version
 from tfbus.service import Client, Service, ServiceType
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
 from tfbus.stream import Stream
 from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.wire.codec import encode_map

@@ -6,8 +6,8 @@ from typing import Any, TypeVar, cast
 
 import click
 
+from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.errors import SettingsError, TfbusError
-from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -4,10 +4,10 @@ import difflib
 import threading
 from collections.abc import Callable
 
+from tfbus.bus.query import Answer
+from tfbus.bus.retained import ask_retained
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
-from tfbus.query import Answer
-from tfbus.retained import ask_retained
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of

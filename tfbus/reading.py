@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from tfbus.declaration import Declaration
+from tfbus.bus.handles import Declaration
 from tfbus.stream_watch import StreamState
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import (

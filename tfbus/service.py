@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from tfbus.bus.query import Query
+from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
 from tfbus.interface import Interface
-from tfbus.query import Query
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.

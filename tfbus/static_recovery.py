@@ -11,12 +11,12 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 
+from tfbus.bus.query import Answer
+from tfbus.bus.retained import ask_retained_later
+from tfbus.bus.session import Session
 from tfbus.errors import BusError
-from tfbus.query import Answer
 from tfbus.reception import StreamReception
-from tfbus.retained import ask_retained_later
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.keys import static_transforms_key_beside
 
 _ANSWER_WITHIN_S = 2.0

@@ -13,13 +13,13 @@ import threading
 import time
 from contextlib import suppress
 
+from tfbus.bus.query import Query
+from tfbus.bus.retained import declare_retained_publisher
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import TransformStamped
-from tfbus.query import Query
-from tfbus.retained import declare_retained_publisher
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.stream_frames import Edges, FrameRows, StreamFrames
 from tfbus.stream_options import StreamOptions
 from tfbus.transform_sender import TransformSender

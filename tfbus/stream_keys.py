@@ -6,11 +6,11 @@ from typing import Protocol
 
 import numpy as np
 
-from tfbus.bytes_publisher import BytesPublisher
+from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.session import Session
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.session import Session
 from tfbus.wire.keys import escape, transforms_key
 from tfbus.wire.transforms import TransformEncoder
 

@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
+from tfbus.bus.query import Answer
+from tfbus.bus.retained import ask_retained_later, declare_retained_subscriber
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
-from tfbus.query import Answer
-from tfbus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.interface import Interface
 from tfbus.runtime.executor import Executor
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message, encode_message, type_name
 
 M = TypeVar("M")

@@ -6,6 +6,9 @@ from typing import Any
 
 import click
 
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.message import checked_map, encode_values
 from tfbus.cli.nearest import nearest
@@ -15,10 +18,7 @@ from tfbus.errors import ServiceError
 from tfbus.name_types import ServiceName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.query import Answer
 from tfbus.runtime.signals import StopSignals
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
 from tfbus.wire.codec import decode_map, encode_map
 
 # However long a goal takes: what ends the waiting is silence.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
 from tfbus.errors import TfbusError
@@ -17,7 +18,6 @@ from tfbus.frames.tree import FrameTree
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import complete_argument, complete_file
 from tfbus.errors import TfbusError
@@ -21,7 +22,6 @@ from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
 from tfbus.numbers import NOT_NEGATIVE
-from tfbus.settings import LOG_LEVELS, MODES, NodeSettings
 
 
 @click.command(
@@ -154,10 +154,10 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
 
     A client's router is waited for; Ctrl-C and SIGTERM end that as they end a launch.
     """
+    from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
     from tfbus.presence import NodeWatch
     from tfbus.runtime.log import open_log
     from tfbus.runtime.signals import StopSignals
-    from tfbus.session import Session  # Zenoh, which a launch without `after:` does not need
 
     log = open_log("/launch", "launch", settings.log_level)
     signals = StopSignals()

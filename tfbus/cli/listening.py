@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TimeoutException
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.wire.fleet import Fleet
 
 # So much of what publishers sent before tells their rates at once.

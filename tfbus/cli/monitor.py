@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.monitor_report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
@@ -15,7 +16,6 @@ from tfbus.name_types import FrameName
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.wire.fleet import Fleet
 
 # A pair is looked up so often, to see how old its answer gets between two samples.

@@ -7,6 +7,8 @@ from typing import IO
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
 from tfbus.cli.param_file import read_parameter_file
@@ -16,8 +18,6 @@ from tfbus.errors import ParameterError, TfbusError
 from tfbus.name_types import NodeName, ParameterName
 from tfbus.options import bus_options
 from tfbus.presence import list_nodes
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wording import counted

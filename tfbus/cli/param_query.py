@@ -1,10 +1,10 @@
 """Parameters of nodes, asked for over the bus."""
 
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
 from tfbus.cli.output import warn
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.presence import describe_nodes, relative_name
-from tfbus.query import Answer
-from tfbus.session import Session
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wire.keys import node_parameters_key, parameter_key

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
 from tfbus.errors import LookupException, TfbusError
@@ -18,7 +19,6 @@ from tfbus.nodes.names import own_name
 from tfbus.numbers import POSITIVE
 from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import click
 
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.options import bus_options
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
 

@@ -5,6 +5,8 @@ from dataclasses import asdict
 
 import click
 
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.call import TIMEOUT, follow
 from tfbus.cli.message import checked_map, encode_values, read_map
@@ -17,8 +19,6 @@ from tfbus.errors import ServiceError
 from tfbus.graph import ServiceInfo
 from tfbus.name_types import ServiceName
 from tfbus.options import bus_options
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
 
 
 @click.group(cls=Verbs)

@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.of_type import names_of_type
 from tfbus.cli.output import json_option, paint, print_json, print_lines
@@ -15,7 +16,6 @@ from tfbus.cli.verbs import Verbs
 from tfbus.graph import Endpoint, TopicInfo
 from tfbus.name_types import TopicName
 from tfbus.options import bus_options
-from tfbus.settings import NodeSettings
 from tfbus.wording import counted
 
 

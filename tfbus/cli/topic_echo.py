@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.inbox import Arrival, Inbox
 from tfbus.cli.message import Reader, reader_of
@@ -17,7 +18,6 @@ from tfbus.errors import DecodeError
 from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.settings import NodeSettings
 from tfbus.wording import counted
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli import topic_reports as reports
 from tfbus.cli.bus import look
 from tfbus.cli.message import reader_of
@@ -18,7 +19,6 @@ from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.name_types import TopicName
 from tfbus.numbers import POSITIVE
 from tfbus.options import bus_options
-from tfbus.settings import NodeSettings
 from tfbus.wire.codec import decode_map
 
 if TYPE_CHECKING:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfbus.bus.handles import HeardWatch
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.message import (
     checked_map,
@@ -18,14 +20,12 @@ from tfbus.cli.message import (
 from tfbus.cli.output import as_json, say, warn
 from tfbus.cli.prototype import complete_message
 from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
-from tfbus.declaration import HeardWatch
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.name_types import TopicName
 from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.options import bus_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.topic import RawPublisher
 from tfbus.wire.codec import type_name
 

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from tfbus.bus.retained import declare_retained_subscriber
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.nearest import nearest
 from tfbus.errors import BusError
 from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
-from tfbus.retained import declare_retained_subscriber
-from tfbus.settings import NodeSettings
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 if TYPE_CHECKING:

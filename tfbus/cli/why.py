@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import click
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.elsewhere import frames_elsewhere
@@ -12,7 +13,6 @@ from tfbus.name_types import FrameName
 from tfbus.nodes.moment import Moment, parse_moment
 from tfbus.nodes.names import own_name
 from tfbus.options import listening_options
-from tfbus.settings import NodeSettings
 from tfbus.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 

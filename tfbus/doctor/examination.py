@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tfbus.bus.interfaces import Interface
+from tfbus.bus.settings import NodeSettings
 from tfbus.frames.tree import FrameTree
-from tfbus.scouting import Interface
-from tfbus.settings import NodeSettings
 from tfbus.wire.descriptions import NodeDescription
 
 

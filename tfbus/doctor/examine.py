@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.settings import NodeSettings
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
@@ -14,7 +15,6 @@ from tfbus.listener import TransformListener
 from tfbus.node import Node
 from tfbus.presence import describe_all
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.settings import NodeSettings
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 

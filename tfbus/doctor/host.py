@@ -7,12 +7,12 @@ from dataclasses import replace
 from importlib import metadata
 
 from tfbus.buffer.buffer import COMPILED
+from tfbus.bus.interfaces import interfaces
+from tfbus.bus.scout import found_by_scouting
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import has_scouting
 from tfbus.doctor.examination import Host
-from tfbus.scouting import interfaces
-from tfbus.session import Session
-from tfbus.settings import NodeSettings
-from tfbus.zenoh_config import has_scouting
-from tfbus.zenoh_scout import found_by_scouting
 
 _PACKAGES = ("tfbus", "eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _CONNECT_WITHIN_S = 2.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
 
+from tfbus.bus.settings import NodeSettings
 from tfbus.launch.description import Process, Respawn
 from tfbus.launch.place import nearest
-from tfbus.settings import NodeSettings
 
 
 @dataclass(frozen=True, slots=True)

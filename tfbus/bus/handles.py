@@ -7,7 +7,7 @@ from typing import Any
 
 import zenoh
 
-from tfbus.kept_thread import on_kept_thread
+from tfbus.bus.callbacks import on_kept_thread
 
 
 def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:

@@ -4,8 +4,8 @@ from typing import Any
 
 import zenoh
 
-from tfbus.declaration import Declaration, HeardWatch
-from tfbus.zenoh_errors import as_bus_error
+from tfbus.bus.handles import Declaration, HeardWatch
+from tfbus.bus.zenoh_errors import as_bus_error
 
 
 def priority_of(urgent: bool) -> zenoh.Priority:
@@ -14,7 +14,7 @@ def priority_of(urgent: bool) -> zenoh.Priority:
 
 
 class BytesPublisher(Declaration):
-    """Sends payloads on one key; made by a session or, for retained ones, by tfbus.retained."""
+    """Sends payloads on one key; made by a session or, for retained ones, by tfbus.bus.retained."""
 
     def __init__(self, key: str, publisher: Any):
         super().__init__(publisher)

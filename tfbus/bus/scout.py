@@ -4,10 +4,10 @@ import threading
 
 import zenoh
 
-from tfbus.declaration import direct
-from tfbus.settings import NodeSettings
-from tfbus.zenoh_config import zenoh_config
-from tfbus.zenoh_errors import bus_errors
+from tfbus.bus.handles import direct
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_errors import bus_errors
 
 
 def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import zenoh
 
+from tfbus.bus.zenoh_errors import bus_errors
 from tfbus.errors import TfbusError
-from tfbus.zenoh_errors import bus_errors
 
 # What Zenoh itself puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import zenoh
 
-from tfbus.own_connections import Address, can_shut, plain, shut
+from tfbus.bus.own_connections import Address, can_shut, plain, shut
 from tfbus.runtime.executor import Executor
 
 # At random, so that not all peers hang up on the named one at the same time.

@@ -17,16 +17,16 @@ from typing import Any
 
 import zenoh
 
-from tfbus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
-from tfbus.declaration import Declaration, HeardWatch, ServedWatch, direct
+from tfbus.bus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
+from tfbus.bus.callbacks import kept
+from tfbus.bus.handles import Declaration, HeardWatch, ServedWatch, direct
+from tfbus.bus.lost_links import LostLinks
+from tfbus.bus.query import Answer, Query, answer_of
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import is_peer, zenoh_config
+from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 from tfbus.errors import BusError
-from tfbus.kept_thread import kept
-from tfbus.lost_links import LostLinks
-from tfbus.query import Answer, Query, answer_of
 from tfbus.runtime.workers import Workers
-from tfbus.settings import NodeSettings
-from tfbus.zenoh_config import is_peer, zenoh_config
-from tfbus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 
 # How soon a client looks for its router again.
 _RETRY_S = 0.5

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator
 import zenoh
 from zenoh import ext
 
-from tfbus.bytes_publisher import BytesPublisher
-from tfbus.declaration import Declaration
-from tfbus.query import Answer
-from tfbus.session import Session
-from tfbus.zenoh_errors import bus_errors
+from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import Declaration
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.bus.zenoh_errors import bus_errors
 
 # How soon a subscriber that lost the last message learns of it and asks for it again.
 _HEARTBEAT_S = 0.5

@@ -7,10 +7,10 @@ from typing import Any
 import yaml
 import zenoh
 
+from tfbus.bus.interfaces import loopback_where_alone
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
-from tfbus.scouting import loopback_where_alone
-from tfbus.settings import NodeSettings
-from tfbus.zenoh_errors import first_sentence
 
 # How long a link may be silent before its tokens are lost; Zenoh fills it with four signs of life.
 _LEASE_MS = 1500

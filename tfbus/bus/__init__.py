@@ -1,0 +1,1 @@
+"""Zenoh: one session, and what a process declares, sends and asks on it."""

@@ -7,7 +7,7 @@ import pytest
 from conftest import Bus, eventually
 
 from tfbus import Node
-from tfbus.presence import NodeWatch, list_nodes
+from tfbus.discover.presence import NodeWatch, list_nodes
 
 WAITS_IN_A_CALLBACK = """
 import tfbus

@@ -5,8 +5,8 @@ import logging
 from conftest import Bus, eventually
 
 from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
-from tfbus.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
-from tfbus.presence import describe_streams
+from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
+from tfbus.discover.presence import describe_streams
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 

@@ -9,7 +9,7 @@ from textwrap import dedent
 import pytest
 from conftest import Bus, eventually, free_port
 
-from tfbus.presence import list_nodes
+from tfbus.discover.presence import list_nodes
 
 TALKER = """
     from tfbus import Node

@@ -8,7 +8,7 @@ from conftest import Bus, eventually
 
 from tfbus import BusError, NodeSettings
 from tfbus.bus.session import Session
-from tfbus.presence import NodeWatch, describe_nodes, list_nodes, relative_name
+from tfbus.discover.presence import NodeWatch, describe_nodes, list_nodes, relative_name
 
 
 def look(bus: Bus, namespace: str = "") -> Session:

@@ -13,7 +13,7 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.claims import Claimant, Rule, name_some
 from tfbus.clock_offset import ClockOffsets
 from tfbus.conflicts import Conflicts
-from tfbus.elsewhere import frames_elsewhere, where_to_look
+from tfbus.discover.other_namespaces import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.interest import Interest

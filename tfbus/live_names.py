@@ -63,7 +63,7 @@ def live_names(settings: NodeSettings) -> LiveNames:
 def look_for_names(settings: NodeSettings) -> LiveNames:
     """The names that are there now. Raises BusError where the bus cannot be joined."""
     from tfbus.bus.session import Session  # Zenoh, which names that are remembered do not need
-    from tfbus.presence import describe_all, describe_streams
+    from tfbus.discover.presence import describe_all, describe_streams
 
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
@@ -75,8 +75,8 @@ def look_for_names(settings: NodeSettings) -> LiveNames:
 def _names(
     nodes: list[NodeDescription], streams: dict[str, StreamDescription], namespace: str
 ) -> LiveNames:
-    from tfbus.graph import graph_of
-    from tfbus.presence import relative_name
+    from tfbus.discover.graph import graph_of
+    from tfbus.discover.presence import relative_name
 
     graph = graph_of(nodes, streams, namespace)
     # A listener hears the streams of its own namespace; with a fleet also of those within it.

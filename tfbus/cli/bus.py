@@ -5,9 +5,9 @@ from collections.abc import Callable
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import warn
+from tfbus.discover.graph import Graph, graph_of
+from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import DecodeError
-from tfbus.graph import Graph, graph_of
-from tfbus.presence import describe_all, describe_streams
 from tfbus.runtime.log import open_log
 
 # All answer at once, but where they are busy; one that never does is not waited for any longer.

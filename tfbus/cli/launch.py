@@ -155,7 +155,7 @@ def _presence(settings: NodeSettings) -> Iterator[Presence]:
     A client's router is waited for; Ctrl-C and SIGTERM end that as they end a launch.
     """
     from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
-    from tfbus.presence import NodeWatch
+    from tfbus.discover.presence import NodeWatch
     from tfbus.runtime.log import open_log
     from tfbus.runtime.signals import StopSignals
 

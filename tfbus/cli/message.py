@@ -16,8 +16,8 @@ import click
 
 from tfbus.cli.nearest import nearest
 from tfbus.cli.of_type import bare
+from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
-from tfbus.graph import TRANSFORMS_TYPE
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
 
 if TYPE_CHECKING:

@@ -3,8 +3,8 @@
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.cli.output import warn
+from tfbus.discover.presence import describe_nodes, relative_name
 from tfbus.errors import BusError, DecodeError, ParameterError
-from tfbus.presence import describe_nodes, relative_name
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wire.keys import node_parameters_key, parameter_key

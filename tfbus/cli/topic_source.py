@@ -13,8 +13,8 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.nearest import nearest
+from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
-from tfbus.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 if TYPE_CHECKING:

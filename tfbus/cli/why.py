@@ -7,7 +7,7 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.elsewhere import frames_elsewhere
+from tfbus.discover.other_namespaces import frames_elsewhere
 from tfbus.frames.facts import duration
 from tfbus.name_types import FrameName
 from tfbus.nodes.moment import Moment, parse_moment

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
+from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
@@ -13,7 +14,6 @@ from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
 from tfbus.node import Node
-from tfbus.presence import describe_all
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.cli.monitor_report import Report
+from tfbus.discover.graph import Graph
 from tfbus.frames.facts import State, duration, state
 from tfbus.frames.text import conflicting
-from tfbus.graph import Graph
 from tfbus.wire.descriptions import NodeDescription
 
 _SERVICE = "service"

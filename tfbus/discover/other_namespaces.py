@@ -3,8 +3,8 @@
 from collections.abc import Collection
 
 from tfbus.bus.session import Session
+from tfbus.discover.presence import describe_streams
 from tfbus.errors import DecodeError
-from tfbus.presence import describe_streams
 from tfbus.wire.keys import namespace_of
 
 # Of the namespaces that have a frame so many are named.

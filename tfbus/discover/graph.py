@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from tfbus.presence import relative_name
+from tfbus.discover.presence import relative_name
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 # What the keys of transforms carry.

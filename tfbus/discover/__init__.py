@@ -1,0 +1,1 @@
+"""Who is there: nodes, topics, services, namespaces."""

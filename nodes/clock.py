@@ -13,8 +13,8 @@ from dataclasses import replace
 import click
 
 from tfbus import Node, NodeSettings, Number, node_options
+from tfbus.command.moment import Moment, parse_moment
 from tfbus.messages import Clock, Empty, SetClock
-from tfbus.nodes.moment import Moment, parse_moment
 
 # The time is told no more often than this; where steps come sooner, several are told as one.
 SHORTEST_TICK_S = 0.001

@@ -24,6 +24,8 @@ from tfbus import (
     fleet_options,
     node_options,
 )
+from tfbus.command.moment import Moment, parse_moment
+from tfbus.command.names import own_name
 from tfbus.nodes.echo_answers import Question, answers
 from tfbus.nodes.echo_format import (
     CSV_HEADER,
@@ -33,8 +35,6 @@ from tfbus.nodes.echo_format import (
     json_line,
     tf2_block,
 )
-from tfbus.nodes.moment import Moment, parse_moment
-from tfbus.nodes.names import own_name
 
 _STYLES = {"tf2": tf2_block, "foxy": foxy_block}
 _LINES = {"json": json_line, "csv": csv_line}

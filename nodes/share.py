@@ -20,7 +20,7 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.nodes.names import own_name
+from tfbus.command.names import own_name
 from tfbus.nodes.shared_view import SHARED, Recipient, View, look
 
 ALL = "all"

@@ -16,7 +16,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.nodes.names import own_name
+from tfbus.command.names import own_name
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
 from tfbus.nodes.static_old_form import in_new_form
 

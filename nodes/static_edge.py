@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 
 from tfbus import InvalidArgumentException, TfbusError, Transform, TransformStamped
-from tfbus.nodes.names import frame_mistake
+from tfbus.command.names import frame_mistake
 
 XYZ = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")

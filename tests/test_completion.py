@@ -25,7 +25,7 @@ from tfbus.cli import main
 from tfbus.cli.message import complete_values, supplied_names, supplied_type
 from tfbus.cli.prototype import prototype
 from tfbus.cli.shells import SHELLS, Bash
-from tfbus.live_names import LiveNames, live_names, look_for_names
+from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 
 # Names of frames, some of which shells would stumble over.

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tfbus import BusError, NodeSettings, node_options
-from tfbus.options import bus_options, settings_from_args
+from tfbus.command.options import bus_options, settings_from_args
 
 seen: list[NodeSettings] = []
 

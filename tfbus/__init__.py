@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from tfbus.buffer.change import Change as Change
     from tfbus.buffer.frame import FrameInfo as FrameInfo
     from tfbus.bus.settings import NodeSettings as NodeSettings
+    from tfbus.command.numbers import Number as Number
+    from tfbus.command.options import fleet_options as fleet_options
+    from tfbus.command.options import node_options as node_options
+    from tfbus.command.types import FrameName as FrameName
+    from tfbus.command.types import NodeName as NodeName
+    from tfbus.command.types import ServiceName as ServiceName
+    from tfbus.command.types import TopicName as TopicName
     from tfbus.core.sampling import Sampling as Sampling
     from tfbus.errors import BusError as BusError
     from tfbus.errors import ConnectivityException as ConnectivityException
@@ -46,14 +53,7 @@ if TYPE_CHECKING:
     from tfbus.goal import GoalHandle as GoalHandle
     from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
-    from tfbus.name_types import FrameName as FrameName
-    from tfbus.name_types import NodeName as NodeName
-    from tfbus.name_types import ServiceName as ServiceName
-    from tfbus.name_types import TopicName as TopicName
     from tfbus.node import Node as Node
-    from tfbus.numbers import Number as Number
-    from tfbus.options import fleet_options as fleet_options
-    from tfbus.options import node_options as node_options
     from tfbus.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
@@ -68,7 +68,7 @@ _MODULE_OF = {
     "ExtrapolationException": "tfbus.errors",
     "Fleet": "tfbus.wire.fleet",
     "FrameInfo": "tfbus.buffer.frame",
-    "FrameName": "tfbus.name_types",
+    "FrameName": "tfbus.command.types",
     "FutureExtrapolationException": "tfbus.errors",
     "GoalHandle": "tfbus.goal",
     "GoalResult": "tfbus.goal",
@@ -78,15 +78,15 @@ _MODULE_OF = {
     "LoopException": "tfbus.errors",
     "NoDataException": "tfbus.errors",
     "Node": "tfbus.node",
-    "NodeName": "tfbus.name_types",
+    "NodeName": "tfbus.command.types",
     "NodeSettings": "tfbus.bus.settings",
-    "Number": "tfbus.numbers",
+    "Number": "tfbus.command.numbers",
     "Parameter": "tfbus.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
     "ServiceError": "tfbus.errors",
-    "ServiceName": "tfbus.name_types",
+    "ServiceName": "tfbus.command.types",
     "SettingsError": "tfbus.errors",
     "SimulatedClock": "tfbus.runtime.clock",
     "SingleSampleException": "tfbus.errors",
@@ -95,7 +95,7 @@ _MODULE_OF = {
     "SystemClock": "tfbus.runtime.clock",
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
-    "TopicName": "tfbus.name_types",
+    "TopicName": "tfbus.command.types",
     "Transform": "tfbus.geometry.transform",
     "TransformArray": "tfbus.geometry.transform_array",
     "TransformBatch": "tfbus.geometry.batch",
@@ -104,8 +104,8 @@ _MODULE_OF = {
     "TransformListener": "tfbus.listener",
     "TransformStamped": "tfbus.geometry.transform",
     "TwistStamped": "tfbus.geometry.twist",
-    "fleet_options": "tfbus.options",
-    "node_options": "tfbus.options",
+    "fleet_options": "tfbus.command.options",
+    "node_options": "tfbus.command.options",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -131,7 +131,7 @@ class Node:
         where it is None. A mistake in it is told on stderr and exits with 2; a bus that cannot
         be joined, or a parameter that cannot have the value given, exits with 1.
         """
-        from tfbus.options import settings_from_args
+        from tfbus.command.options import settings_from_args
 
         try:
             node = cls(settings=settings_from_args(name, argv))

@@ -14,10 +14,10 @@ from tfbus.cli.message import checked_map, encode_values
 from tfbus.cli.nearest import nearest
 from tfbus.cli.output import print_json
 from tfbus.cli.prototype import complete_request
+from tfbus.command.numbers import POSITIVE
+from tfbus.command.options import bus_options
+from tfbus.command.types import ServiceName
 from tfbus.errors import ServiceError
-from tfbus.name_types import ServiceName
-from tfbus.numbers import POSITIVE
-from tfbus.options import bus_options
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
 

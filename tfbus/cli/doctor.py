@@ -8,11 +8,11 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, width
+from tfbus.command.names import own_name
+from tfbus.command.options import listening_options
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examine import examine
 from tfbus.doctor.finding import Finding, Verdict
-from tfbus.nodes.names import own_name
-from tfbus.options import listening_options
 from tfbus.wire.fleet import Fleet
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}

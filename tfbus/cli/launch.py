@@ -12,6 +12,7 @@ import click
 from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import complete_argument, complete_file
+from tfbus.command.numbers import NOT_NEGATIVE
 from tfbus.errors import TfbusError
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.find import find_launch_file
@@ -21,7 +22,6 @@ from tfbus.launch.program import Program, check_startable, dry_run_line, program
 from tfbus.launch.reader import read_arguments, read_launch_file
 from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
-from tfbus.numbers import NOT_NEGATIVE
 
 
 @click.command(

@@ -3,10 +3,10 @@
 import click
 from click.shell_completion import CompletionItem
 
+from tfbus.command.types import matching
 from tfbus.errors import TfbusError
 from tfbus.launch.find import find_launch_file, installed_launch_files
 from tfbus.launch.reader import read_arguments
-from tfbus.name_types import matching
 
 
 def complete_file(

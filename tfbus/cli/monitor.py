@@ -12,9 +12,9 @@ from tfbus.cli.listening import Listening, listening
 from tfbus.cli.monitor_report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
 from tfbus.cli.transform_meter import TransformMeter
-from tfbus.name_types import FrameName
-from tfbus.nodes.names import own_name
-from tfbus.options import listening_options
+from tfbus.command.names import own_name
+from tfbus.command.options import listening_options
+from tfbus.command.types import FrameName
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 

@@ -9,9 +9,9 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
 from tfbus.cli.verbs import Verbs
+from tfbus.command.options import bus_options
+from tfbus.command.types import NodeName
 from tfbus.discover.presence import describe_all, describe_nodes, list_nodes
-from tfbus.name_types import NodeName
-from tfbus.options import bus_options
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
 

@@ -14,10 +14,10 @@ from tfbus.cli.output import as_text, json_option, paint, print_json, print_line
 from tfbus.cli.param_file import read_parameter_file
 from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.cli.verbs import Verbs
+from tfbus.command.options import bus_options
+from tfbus.command.types import NodeName, ParameterName
 from tfbus.discover.presence import list_nodes
 from tfbus.errors import ParameterError, TfbusError
-from tfbus.name_types import NodeName, ParameterName
-from tfbus.options import bus_options
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wording import counted

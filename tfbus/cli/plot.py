@@ -11,13 +11,13 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
+from tfbus.command.names import own_name
+from tfbus.command.numbers import POSITIVE
+from tfbus.command.options import listening_options
+from tfbus.command.types import FrameName
 from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
-from tfbus.name_types import FrameName
-from tfbus.nodes.names import own_name
-from tfbus.numbers import POSITIVE
-from tfbus.options import listening_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted

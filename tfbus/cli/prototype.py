@@ -7,7 +7,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.cli.message import supplied_names, supplied_type
-from tfbus.name_types import matching, names_at
+from tfbus.command.types import matching, names_at
 from tfbus.wire.codec import as_map
 
 # What a shell is told that such a candidate is: a word with blanks in it, which is quoted whole.

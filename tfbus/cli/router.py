@@ -6,7 +6,7 @@ import click
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.options import bus_options
+from tfbus.command.options import bus_options
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
 

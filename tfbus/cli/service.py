@@ -15,10 +15,10 @@ from tfbus.cli.of_type import bare, names_of_type
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
 from tfbus.cli.prototype import complete_request
 from tfbus.cli.verbs import Verbs
+from tfbus.command.options import bus_options
+from tfbus.command.types import ServiceName
 from tfbus.discover.graph import ServiceInfo
 from tfbus.errors import ServiceError
-from tfbus.name_types import ServiceName
-from tfbus.options import bus_options
 
 
 @click.group(cls=Verbs)

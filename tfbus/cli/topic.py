@@ -13,9 +13,9 @@ from tfbus.cli.topic_measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic_pub import pub_command
 from tfbus.cli.topic_source import find_topic
 from tfbus.cli.verbs import Verbs
+from tfbus.command.options import bus_options
+from tfbus.command.types import TopicName
 from tfbus.discover.graph import Endpoint, TopicInfo
-from tfbus.name_types import TopicName
-from tfbus.options import bus_options
 from tfbus.wording import counted
 
 

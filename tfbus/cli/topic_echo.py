@@ -14,10 +14,10 @@ from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
 from tfbus.cli.topic_source import type_of, visiting
+from tfbus.command.numbers import POSITIVE
+from tfbus.command.options import bus_options
+from tfbus.command.types import TopicName
 from tfbus.errors import DecodeError
-from tfbus.name_types import TopicName
-from tfbus.numbers import POSITIVE
-from tfbus.options import bus_options
 from tfbus.wording import counted
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from tfbus.cli.message_view import MessageFilter
 from tfbus.cli.meter import Meter, measure
 from tfbus.cli.output import json_option
 from tfbus.cli.topic_source import type_of, visiting
+from tfbus.command.numbers import POSITIVE
+from tfbus.command.options import bus_options
+from tfbus.command.types import TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
-from tfbus.name_types import TopicName
-from tfbus.numbers import POSITIVE
-from tfbus.options import bus_options
 from tfbus.wire.codec import decode_map
 
 if TYPE_CHECKING:

@@ -20,11 +20,11 @@ from tfbus.cli.message import (
 from tfbus.cli.output import as_json, say, warn
 from tfbus.cli.prototype import complete_message
 from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
+from tfbus.command.numbers import NOT_NEGATIVE, POSITIVE, Number
+from tfbus.command.options import bus_options
+from tfbus.command.types import TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
-from tfbus.name_types import TopicName
-from tfbus.numbers import NOT_NEGATIVE, POSITIVE, Number
-from tfbus.options import bus_options
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.topic import RawPublisher
 from tfbus.wire.codec import type_name

@@ -14,7 +14,7 @@ from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.wire.keys import check_topic
 
 if TYPE_CHECKING:
-    from tfbus.live_names import LiveNames
+    from tfbus.command.live_names import LiveNames
 
 # Of the options of a command those that say where on the bus it is.
 _PLACE = ("namespace", "mode", "connect", "listen", "config")
@@ -139,7 +139,7 @@ class ParameterName(_BusName):
 
 def names_at(ctx: click.Context) -> "LiveNames":
     """The names at the place on the bus that the options typed so far say."""
-    from tfbus.live_names import LiveNames, live_names  # Zenoh, which only completion needs
+    from tfbus.command.live_names import LiveNames, live_names  # Zenoh, which only completion needs
 
     given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}
     try:

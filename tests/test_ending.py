@@ -32,7 +32,7 @@ with tfbus.Node("waits") as node:
 """
 
 SIGNAL_WHILE_IT_IS_MADE = """
-import signal, tfbus, tfbus.node
+import signal, tfbus, tfbus.node.node
 declare = tfbus.Node._declare_itself
 def interrupted(self: tfbus.Node) -> None:
     signal.raise_signal(signal.SIGINT)

@@ -10,7 +10,7 @@ from conftest import Bus, Process, eventually, free_port
 from load_roles import Load, Told, heard, memory, x_of
 
 from tfbus import Buffer, Node, ServiceError, TransformListener
-from tfbus.service import Client
+from tfbus.node.service import Client
 
 ROLES = Path(__file__).parent / "load_roles.py"
 

@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from tfbus.geometry.transform import TransformStamped as TransformStamped
     from tfbus.geometry.transform_array import TransformArray as TransformArray
     from tfbus.geometry.twist import TwistStamped as TwistStamped
-    from tfbus.goal import GoalHandle as GoalHandle
-    from tfbus.goal import GoalResult as GoalResult
     from tfbus.listener import TransformListener as TransformListener
-    from tfbus.node import Node as Node
-    from tfbus.parameters import Parameter as Parameter
+    from tfbus.node.action import GoalHandle as GoalHandle
+    from tfbus.node.action import GoalResult as GoalResult
+    from tfbus.node.node import Node as Node
+    from tfbus.node.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.wire.fleet import Fleet as Fleet
@@ -70,18 +70,18 @@ _MODULE_OF = {
     "FrameInfo": "tfbus.buffer.frame",
     "FrameName": "tfbus.command.types",
     "FutureExtrapolationException": "tfbus.errors",
-    "GoalHandle": "tfbus.goal",
-    "GoalResult": "tfbus.goal",
+    "GoalHandle": "tfbus.node.action",
+    "GoalResult": "tfbus.node.action",
     "InvalidArgumentException": "tfbus.errors",
     "InvalidNameError": "tfbus.errors",
     "LookupException": "tfbus.errors",
     "LoopException": "tfbus.errors",
     "NoDataException": "tfbus.errors",
-    "Node": "tfbus.node",
+    "Node": "tfbus.node.node",
     "NodeName": "tfbus.command.types",
     "NodeSettings": "tfbus.bus.settings",
     "Number": "tfbus.command.numbers",
-    "Parameter": "tfbus.parameters",
+    "Parameter": "tfbus.node.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.node import Node
+from tfbus.node.node import Node
 from tfbus.stream_options import StreamOptions
 
 Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]

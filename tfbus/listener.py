@@ -17,7 +17,7 @@ from tfbus.discover.other_namespaces import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.interest import Interest
-from tfbus.node import Node
+from tfbus.node.node import Node
 from tfbus.reading import Everything, Reading
 from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.runtime.clock import SYSTEM_CLOCK

@@ -13,7 +13,7 @@ from tfbus.errors import BusError
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 # Of messages that come faster than they are printed so many wait; the oldest of more are left out.
 _PENDING = 1000

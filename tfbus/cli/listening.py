@@ -12,7 +12,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TimeoutException
 from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listener import TransformListener
-from tfbus.node import Node
+from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 

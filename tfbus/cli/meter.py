@@ -16,7 +16,7 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.runtime.clock import SYSTEM_CLOCK
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 # The number that counts of a message, from its bytes; None where the message does not count.
 Meter = Callable[[bytes], float | None]

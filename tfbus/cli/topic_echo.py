@@ -21,7 +21,7 @@ from tfbus.errors import DecodeError
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from tfbus.errors import BusError
 from tfbus.wire.codec import decode_map
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -25,12 +25,12 @@ from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
+from tfbus.node.topic import RawPublisher
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.topic import RawPublisher
 from tfbus.wire.codec import type_name
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 # How soon nodes are asked again who subscribes, where several are waited for.
 _ASK_AGAIN_S = 0.2

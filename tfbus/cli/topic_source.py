@@ -18,7 +18,7 @@ from tfbus.errors import BusError
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 if TYPE_CHECKING:
-    from tfbus.node import Node
+    from tfbus.node.node import Node
 
 # When nothing has come for so long, the user is told what is waited for.
 TELL_AFTER_S = 2.0
@@ -30,7 +30,7 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
 
     Its name begins with `_`, so that lists of nodes leave it out.
     """
-    from tfbus.node import Node  # numpy, which completion and `--help` do not need
+    from tfbus.node.node import Node  # numpy, which completion and `--help` do not need
 
     try:
         with Node.from_settings(settings.renamed(f"_{purpose}_{os.urandom(4).hex()}")) as node:

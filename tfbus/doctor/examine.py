@@ -13,7 +13,7 @@ from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.tree import frame_tree
 from tfbus.listener import TransformListener
-from tfbus.node import Node
+from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet

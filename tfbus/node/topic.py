@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.interface import Interface
+from tfbus.node.endpoint import Interface
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_message, encode_message, type_name
 

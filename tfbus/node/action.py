@@ -17,9 +17,9 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.interface import Interface
+from tfbus.node.endpoint import Interface
+from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime.executor import Executor
-from tfbus.service import Caller, Service, submit_or_refuse
 from tfbus.wire.codec import (
     as_map,
     decode_map,

@@ -14,8 +14,8 @@ from typing import Any
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session, within
 from tfbus.errors import ParameterError
+from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
-from tfbus.service import submit_or_refuse
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import check_topic, last_name, node_parameters_key, parameter_key
 

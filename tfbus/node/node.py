@@ -13,24 +13,24 @@ from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
-from tfbus.goal import GoalClient, GoalHandle, GoalServer, GoalType
-from tfbus.interface import Interface
-from tfbus.namesake import NamesakeWatch
-from tfbus.parameters import Bounds, Parameter, Parameters, Value
+from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
+from tfbus.node.duplicate_name import NamesakeWatch
+from tfbus.node.endpoint import Interface
+from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
+from tfbus.node.service import Client, Service, ServiceType
+from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.runtime.version import installed_version
-from tfbus.service import Client, Service, ServiceType
 from tfbus.stream import Stream
-from tfbus.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import check_topic, clock_key, node_key
 
 if TYPE_CHECKING:
     # With the messages it takes long to load, and most nodes have no use for it.
-    from tfbus.clock_topic import ClockPublisher
+    from tfbus.node.clock_topic import ClockPublisher
 
 # A clock that is there tells a new node the time within this, and nothing is said of it.
 _CLOCK_WITHIN_S = 1.0
@@ -109,7 +109,7 @@ class Node:
         self.session.queryable(node_key(self.name), self._on_info_query)
         self.session.queryable(clock_key(self.name), self._on_clock_query)
         if isinstance(self.clock, SimulatedClock):
-            from tfbus.clock_topic import TOPIC, ClockSubscription
+            from tfbus.node.clock_topic import TOPIC, ClockSubscription
 
             topic = self._resolve(TOPIC)
             self._keep("subscribes", ClockSubscription(self.session, self.log, topic, self.clock))
@@ -245,7 +245,7 @@ class Node:
 
     def _miss_clock(self) -> None:
         if not self.clock.is_running:
-            from tfbus.clock_topic import TOPIC
+            from tfbus.node.clock_topic import TOPIC
 
             topic = self._resolve(TOPIC)
             self.log.info("Waiting for the clock: nobody tells the time on topic %r yet", topic)
@@ -329,7 +329,7 @@ class Node:
 
     def create_clock_publisher(self) -> "ClockPublisher":
         """A publisher of the simulated time; it is told to all namespaces within the node's."""
-        from tfbus.clock_topic import TOPIC, ClockPublisher
+        from tfbus.node.clock_topic import TOPIC, ClockPublisher
 
         topic = self._resolve(TOPIC)
         return self._keep("publishes", ClockPublisher(self.session, self._executor, topic))

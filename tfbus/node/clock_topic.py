@@ -4,8 +4,8 @@ import logging
 
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.interface import Interface
 from tfbus.messages import Clock
+from tfbus.node.endpoint import Interface
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_message, encode_message

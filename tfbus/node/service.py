@@ -11,7 +11,7 @@ from typing import Any
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
-from tfbus.interface import Interface
+from tfbus.node.endpoint import Interface
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_message, encode_message
 

@@ -1,0 +1,1 @@
+"""A named process: topics, services, actions, parameters, its clock."""

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformBatch, TransformStamped
-from tfbus.kept_messages import KeptMessages, without_removed
+from tfbus.broadcast.history import KeptMessages, without_removed
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 S = 1_000_000_000

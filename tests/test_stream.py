@@ -24,13 +24,13 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.broadcast.announcer import StreamFrames
+from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
+from tfbus.broadcast.options import StreamOptions
+from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
-from tfbus.newest_stamps import MOST_BACK_NS, NewestStamps
-from tfbus.stream_frames import StreamFrames
-from tfbus.stream_options import StreamOptions
 from tfbus.stream_watch import StreamState, StreamWatch
-from tfbus.transform_sender import TransformSender
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 

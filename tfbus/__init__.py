@@ -12,8 +12,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from tfbus.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
-    from tfbus.broadcaster import TransformBroadcaster as TransformBroadcaster
+    from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
+    from tfbus.broadcast.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer.buffer import Buffer as Buffer
     from tfbus.buffer.change import Change as Change
     from tfbus.buffer.frame import FrameInfo as FrameInfo
@@ -91,7 +91,7 @@ _MODULE_OF = {
     "SimulatedClock": "tfbus.runtime.clock",
     "SingleSampleException": "tfbus.errors",
     "StaleException": "tfbus.errors",
-    "StaticTransformBroadcaster": "tfbus.broadcaster",
+    "StaticTransformBroadcaster": "tfbus.broadcast.broadcaster",
     "SystemClock": "tfbus.runtime.clock",
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
@@ -99,7 +99,7 @@ _MODULE_OF = {
     "Transform": "tfbus.geometry.transform",
     "TransformArray": "tfbus.geometry.transform_array",
     "TransformBatch": "tfbus.geometry.batch",
-    "TransformBroadcaster": "tfbus.broadcaster",
+    "TransformBroadcaster": "tfbus.broadcast.broadcaster",
     "TransformException": "tfbus.errors",
     "TransformListener": "tfbus.listener",
     "TransformStamped": "tfbus.geometry.transform",

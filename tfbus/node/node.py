@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.broadcast.stream import Stream
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -24,7 +25,6 @@ from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.runtime.version import installed_version
-from tfbus.stream import Stream
 from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import check_topic, clock_key, node_key
 

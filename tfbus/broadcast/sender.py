@@ -7,17 +7,17 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from tfbus.broadcast.announcer import Edges, StreamFrames
+from tfbus.broadcast.history import KeptMessages, without_removed
+from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
+from tfbus.broadcast.newest_stamps import NewestStamps, Rows
+from tfbus.broadcast.options import StreamOptions
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session, within
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.kept_messages import KeptMessages, without_removed
-from tfbus.newest_stamps import NewestStamps, Rows
-from tfbus.stream_frames import Edges, StreamFrames
-from tfbus.stream_keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
-from tfbus.stream_options import StreamOptions
 from tfbus.wire.one_message import OneMessage
 
 # What sends have in common is remembered for tables of so many edges in all.

@@ -13,6 +13,9 @@ import threading
 import time
 from contextlib import suppress
 
+from tfbus.broadcast.announcer import Edges, FrameRows, StreamFrames
+from tfbus.broadcast.options import StreamOptions
+from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
@@ -20,9 +23,6 @@ from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime.executor import Executor
-from tfbus.stream_frames import Edges, FrameRows, StreamFrames
-from tfbus.stream_options import StreamOptions
-from tfbus.transform_sender import TransformSender
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import static_transforms_key, stream_key

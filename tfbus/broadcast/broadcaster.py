@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
+from tfbus.broadcast.options import StreamOptions
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
-from tfbus.stream_options import StreamOptions
 
 Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 

@@ -24,7 +24,7 @@ import msgpack
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns, find_columns
-from tfbus.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 

@@ -22,7 +22,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.stream_watch import StreamWatch
+from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 
 STAMP_NS = 1670400305709085026
@@ -296,8 +296,8 @@ def test_streams_that_nobody_vouches_for_are_not_counted_for_ever(
     """Names of streams without a token are forgotten when there are many, and they are silent;
     those that are there stay.
     """
-    monkeypatch.setattr("tfbus.listener.MOST_GONE", 10)
-    monkeypatch.setattr("tfbus.listener._SILENT_NS", 0)
+    monkeypatch.setattr("tfbus.listen.listener.MOST_GONE", 10)
+    monkeypatch.setattr("tfbus.listen.listener._SILENT_NS", 0)
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         StaticTransformBroadcaster(sender).send_transform(at(1))

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import InvalidArgumentException
-from tfbus.claims import Claims, Conflict, Rule
+from tfbus.listen.claims import Claims, Conflict, Rule
 from tfbus.wire.descriptions import StreamDescription
 
 

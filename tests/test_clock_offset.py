@@ -14,8 +14,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.clock_offset import ClockOffset, ClockOffsets, measured
-from tfbus.stream_info import StreamInfo
+from tfbus.listen.clock_offset import ClockOffset, ClockOffsets, measured
+from tfbus.listen.info import StreamInfo
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key
 

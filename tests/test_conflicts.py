@@ -7,7 +7,7 @@ from conftest import Bus, eventually
 from publishers import Lines, start
 
 from tfbus import Buffer, Change, TransformListener
-from tfbus.claims import Rule
+from tfbus.listen.claims import Rule
 
 
 class Listening:

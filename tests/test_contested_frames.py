@@ -5,9 +5,9 @@ import logging
 import pytest
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
-from tfbus.claims import Rule
-from tfbus.conflicts import Conflicts
-from tfbus.reception import DynamicReception, StreamReception
+from tfbus.listen.claims import Rule
+from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage, encode_transforms

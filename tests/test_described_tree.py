@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.described_tree import DescribedTree, described_edges
+from tfbus.listen.described_tree import DescribedTree, described_edges
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames
 

@@ -10,7 +10,7 @@ from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Flow, Host
 from tfbus.frames.tree import frame_tree
-from tfbus.stream_info import StreamInfo
+from tfbus.listen.info import StreamInfo
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 
 NS = 1_000_000_000

@@ -5,7 +5,7 @@ import pytest
 
 from tfbus import InvalidArgumentException, TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.stream_names import StreamNames
+from tfbus.listen.names import StreamNames
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.transform_reader import TransformReader
@@ -88,7 +88,7 @@ def test_messages_are_read_between_frames_as_they_are_called_outside() -> None:
 
 def test_names_of_many_namespaces_are_not_kept_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of namespaces that come and go so many of the last are remembered."""
-    monkeypatch.setattr("tfbus.stream_names.MOST_NAMESPACES", 3)
+    monkeypatch.setattr("tfbus.listen.names.MOST_NAMESPACES", 3)
     names = StreamNames(Fleet())
     first = names.at("robot0/tf/sim")
     assert names.at("robot0/tf_static/sim") is first

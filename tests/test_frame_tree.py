@@ -13,7 +13,7 @@ from tfbus.frames.facts import duration
 from tfbus.frames.layout import Size, outline, tidy
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.frames.tree import FrameTree, frame_tree
-from tfbus.stream_info import StreamInfo
+from tfbus.listen.info import StreamInfo
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS

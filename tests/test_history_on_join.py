@@ -21,7 +21,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.asked_history import AskedHistory
+from tfbus.listen.past import AskedHistory
 
 S = 10**9
 

@@ -24,8 +24,8 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.bus.handles import Declaration
-from tfbus.interest import Interest
-from tfbus.stream_watch import StreamState
+from tfbus.listen.interest import Interest
+from tfbus.listen.watch import StreamState
 from tfbus.wire.descriptions import StreamDescription
 
 PATIENCE_S = 20.0

@@ -5,7 +5,7 @@ import logging
 import pytest
 from conftest import Bus, eventually
 
-import tfbus.listener
+import tfbus.listen.listener
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
@@ -24,7 +24,7 @@ def test_frames_that_come_and_go_leave_room_for_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The key of a frame that a split stream has taken out is not counted any more."""
-    monkeypatch.setattr(tfbus.listener, "MOST_KEYS", 4)
+    monkeypatch.setattr(tfbus.listen.listener, "MOST_KEYS", 4)
     buffer = Buffer()
     with TransformListener(buffer, bus.node("receiver")) as listener:
         broadcaster = TransformBroadcaster(bus.node("sender"), split=True)
@@ -45,7 +45,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of too many keys what moves is dropped, counted and told once; static transforms are not."""
-    monkeypatch.setattr(tfbus.listener, "MOST_KEYS", 2)
+    monkeypatch.setattr(tfbus.listen.listener, "MOST_KEYS", 2)
     buffer, sender, receiver = Buffer(), bus.node("sender"), bus.node("receiver")
     lines: list[str] = []
     handler = logging.Handler()

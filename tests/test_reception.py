@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import pytest
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
-from tfbus.claims import Ruling
-from tfbus.reception import DynamicReception, StreamReception
+from tfbus.listen.claims import Ruling
+from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
-from tfbus.reception import DynamicReception, StreamReception
+from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 

@@ -9,8 +9,8 @@ from test_reception import Received, at, payload
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
+from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.runtime.executor import Executor
-from tfbus.static_recovery import StaticRecovery
 
 
 class Asked:

@@ -30,7 +30,7 @@ from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
-from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.listen.watch import StreamState, StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 

@@ -12,13 +12,13 @@ from tfbus import (
     Transform,
     TransformBroadcaster,
     TransformStamped,
-    stream_watch,
 )
 from tfbus.bus.bytes_publisher import BytesPublisher
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
-from tfbus.stream_watch import StreamState, StreamWatch
+from tfbus.listen import watch
+from tfbus.listen.watch import StreamState, StreamWatch
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription
 

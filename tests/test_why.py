@@ -15,7 +15,7 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.frames.tree import frame_tree
-from tfbus.stream_info import StreamInfo
+from tfbus.listen.info import StreamInfo
 from tfbus.why import Explanation, Step, explain
 
 NOW_NS = 100_000_000_000

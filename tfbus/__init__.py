@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from tfbus.geometry.transform import TransformStamped as TransformStamped
     from tfbus.geometry.transform_array import TransformArray as TransformArray
     from tfbus.geometry.twist import TwistStamped as TwistStamped
-    from tfbus.listener import TransformListener as TransformListener
+    from tfbus.listen.listener import TransformListener as TransformListener
     from tfbus.node.action import GoalHandle as GoalHandle
     from tfbus.node.action import GoalResult as GoalResult
     from tfbus.node.node import Node as Node
@@ -101,7 +101,7 @@ _MODULE_OF = {
     "TransformBatch": "tfbus.geometry.batch",
     "TransformBroadcaster": "tfbus.broadcast.broadcaster",
     "TransformException": "tfbus.errors",
-    "TransformListener": "tfbus.listener",
+    "TransformListener": "tfbus.listen.listener",
     "TransformStamped": "tfbus.geometry.transform",
     "TwistStamped": "tfbus.geometry.twist",
     "fleet_options": "tfbus.command.options",

@@ -11,7 +11,7 @@ from tfbus.frames.facts import duration, facts, is_stale
 from tfbus.frames.text import conflicting
 from tfbus.frames.tree import FrameTree, Problem, who
 from tfbus.geometry.transform import TransformStamped
-from tfbus.stream_info import StreamInfo
+from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
 
 Verdict = Literal["ok", "warn", "fail"]

@@ -11,7 +11,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TimeoutException
 from tfbus.frames.tree import FrameTree, frame_tree
-from tfbus.listener import TransformListener
+from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet

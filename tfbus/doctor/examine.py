@@ -12,7 +12,7 @@ from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.tree import frame_tree
-from tfbus.listener import TransformListener
+from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 from tfbus.doctor.examination import Flow
 from tfbus.errors import DecodeError
+from tfbus.listen.names import StreamNames
 from tfbus.node.node import Node
-from tfbus.stream_names import StreamNames
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.wire.transforms import decode_transforms

@@ -15,7 +15,7 @@ from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained_later
 from tfbus.bus.session import Session
 from tfbus.errors import BusError
-from tfbus.reception import StreamReception
+from tfbus.listen.reception import StreamReception
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import static_transforms_key_beside
 

@@ -8,7 +8,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.errors import BusError
-from tfbus.reception import StreamReception
+from tfbus.listen.reception import StreamReception
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import kept_transforms_selector
 

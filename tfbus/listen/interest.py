@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import unknown_frame
 from tfbus.bus.handles import Declaration
-from tfbus.described_tree import DescribedTree, Pair, described_edges
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
-from tfbus.reading import Forget, Subscribe
-from tfbus.stream_watch import StreamState
+from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
+from tfbus.listen.reading import Forget, Subscribe
+from tfbus.listen.watch import StreamState
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import transforms_key_beside
 

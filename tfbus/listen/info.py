@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from tfbus.reception import StreamReception
-from tfbus.stream_watch import StreamState
+from tfbus.listen.reception import StreamReception
+from tfbus.listen.watch import StreamState
 
 
 @dataclass(frozen=True)

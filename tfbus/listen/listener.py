@@ -6,26 +6,26 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
-from tfbus.asked_history import AskedHistory
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.claims import Claimant, Rule, name_some
-from tfbus.clock_offset import ClockOffsets
-from tfbus.conflicts import Conflicts
 from tfbus.discover.other_namespaces import frames_elsewhere, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
-from tfbus.interest import Interest
+from tfbus.listen.claims import Claimant, Rule, name_some
+from tfbus.listen.clock_offset import ClockOffsets
+from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.info import StreamInfo, stream_info
+from tfbus.listen.interest import Interest
+from tfbus.listen.names import StreamNames
+from tfbus.listen.past import AskedHistory
+from tfbus.listen.reading import Everything, Reading
+from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.static_recovery import StaticRecovery
+from tfbus.listen.watch import MOST_GONE, StreamState, StreamWatch
 from tfbus.node.node import Node
-from tfbus.reading import Everything, Reading
-from tfbus.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
-from tfbus.static_recovery import StaticRecovery
-from tfbus.stream_info import StreamInfo, stream_info
-from tfbus.stream_names import StreamNames
-from tfbus.stream_watch import MOST_GONE, StreamState, StreamWatch
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import (
     STATIC_TRANSFORMS,

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from tfbus.bus.handles import Declaration
-from tfbus.stream_watch import StreamState
+from tfbus.listen.watch import StreamState
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,

@@ -14,11 +14,11 @@ import time
 from collections.abc import Callable, Collection
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.claims import Ruling
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.stragglers import Stragglers
+from tfbus.listen.claims import Ruling
+from tfbus.listen.epochs import Stragglers
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.change import Change
-from tfbus.claims import Claims, Conflict, Rule, name_some
-from tfbus.reception import StreamReception
+from tfbus.listen.claims import Claims, Conflict, Rule, name_some
+from tfbus.listen.reception import StreamReception
 from tfbus.wire.descriptions import StreamDescription
 
 

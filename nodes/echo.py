@@ -26,8 +26,7 @@ from tfbus import (
 )
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.command.names import own_name
-from tfbus.nodes.echo_answers import Question, answers
-from tfbus.nodes.echo_format import (
+from tfbus.frames.blocks import (
     CSV_HEADER,
     Numbers,
     csv_line,
@@ -35,6 +34,7 @@ from tfbus.nodes.echo_format import (
     json_line,
     tf2_block,
 )
+from tfbus.nodes.echo_answers import Question, answers
 
 _STYLES = {"tf2": tf2_block, "foxy": foxy_block}
 _LINES = {"json": json_line, "csv": csv_line}

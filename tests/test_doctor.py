@@ -9,7 +9,7 @@ from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Flow, Host
-from tfbus.frames.tree import frame_tree
+from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 

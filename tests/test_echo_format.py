@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformStamped
-from tfbus.nodes.echo_format import (
+from tfbus.frames.blocks import (
     CSV_HEADER,
     Numbers,
     csv_line,

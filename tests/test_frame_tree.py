@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformStamped
 from tfbus.frames import document
-from tfbus.frames.facts import duration
 from tfbus.frames.layout import Size, outline, tidy
+from tfbus.frames.snapshot import FrameTree, frame_tree
+from tfbus.frames.state import duration
 from tfbus.frames.text import edge_lines, tree_lines
-from tfbus.frames.tree import FrameTree, frame_tree
 from tfbus.listen.info import StreamInfo
 
 NS = 1_000_000_000

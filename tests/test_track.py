@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, DecodeError, Transform, TransformStamped
+from tfbus.frames.blocks import CSV_HEADER, Numbers, csv_line, json_line
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
-from tfbus.nodes.echo_format import CSV_HEADER, Numbers, csv_line, json_line
 
 NS = 1_000_000_000
 START_NS = 1_670_400_300 * NS

@@ -14,9 +14,9 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.frames.tree import frame_tree
+from tfbus.frames.snapshot import frame_tree
+from tfbus.frames.why import Explanation, Step, explain
 from tfbus.listen.info import StreamInfo
-from tfbus.why import Explanation, Step, explain
 
 NOW_NS = 100_000_000_000
 S = 1_000_000_000

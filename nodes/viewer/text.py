@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from html import escape
 
 from tfbus import Buffer, TransformException, TransformStamped
-from tfbus.nodes.echo_format import Numbers, stamp_text, tf2_block
+from tfbus.frames.blocks import Numbers, stamp_text, tf2_block
 from tfbus.nodes.viewer.frames import Frames
 from tfbus.nodes.viewer.markup import sign
 from tfbus.nodes.viewer.playback import Playback

@@ -7,16 +7,16 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
 from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
 from tfbus.errors import TfbusError
 from tfbus.frames import document
-from tfbus.frames.facts import State
+from tfbus.frames.listening import Listening, listening
 from tfbus.frames.picture import write_picture
+from tfbus.frames.snapshot import FrameTree
+from tfbus.frames.state import State
 from tfbus.frames.text import edge_lines, tree_lines
-from tfbus.frames.tree import FrameTree
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted

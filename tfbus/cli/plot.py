@@ -9,13 +9,13 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.listening import Listening, listening
 from tfbus.cli.output import say
 from tfbus.command.names import own_name
 from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName
 from tfbus.errors import LookupException, TfbusError
+from tfbus.frames.listening import Listening, listening
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK

@@ -3,11 +3,11 @@
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.listening import listening
 from tfbus.cli.output import is_terminal
 from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
 from tfbus.errors import TfbusError
+from tfbus.frames.listening import listening
 from tfbus.wire.fleet import Fleet
 
 

@@ -5,15 +5,15 @@ from dataclasses import asdict
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.listening import listening
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName
 from tfbus.discover.other_namespaces import frames_elsewhere
-from tfbus.frames.facts import duration
-from tfbus.why import Explanation, Step, explain
+from tfbus.frames.listening import listening
+from tfbus.frames.state import duration
+from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}

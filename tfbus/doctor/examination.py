@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
-from tfbus.frames.tree import FrameTree
+from tfbus.frames.snapshot import FrameTree
 from tfbus.wire.descriptions import NodeDescription
 
 

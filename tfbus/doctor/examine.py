@@ -11,7 +11,7 @@ from tfbus.doctor.examination import Examination
 from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
-from tfbus.frames.tree import frame_tree
+from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK

@@ -5,8 +5,8 @@ from collections import Counter
 from tfbus.doctor.clock_checks import of_our_time, of_system_time
 from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.frames.facts import ASK_IF_SIMULATED, duration, is_another_time
-from tfbus.frames.tree import who
+from tfbus.frames.snapshot import who
+from tfbus.frames.state import ASK_IF_SIMULATED, duration, is_another_time
 from tfbus.wording import counted
 
 # Above this a lookup at one's own "now" fails, or is a guess.

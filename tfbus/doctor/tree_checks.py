@@ -4,7 +4,7 @@ from collections import defaultdict
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, Verdict, found
-from tfbus.frames.tree import ProblemKind, who
+from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.wording import counted
 
 _MOST_SENTENCES = 10

@@ -2,7 +2,7 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.frames.facts import duration
+from tfbus.frames.state import duration
 from tfbus.wording import counted
 
 # What nobody reads yet is how most begin; of many somebody has forgotten what they were for.

@@ -6,9 +6,9 @@ from dataclasses import asdict
 from typing import Any
 
 from tfbus.buffer.formats import as_dot, as_yaml
-from tfbus.frames.facts import facts
+from tfbus.frames.snapshot import FrameTree
+from tfbus.frames.state import facts
 from tfbus.frames.text import conflicting, publisher_lines, tree_lines
-from tfbus.frames.tree import FrameTree
 
 
 def as_map(tree: FrameTree) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tfbus.frames.tree import FrameTree
+from tfbus.frames.snapshot import FrameTree
 
 
 @dataclass(frozen=True)

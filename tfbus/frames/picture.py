@@ -6,10 +6,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from tfbus.frames.facts import State, facts, state
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
+from tfbus.frames.snapshot import FrameTree
+from tfbus.frames.state import State, facts, state
 from tfbus.frames.text import conflicting
-from tfbus.frames.tree import FrameTree
 from tfbus.wording import counted
 
 COLOURS: dict[State, str] = {

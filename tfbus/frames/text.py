@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 
 from tfbus.buffer.frame import FrameInfo
-from tfbus.frames.facts import State, duration, facts, state
-from tfbus.frames.tree import FrameTree, who
+from tfbus.frames.snapshot import FrameTree, who
+from tfbus.frames.state import State, duration, facts, state
 from tfbus.wording import counted
 
 Paint = Callable[[str, State], str]

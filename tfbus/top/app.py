@@ -20,7 +20,7 @@ from textual.widgets import (
     TabPane,
 )
 
-from tfbus.frames.facts import State, duration
+from tfbus.frames.state import State, duration
 from tfbus.top.rows import Row, Table, chosen, is_service
 from tfbus.top.source import Source
 from tfbus.wording import counted

@@ -7,7 +7,7 @@ from typing import Any
 
 from tfbus.cli.monitor_report import Report
 from tfbus.discover.graph import Graph
-from tfbus.frames.facts import State, duration, state
+from tfbus.frames.state import State, duration, state
 from tfbus.frames.text import conflicting
 from tfbus.wire.descriptions import NodeDescription
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import TimeoutException
-from tfbus.frames.tree import FrameTree, frame_tree
+from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK

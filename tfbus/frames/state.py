@@ -3,7 +3,7 @@
 from typing import Literal
 
 from tfbus.buffer.frame import FrameInfo
-from tfbus.frames.tree import FrameTree
+from tfbus.frames.snapshot import FrameTree
 
 State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]
 

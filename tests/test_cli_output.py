@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tfbus.cli.nearest import nearest
 from tfbus.cli.output import paint, table, yaml_text
 from tfbus.cli.topic_reports import BANDWIDTH, DELAY, RATE
-from tfbus.cli.window import Reading, Window, spread_of
+from tfbus.monitor.window import Reading, Window, spread_of
 
 
 class TestTables:

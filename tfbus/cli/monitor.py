@@ -8,13 +8,13 @@ from contextlib import suppress
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.monitor_report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
-from tfbus.cli.transform_meter import TransformMeter
 from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName
 from tfbus.frames.listening import Listening, listening
+from tfbus.monitor.meter import TransformMeter
+from tfbus.monitor.report import PairWatch, Report, as_lines, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 

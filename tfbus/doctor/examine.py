@@ -8,11 +8,11 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
 from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
-from tfbus.doctor.flows import FlowMeter
 from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.listener import TransformListener
+from tfbus.monitor.flows import FlowMeter
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription

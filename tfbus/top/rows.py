@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.cli.monitor_report import Report
 from tfbus.discover.graph import Graph
 from tfbus.frames.state import State, duration, state
 from tfbus.frames.text import conflicting
+from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
 
 _SERVICE = "service"

@@ -4,13 +4,13 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from tfbus.cli.monitor_report import Report, make_report
-from tfbus.cli.transform_meter import TransformMeter
 from tfbus.discover.graph import Graph, graph_of
 from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import TransformException
 from tfbus.frames.listening import Listening
 from tfbus.frames.text import frame_lines
+from tfbus.monitor.meter import TransformMeter
+from tfbus.monitor.report import Report, make_report
 from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
 from tfbus.wire.descriptions import NodeDescription
 

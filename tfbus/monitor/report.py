@@ -5,13 +5,13 @@ from typing import Any
 
 from tfbus.buffer.frame import FrameInfo
 from tfbus.cli.output import paint, table
-from tfbus.cli.transform_meter import EdgeFlow, TransformMeter
-from tfbus.cli.window import Spread, Window, spread_of
 from tfbus.errors import TransformException
 from tfbus.frames.listening import Listening
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State, duration, state
 from tfbus.frames.text import conflicting
+from tfbus.monitor.meter import EdgeFlow, TransformMeter
+from tfbus.monitor.window import Spread, Window, spread_of
 from tfbus.wording import counted
 
 _MOST_SAMPLES = 1_000

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
-from tfbus.cli.window import Spread, Window, spread_of
 from tfbus.errors import DecodeError
 from tfbus.listen.names import StreamNames
+from tfbus.monitor.window import Spread, Window, spread_of
 from tfbus.node.node import Node
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of

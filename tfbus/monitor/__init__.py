@@ -1,0 +1,1 @@
+"""How transforms come, measured."""

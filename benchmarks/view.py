@@ -26,7 +26,7 @@ import msgpack
 from benchmarks import machine, parts
 from benchmarks.report import markdown_table
 from tfbus.core import kernel
-from tfbus.nodes.viewer.screenshot import FLAGS
+from tfbus.view.screenshot import FLAGS
 
 RATE_HZ = 30.0
 SIZES = (3, 300, 3000)

@@ -19,11 +19,11 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.nodes.viewer.settings import ViewSettings, holds_settings, load
-from tfbus.nodes.viewer.urdf import read_urdf
+from tfbus.view.model.settings import ViewSettings, holds_settings, load
+from tfbus.view.model.urdf import read_urdf
 
 if TYPE_CHECKING:
-    from tfbus.nodes.viewer.screenshot import Screenshot
+    from tfbus.view.screenshot import Screenshot
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -135,9 +135,9 @@ def main(
     is_new = path is not None and not path.exists()
     chosen = load(path) if path and not is_new else ViewSettings()
     _require_viser()
-    from tfbus.nodes.viewer.origin import is_local
-    from tfbus.nodes.viewer.page import Page, Serving
-    from tfbus.nodes.viewer.screenshot import Screenshot, find_browser
+    from tfbus.view.origin import is_local
+    from tfbus.view.page import Page, Serving
+    from tfbus.view.screenshot import Screenshot, find_browser
 
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None

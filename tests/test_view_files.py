@@ -13,7 +13,7 @@ import pytest
 from conftest import Bus, eventually, free_port
 from view_pages import PATIENCE_S, Arm, View, start_view
 
-from tfbus.nodes.viewer.screenshot import find_browser
+from tfbus.view.screenshot import find_browser
 
 
 def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:

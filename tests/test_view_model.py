@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, FrameInfo, SettingsError, Transform, TransformStamped
-from tfbus.nodes.viewer import text
-from tfbus.nodes.viewer.filter import NameFilter, PatternError
-from tfbus.nodes.viewer.frames import Frames, FrameWatch
-from tfbus.nodes.viewer.placing import arrow_points, arrow_rows, newest_common_ns, place, trail
-from tfbus.nodes.viewer.playback import Playback
-from tfbus.nodes.viewer.settings import ViewSettings, load, save
-from tfbus.nodes.viewer.status import FADED, Status, judge, opacity_of, stale_after_s
+from tfbus.view.model.filter import NameFilter, PatternError
+from tfbus.view.model.frames import Frames, FrameWatch
+from tfbus.view.model.placement import arrow_points, arrow_rows, newest_common_ns, place, trail
+from tfbus.view.model.playback import Playback
+from tfbus.view.model.settings import ViewSettings, load, save
+from tfbus.view.model.status import FADED, Status, judge, opacity_of, stale_after_s
+from tfbus.view.panels import text
 
 S = 1_000_000_000
 

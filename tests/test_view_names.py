@@ -11,10 +11,10 @@ from tfbus import FrameInfo
 
 pytest.importorskip("viser", reason="the extra view is not installed")
 
-from tfbus.nodes.viewer.camera import Window, overview
-from tfbus.nodes.viewer.labels import MOST, readable
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.status import FrameState, Status
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.status import FrameState, Status
+from tfbus.view.scene.camera import Window, overview
+from tfbus.view.scene.labels import MOST, readable
 
 # Looks down on the origin from 10 m above, x to the right: a metre is 50 pixels on the ground.
 ABOVE = Window(

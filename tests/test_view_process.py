@@ -11,8 +11,8 @@ pytest.importorskip("viser", reason="the extra view is not installed")
 
 import viser
 
-from tfbus.nodes.viewer.origin import machine_names, refusal
-from tfbus.nodes.viewer.server import ServeError, serve
+from tfbus.view.origin import machine_names, refusal
+from tfbus.view.server import ServeError, serve
 
 
 def status_of(address: str, **headers: str) -> tuple[int, str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.nodes.viewer.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, mesh_file, read_urdf
+from tfbus.view.model.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, mesh_file, read_urdf
 
 # A corner of a box: a triangle 1 m wide and 2 m high.
 TRIANGLE = """
@@ -122,7 +122,7 @@ def test_packages_are_looked_for_where_one_says_then_by_ros_then_above_the_urdf(
 
 def test_a_mesh_is_read_and_scaled(tmp_path: Path) -> None:
     """In metres, each side by its own factor."""
-    robot_scene = pytest.importorskip("tfbus.nodes.viewer.robot_scene", reason="needs viser")
+    robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
     file = tmp_path / "corner.stl"
     file.write_text(TRIANGLE)
     mesh = robot_scene.load_mesh(Mesh("corner.stl", file, (2.0, 0.5, 1.0)))
@@ -132,7 +132,7 @@ def test_a_mesh_is_read_and_scaled(tmp_path: Path) -> None:
 def test_a_mesh_of_collada_is_read_in_its_unit(tmp_path: Path) -> None:
     """Where pycollada is installed: centimetres become metres."""
     pytest.importorskip("collada", reason="pycollada is not installed")
-    robot_scene = pytest.importorskip("tfbus.nodes.viewer.robot_scene", reason="needs viser")
+    robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.exchange.dae.export_collada(trimesh.creation.box((100.0, 200.0, 300.0)))
     file = tmp_path / "box.dae"
@@ -151,7 +151,7 @@ def test_a_mesh_of_collada_is_read_in_its_unit(tmp_path: Path) -> None:
 )
 def test_a_mesh_that_cannot_be_shown_says_why(tmp_path: Path, name: str, said: str) -> None:
     """In one sentence, with what to do."""
-    robot_scene = pytest.importorskip("tfbus.nodes.viewer.robot_scene", reason="needs viser")
+    robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
     (tmp_path / "robot.blend").touch()
     with pytest.raises(UrdfError, match=said):
         robot_scene.load_mesh(Mesh(name, mesh_file(name, tmp_path), (1.0, 1.0, 1.0)))

@@ -9,7 +9,7 @@ from conftest import DEADLINE_S, Bus, Process, free_port
 
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
-from tfbus.nodes.viewer.screenshot import CLOSE_NOTES, FLAGS
+from tfbus.view.screenshot import CLOSE_NOTES, FLAGS
 
 # Chromium draws without a graphics card, on a machine that others use too.
 PATIENCE_S = 3 * DEADLINE_S

@@ -10,7 +10,7 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus import Transform
-from tfbus.nodes.viewer.placing import Floats
+from tfbus.view.model.placement import Floats
 
 # At first one looks from behind, from the side a little, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.nodes.viewer.placing import Floats
-from tfbus.nodes.viewer.shapes import arm
+from tfbus.view.model.placement import Floats
+from tfbus.view.scene.shapes import arm
 
 # The radius of an axis, in parts of its length.
 _RADIUS = 0.035

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from tfbus import Buffer, FrameInfo, TransformException
-from tfbus.nodes.viewer.status import FrameState, judge, opacity_of
+from tfbus.view.model.status import FrameState, judge, opacity_of
 
 # A stream's rows of parent, child and whether it is static, as a listener tells them.
 Rows = Iterable[tuple[str, str, bool]]

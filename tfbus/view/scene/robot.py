@@ -7,8 +7,8 @@ from typing import Any
 
 import viser
 
-from tfbus.nodes.viewer.placing import Placed
-from tfbus.nodes.viewer.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
+from tfbus.view.model.placement import Placed
+from tfbus.view.model.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
 
 # Of what has no colour of its own.
 _GREY = (160, 160, 165)

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.nodes.viewer.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.lines import Arrows, Trails
-from tfbus.nodes.viewer.looks import SELECTED, Looks
-from tfbus.nodes.viewer.placing import Floats, Placed, arrow_points
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.shapes import octahedron
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.placement import Floats, Placed, arrow_points
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.scene.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
+from tfbus.view.scene.lines import Arrows, Trails
+from tfbus.view.scene.shapes import octahedron
+from tfbus.view.scene.styling import SELECTED, Looks
 
 # The radius of a mark, in parts of an axis.
 _MARK = 0.14

@@ -8,9 +8,9 @@ import viser
 
 from tfbus import Transform
 from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.livery import Rgb, livery
-from tfbus.nodes.viewer.placing import Floats, Placed
-from tfbus.nodes.viewer.turtles import Picture, Turtles
+from tfbus.nodes.turtle.view.turtle_colors import Rgb, livery
+from tfbus.nodes.turtle.view.turtles import Picture, Turtles
+from tfbus.view.model.placement import Floats, Placed
 
 # The frame in whose middle the field lies.
 WORLD = "world"

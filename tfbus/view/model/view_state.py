@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from tfbus.nodes.viewer.playback import Playback
-from tfbus.nodes.viewer.settings import ViewSettings
+from tfbus.view.model.playback import Playback
+from tfbus.view.model.settings import ViewSettings
 
 
 class Desk:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.nodes.viewer.camera import Window
-from tfbus.nodes.viewer.placing import Floats, Placed
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.status import FrameState, Status
+from tfbus.view.model.placement import Floats, Placed
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.status import FrameState, Status
+from tfbus.view.scene.camera import Window
 
 # No more names than these are drawn at once.
 MOST = 40

@@ -5,8 +5,8 @@ from typing import Any
 
 import viser
 
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.playback import Playback
+from tfbus.view.model.playback import Playback
+from tfbus.view.model.view_state import Desk
 
 
 class TimePanel:

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from tfbus.nodes.viewer.placing import Floats
+from tfbus.view.model.placement import Floats
 
 _TRAIL = (240, 120, 30)
 

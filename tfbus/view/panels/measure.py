@@ -5,11 +5,11 @@ from html import escape
 import viser
 
 from tfbus import Buffer
-from tfbus.nodes.viewer import text
-from tfbus.nodes.viewer.choice import FrameChoice
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.markup import Html
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.view_state import Desk
+from tfbus.view.panels import text
+from tfbus.view.panels.frame_dropdown import FrameChoice
+from tfbus.view.panels.markup import Html
 
 
 class MeasurePanel:

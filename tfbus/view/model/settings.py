@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from tfbus import SettingsError
-from tfbus.nodes.viewer.filter import NameFilter
+from tfbus.view.model.filter import NameFilter
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,15 @@ from html import escape
 import viser
 
 from tfbus import Buffer
-from tfbus.nodes.viewer import text
-from tfbus.nodes.viewer.choice import FrameChoice
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.filter import NameFilter
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.markup import Channel, Html, event, sign
-from tfbus.nodes.viewer.placing import Placed
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.status import FrameState, Status
+from tfbus.view.model.filter import NameFilter
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.placement import Placed
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.status import FrameState, Status
+from tfbus.view.model.view_state import Desk
+from tfbus.view.panels import text
+from tfbus.view.panels.frame_dropdown import FrameChoice
+from tfbus.view.panels.markup import Channel, Html, event, sign
 
 # More rows than these are slow to show; the filter narrows them.
 MOST_ROWS = 150

@@ -6,10 +6,10 @@ from html import escape
 
 from tfbus import Buffer, TransformException, TransformStamped
 from tfbus.frames.blocks import Numbers, stamp_text, tf2_block
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.markup import sign
-from tfbus.nodes.viewer.playback import Playback
-from tfbus.nodes.viewer.status import FrameState, Status
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.playback import Playback
+from tfbus.view.model.status import FrameState, Status
+from tfbus.view.panels.markup import sign
 
 _MOST_MISTAKES = 5
 

@@ -8,7 +8,7 @@ import socket
 import viser
 
 from tfbus import TfbusError
-from tfbus.nodes.viewer.origin import guarding
+from tfbus.view.origin import guarding
 
 
 class ServeError(TfbusError):

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any, Protocol
 
-from tfbus.nodes.viewer.status import SIGNS, Status
+from tfbus.view.model.status import SIGNS, Status
 
 
 class HtmlHandle(Protocol):

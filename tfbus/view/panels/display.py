@@ -8,10 +8,10 @@ from typing import Any
 import viser
 
 from tfbus import SettingsError
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.filter import NameFilter, PatternError
-from tfbus.nodes.viewer.markup import Html
-from tfbus.nodes.viewer.settings import RANGES, save
+from tfbus.view.model.filter import NameFilter, PatternError
+from tfbus.view.model.settings import RANGES, save
+from tfbus.view.model.view_state import Desk
+from tfbus.view.panels.markup import Html
 
 _BOXES = {
     "axes": "Axes",

@@ -7,17 +7,17 @@ from pathlib import Path
 import viser
 
 from tfbus import Buffer
-from tfbus.nodes.viewer import text
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.display_panel import DisplayPanel
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.markup import Channel, Html
-from tfbus.nodes.viewer.measure_panel import MeasurePanel
-from tfbus.nodes.viewer.placing import Placed, newest_common_ns
-from tfbus.nodes.viewer.time_panel import TimePanel
-from tfbus.nodes.viewer.tree_panel import TreePanel
-from tfbus.nodes.viewer.turtle_panel import TurtlePanel
-from tfbus.nodes.viewer.turtles import KEYS, Turtles
+from tfbus.nodes.turtle.view.panel import TurtlePanel
+from tfbus.nodes.turtle.view.turtles import KEYS, Turtles
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.placement import Placed, newest_common_ns
+from tfbus.view.model.view_state import Desk
+from tfbus.view.panels import text
+from tfbus.view.panels.display import DisplayPanel
+from tfbus.view.panels.markup import Channel, Html
+from tfbus.view.panels.measure import MeasurePanel
+from tfbus.view.panels.time import TimePanel
+from tfbus.view.panels.tree import TreePanel
 
 
 class Panel:

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tfbus.nodes.viewer.frames import Frames
-from tfbus.nodes.viewer.placing import arrow_rows
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.status import FrameState, Status
+from tfbus.view.model.frames import Frames
+from tfbus.view.model.placement import arrow_rows
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.status import FrameState, Status
 
 Rgb = tuple[int, int, int]
 

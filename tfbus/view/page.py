@@ -9,19 +9,19 @@ from pathlib import Path
 
 from tfbus import Buffer, Node, SystemClock, TransformListener
 from tfbus.nodes.turtle import field
-from tfbus.nodes.viewer.camera import FirstLook
-from tfbus.nodes.viewer.desk import Desk
-from tfbus.nodes.viewer.frames import Frames, FrameWatch
-from tfbus.nodes.viewer.labels import Names
-from tfbus.nodes.viewer.panel import Panel
-from tfbus.nodes.viewer.placing import Floats, Placed, place, trail
-from tfbus.nodes.viewer.robot_scene import RobotScene
-from tfbus.nodes.viewer.scene import Scene
-from tfbus.nodes.viewer.server import serve
-from tfbus.nodes.viewer.settings import ViewSettings
-from tfbus.nodes.viewer.turtle_scene import WORLD, TurtleScene
-from tfbus.nodes.viewer.turtles import Turtles
-from tfbus.nodes.viewer.urdf import Visual
+from tfbus.nodes.turtle.view.scene import WORLD, TurtleScene
+from tfbus.nodes.turtle.view.turtles import Turtles
+from tfbus.view.model.frames import Frames, FrameWatch
+from tfbus.view.model.placement import Floats, Placed, place, trail
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.urdf import Visual
+from tfbus.view.model.view_state import Desk
+from tfbus.view.panels.panel import Panel
+from tfbus.view.scene.camera import FirstLook
+from tfbus.view.scene.labels import Names
+from tfbus.view.scene.robot import RobotScene
+from tfbus.view.scene.scene import Scene
+from tfbus.view.server import serve
 
 # The panel is read by people, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25

@@ -8,8 +8,8 @@ from typing import Any
 import viser
 
 from tfbus.nodes.turtle import field
-from tfbus.nodes.viewer.markup import Channel, Html
-from tfbus.nodes.viewer.turtles import Turtles
+from tfbus.nodes.turtle.view.turtles import Turtles
+from tfbus.view.panels.markup import Channel, Html
 
 # About the middle, in digits that fit.
 _MIDDLE = (round(field.MIDDLE_M, 1), round(field.MIDDLE_M, 1), 0.0)

@@ -1,0 +1,1 @@
+"""The turtles on the page of `tfbus view`."""

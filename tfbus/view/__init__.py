@@ -1,0 +1,1 @@
+"""The page in a browser: frames in three dimensions."""

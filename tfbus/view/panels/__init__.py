@@ -1,0 +1,1 @@
+"""The page's controls, a file each."""

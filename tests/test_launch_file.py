@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.launch.arguments import show_arguments
 from tfbus.launch.description import Argument, Process, Respawn
-from tfbus.launch.find import find_launch_file, installed_launch_files
 from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, Place
-from tfbus.launch.program import check_startable, dry_run_line, program_of
-from tfbus.launch.reader import read_arguments, read_launch_file
-from tfbus.launch.substitution import Scope
+from tfbus.launch.read.arguments import show_arguments
+from tfbus.launch.read.find import find_launch_file, installed_launch_files
+from tfbus.launch.read.reader import read_arguments, read_launch_file
+from tfbus.launch.read.substitution import Scope
+from tfbus.launch.run.program import check_startable, dry_run_line, program_of
 
 
 def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:

@@ -24,13 +24,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.errors import BusError
-from tfbus.launch.console import Console, Lines, Stream
 from tfbus.launch.description import Respawn
-from tfbus.launch.ladder import Patience
-from tfbus.launch.orphans import adopting_orphans
-from tfbus.launch.program import Program
-from tfbus.launch.run import Wishes
-from tfbus.launch.supervisor import Guard, Presence, Supervisor
+from tfbus.launch.run.console import Console, Lines, Stream
+from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.orphans import adopting_orphans
+from tfbus.launch.run.program import Program
+from tfbus.launch.run.run import Wishes
+from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
 NEVER_S = 1000.0
 DEADLINE_S = 20.0

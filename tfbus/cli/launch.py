@@ -14,14 +14,14 @@ from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import complete_argument, complete_file
 from tfbus.command.numbers import NOT_NEGATIVE
 from tfbus.errors import TfbusError
-from tfbus.launch.arguments import show_arguments
-from tfbus.launch.find import find_launch_file
-from tfbus.launch.ladder import Patience
 from tfbus.launch.place import LaunchArgumentError
-from tfbus.launch.program import Program, check_startable, dry_run_line, program_of
-from tfbus.launch.reader import read_arguments, read_launch_file
-from tfbus.launch.run import run_programs
-from tfbus.launch.supervisor import Presence
+from tfbus.launch.read.arguments import show_arguments
+from tfbus.launch.read.find import find_launch_file
+from tfbus.launch.read.reader import read_arguments, read_launch_file
+from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.program import Program, check_startable, dry_run_line, program_of
+from tfbus.launch.run.run import run_programs
+from tfbus.launch.run.supervisor import Presence
 
 
 @click.command(

@@ -5,8 +5,8 @@ from click.shell_completion import CompletionItem
 
 from tfbus.command.types import matching
 from tfbus.errors import TfbusError
-from tfbus.launch.find import find_launch_file, installed_launch_files
-from tfbus.launch.reader import read_arguments
+from tfbus.launch.read.find import find_launch_file, installed_launch_files
+from tfbus.launch.read.reader import read_arguments
 
 
 def complete_file(

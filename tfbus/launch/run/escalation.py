@@ -5,8 +5,8 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from tfbus.launch.child import Child
-from tfbus.launch.console import Console
+from tfbus.launch.run.child import Child
+from tfbus.launch.run.console import Console
 
 RUNGS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from tfbus.launch.description import Argument
-from tfbus.launch.document import Value
 from tfbus.launch.place import LaunchArgumentError, nearest
-from tfbus.launch.substitution import HERE
+from tfbus.launch.read.document import Value
+from tfbus.launch.read.substitution import HERE
 
 _KEYS = ("default", "description", "choices")
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from typing import TypeVar
 
-from tfbus.launch.console import Console
-from tfbus.launch.program import Program
+from tfbus.launch.run.console import Console
+from tfbus.launch.run.program import Program
 
 T = TypeVar("T")
 

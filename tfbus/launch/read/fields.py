@@ -7,9 +7,9 @@ from collections.abc import Callable, Collection, Iterator
 from math import isfinite
 
 from tfbus.errors import TfbusError
-from tfbus.launch.document import Value
 from tfbus.launch.place import Place
-from tfbus.launch.substitution import Scope, truth
+from tfbus.launch.read.document import Value
+from tfbus.launch.read.substitution import Scope, truth
 
 CONDITIONS = ("if", "unless")
 

@@ -5,12 +5,12 @@ import math
 import signal
 from collections.abc import Sequence
 
-from tfbus.launch.console import Console, Stream
-from tfbus.launch.guard import Guard
-from tfbus.launch.ladder import Patience
-from tfbus.launch.orphans import Orphans, adopting_orphans
-from tfbus.launch.program import Program
-from tfbus.launch.supervisor import Presence, Supervisor
+from tfbus.launch.run.console import Console, Stream
+from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.guard import Guard
+from tfbus.launch.run.orphans import Orphans, adopting_orphans
+from tfbus.launch.run.program import Program
+from tfbus.launch.run.supervisor import Presence, Supervisor
 
 _REASONS = {
     signal.SIGINT: "user interrupted with ctrl-c (SIGINT)",

@@ -12,10 +12,10 @@ from contextlib import suppress
 from typing import Protocol
 
 from tfbus.errors import TfbusError
-from tfbus.launch.child import Child
-from tfbus.launch.console import Console
-from tfbus.launch.ladder import RUNGS, Patience, StopLadder
-from tfbus.launch.program import Program
+from tfbus.launch.run.child import Child
+from tfbus.launch.run.console import Console
+from tfbus.launch.run.escalation import RUNGS, Patience, StopLadder
+from tfbus.launch.run.program import Program
 
 # What a process ends with that obeys one of our signals: killed by it, or as a shell says so.
 _OBEYED = {code for rung in RUNGS for code in (-rung, 128 + rung)}

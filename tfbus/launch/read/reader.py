@@ -8,14 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tfbus.launch.arguments import argument_values, declared_arguments
 from tfbus.launch.description import Argument, Process
-from tfbus.launch.document import Value, read_document
-from tfbus.launch.fields import Fields
-from tfbus.launch.find import find_launch_file
 from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, nearest
-from tfbus.launch.process_entry import ProcessEntry, joined, read_process
-from tfbus.launch.substitution import Scope, truth
+from tfbus.launch.read.arguments import argument_values, declared_arguments
+from tfbus.launch.read.document import Value, read_document
+from tfbus.launch.read.fields import Fields
+from tfbus.launch.read.find import find_launch_file
+from tfbus.launch.read.process_entry import ProcessEntry, joined, read_process
+from tfbus.launch.read.substitution import Scope, truth
 from tfbus.wire.keys import check_namespace
 
 _FILE_KEYS = ("description", "arguments", "sim_time", "includes", "nodes")

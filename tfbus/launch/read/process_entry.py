@@ -5,10 +5,10 @@ from pathlib import Path
 
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Process, Respawn
-from tfbus.launch.document import Value
-from tfbus.launch.fields import Fields
 from tfbus.launch.place import Place
-from tfbus.launch.substitution import Scope
+from tfbus.launch.read.document import Value
+from tfbus.launch.read.fields import Fields
+from tfbus.launch.read.substitution import Scope
 from tfbus.wire.keys import check_namespace, check_node_name, check_topic
 
 _KEYS = (

@@ -1,0 +1,1 @@
+"""Launch files to a description of what to start."""

@@ -1,0 +1,1 @@
+"""The processes of a description: started, watched, stopped."""

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.cli.nearest import nearest
+from tfbus.cli.messages.nearest import nearest
 from tfbus.cli.output import paint, table, yaml_text
-from tfbus.cli.topic_reports import BANDWIDTH, DELAY, RATE
+from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.window import Reading, Window, spread_of
 
 

@@ -7,8 +7,8 @@ import click
 import numpy as np
 import pytest
 
-from tfbus.cli.message import complete_values, find_type, reader_of, supplied_type
-from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.messages.message import complete_values, find_type, reader_of, supplied_type
+from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.messages import Color, Twist

@@ -58,9 +58,9 @@ class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
     def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
-        """As click's own; a shell that completes is answered as `tfbus.cli.shells` says."""
+        """As click's own; a shell that completes is answered as `tfbus.cli.completion.shells` says."""
         if _COMPLETE_VARIABLE in os.environ:
-            import_module("tfbus.cli.shells")
+            import_module("tfbus.cli.completion.shells")
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -10,10 +10,10 @@ from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
-from tfbus.cli.message import checked_map, encode_values
-from tfbus.cli.nearest import nearest
+from tfbus.cli.messages.message import checked_map, encode_values
+from tfbus.cli.messages.nearest import nearest
+from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
-from tfbus.cli.prototype import complete_request
 from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName

@@ -9,11 +9,11 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.call import TIMEOUT, follow
-from tfbus.cli.message import checked_map, encode_values, read_map
-from tfbus.cli.nearest import nearest
-from tfbus.cli.of_type import bare, names_of_type
+from tfbus.cli.messages.message import checked_map, encode_values, read_map
+from tfbus.cli.messages.nearest import nearest
+from tfbus.cli.messages.of_type import bare, names_of_type
+from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
-from tfbus.cli.prototype import complete_request
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName

@@ -9,7 +9,7 @@ import click
 from tfbus.bus.handles import HeardWatch
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.message import (
+from tfbus.cli.messages.message import (
     checked_map,
     complete_values,
     encode_values,
@@ -17,9 +17,9 @@ from tfbus.cli.message import (
     read_map,
     supplied_type,
 )
+from tfbus.cli.messages.prototype import complete_message
 from tfbus.cli.output import as_json, say, warn
-from tfbus.cli.prototype import complete_message
-from tfbus.cli.topic_source import TELL_AFTER_S, type_of, visiting
+from tfbus.cli.topic.source import TELL_AFTER_S, type_of, visiting
 from tfbus.command.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.shells import SHELLS, script
+from tfbus.cli.completion.shells import SHELLS, script
 
 _PLACES = {
     "bash": "~/.local/share/bash-completion/completions/tfbus",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tfbus.cli.output import say, warn
-from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, why_silent
+from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
 from tfbus.wording import counted
 

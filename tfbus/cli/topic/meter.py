@@ -9,8 +9,8 @@ import click
 
 from tfbus.cli.bus import look
 from tfbus.cli.output import print_json, print_lines, say, table, warn
-from tfbus.cli.topic_reports import Report
-from tfbus.cli.topic_source import TELL_AFTER_S, subscribe, type_of, why_silent
+from tfbus.cli.topic.reports import Report
+from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, type_of, why_silent
 from tfbus.errors import BusError, DecodeError
 from tfbus.monitor.window import Reading, Window
 from tfbus.runtime.clock import SYSTEM_CLOCK

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
-from tfbus.cli.nearest import nearest
-from tfbus.cli.of_type import bare
+from tfbus.cli.messages.nearest import nearest
+from tfbus.cli.messages.of_type import bare
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name

@@ -11,8 +11,8 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
-from tfbus.cli.param_file import read_parameter_file
-from tfbus.cli.param_query import full_name_of, parameter_of, parameters_of, set_parameter
+from tfbus.cli.param.file import read_parameter_file
+from tfbus.cli.param.query import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import NodeName, ParameterName

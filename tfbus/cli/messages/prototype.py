@@ -6,7 +6,7 @@ from typing import Any, get_origin, get_type_hints
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.cli.message import supplied_names, supplied_type
+from tfbus.cli.messages.message import supplied_names, supplied_type
 from tfbus.command.types import matching, names_at
 from tfbus.wire.codec import as_map
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tfbus.cli.nearest import nearest
+from tfbus.cli.messages.nearest import nearest
 
 _PART = re.compile(r"[^.\[\]]+")
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli import topic_reports as reports
 from tfbus.cli.bus import look
-from tfbus.cli.message import reader_of
-from tfbus.cli.message_view import MessageFilter
-from tfbus.cli.meter import Meter, measure
+from tfbus.cli.messages.message import reader_of
+from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option
-from tfbus.cli.topic_source import type_of, visiting
+from tfbus.cli.topic.group import reports as reports
+from tfbus.cli.topic.meter import Meter, measure
+from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName

@@ -8,12 +8,12 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.inbox import Arrival, Inbox
-from tfbus.cli.message import Reader, reader_of
-from tfbus.cli.message_view import MessageFilter, Shortening, csv_row, part_of
+from tfbus.cli.messages.message import Reader, reader_of
+from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
-from tfbus.cli.topic_source import type_of, visiting
+from tfbus.cli.topic.inbox import Arrival, Inbox
+from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName

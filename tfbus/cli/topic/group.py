@@ -6,12 +6,12 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
-from tfbus.cli.of_type import names_of_type
+from tfbus.cli.messages.of_type import names_of_type
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.cli.topic_echo import echo_command
-from tfbus.cli.topic_measure import bw_command, delay_command, hz_command
-from tfbus.cli.topic_pub import pub_command
-from tfbus.cli.topic_source import find_topic
+from tfbus.cli.topic.echo import echo_command
+from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
+from tfbus.cli.topic.pub import pub_command
+from tfbus.cli.topic.source import find_topic
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.nearest import nearest
+from tfbus.cli.messages.nearest import nearest
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Protocol
 
-from tfbus.cli.nearest import nearest
+from tfbus.cli.messages.nearest import nearest
 from tfbus.errors import BusError
 
 

@@ -1,0 +1,1 @@
+"""`tfbus topic`, a file a verb."""

@@ -76,7 +76,7 @@ def kernel_extensions() -> list[Extension]:
 
 
 setup(
-    # `nodes` and `configs` stand beside the library in the repository, and inside it when installed.
+    # `nodes` and `configs` stand beside the library here, and inside it when installed.
     packages=[
         *find_packages(include=["tfbus", "tfbus.*"]),
         *(f"tfbus.{name}" for name in find_packages(include=["nodes", "nodes.*"])),

@@ -21,7 +21,7 @@ from benchmarks.bus.place import free_port
 from benchmarks.report import markdown_table
 
 ROOT = Path(__file__).parent.parent
-PROGRAMS = ROOT / "tests"
+PROGRAMS = ROOT / "tests" / "hosts"
 DOCS = ROOT / "docs"
 
 PUBLISHERS = [f"robot{number}" for number in range(6)]

@@ -34,7 +34,8 @@ from tfbus.frames.blocks import (
     json_line,
     tf2_block,
 )
-from tfbus.nodes.echo_answers import Question, answers
+
+from .echo_answers import Question, answers
 
 _STYLES = {"tf2": tf2_block, "foxy": foxy_block}
 _LINES = {"json": json_line, "csv": csv_line}

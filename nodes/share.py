@@ -21,7 +21,8 @@ from tfbus import (
     node_options,
 )
 from tfbus.command.names import own_name
-from tfbus.nodes.shared_view import SHARED, Recipient, View, look
+
+from .shared_view import SHARED, Recipient, View, look
 
 ALL = "all"
 # How often it is looked who is there, and tried again to join whom nothing could be shown to.

@@ -16,11 +16,12 @@ import click
 
 from tfbus import Node, NodeSettings, SystemClock, node_options
 from tfbus.messages import Color, Empty, Field, Kill, Spawn
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.interface import TurtleInterface
-from tfbus.nodes.turtle.turtle import TICK_S
-from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
-from tfbus.nodes.turtle.world import BACKGROUND, Snapshot, World
+
+from .turtle import field
+from .turtle.interface import TurtleInterface
+from .turtle.turtle import TICK_S
+from .turtle.window import DisplayError, Window, save_picture
+from .turtle.world import BACKGROUND, Snapshot, World
 
 FRAME_S = 1.0 / 60.0
 TICK_NS = round(TICK_S * 1e9)

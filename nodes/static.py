@@ -17,8 +17,9 @@ from tfbus import (
     node_options,
 )
 from tfbus.command.names import own_name
-from tfbus.nodes.static_edge import EdgeMistake, make_edge
-from tfbus.nodes.static_old_form import in_new_form
+
+from .static_edge import EdgeMistake, make_edge
+from .static_old_form import in_new_form
 
 
 class _Static(click.Command):
@@ -126,7 +127,7 @@ def _edge(frames: dict[str, str], numbers: dict[str, float], degrees: bool) -> T
 def _edges_of_file(path: Path, degrees: bool, *, alone: bool) -> list[TransformStamped]:
     if not alone:
         raise click.UsageError("--file says frames and numbers itself: give no others beside it")
-    from tfbus.nodes.static_file import read_edges  # YAML, which one edge does not need
+    from .static_file import read_edges  # YAML, which one edge does not need
 
     return read_edges(path, degrees=degrees)
 

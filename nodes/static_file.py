@@ -19,7 +19,8 @@ from pathlib import Path
 import yaml
 
 from tfbus import Buffer, InvalidArgumentException, TfbusError, TransformStamped
-from tfbus.nodes.static_edge import FRAMES, NUMBERS, EdgeMistake, make_edge
+
+from .static_edge import FRAMES, NUMBERS, EdgeMistake, make_edge
 
 _KEYS = (*FRAMES, *NUMBERS, "deg")
 _TRUTH = {"true": True, "false": False}

@@ -9,8 +9,9 @@ import click
 
 from tfbus import Node, NodeSettings, node_options
 from tfbus.messages import RotateAbsolute, Twist, Vector3
-from tfbus.nodes.keyboard import KeyReader
-from tfbus.nodes.terminal import RawTerminal
+
+from .keyboard import KeyReader
+from .terminal import RawTerminal
 
 BANNER = """\
 Reading from keyboard

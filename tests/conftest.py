@@ -1,216 +1,24 @@
-"""A bus for tests: on loopback only, on a port from the system, apart from any other bus."""
+"""Fixtures, options and settings that all tests share."""
 
-import asyncio
-import logging
-import os
-import re
-import socket
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from pathlib import Path
-from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
-from signal import signal as set_handler
-from typing import Any, TypeVar
 
 import hypothesis
 import pytest
 
-from tfbus import Buffer, Node, NodeSettings
-from tfbus.bus.session import Session
+from tests.live_bus import Bus
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
-pytest_plugins = ["tf2_versus", "fault_options", "stress_options", "view_pages"]
-
-T = TypeVar("T")
+pytest_plugins = [
+    "tests.tf2.versus",
+    "tests.hosts.fault_options",
+    "tests.buffer.stress_options",
+    "tests.view.pages",
+]
 
 # A machine that is busy with other tests takes its time over any example.
 hypothesis.settings.register_profile("patient", deadline=None)
 hypothesis.settings.load_profile("patient")
-
-DEADLINE_S = 20.0
-
-# Where the tests run in the background their children would inherit that these are ignored.
-if getsignal(SIGINT) == SIG_IGN:
-    set_handler(SIGINT, default_int_handler)
-if getsignal(SIGHUP) == SIG_IGN:
-    set_handler(SIGHUP, SIG_DFL)
-
-
-def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T:
-    """The first true value of the condition; an AssertionError where none comes in time."""
-    deadline = time.monotonic() + within_s
-    pause = threading.Event()
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"not within {within_s} s"
-        pause.wait(0.01)
-    return value
-
-
-async def somebody_waits(buffer: Buffer, count: int = 1) -> None:
-    """Let asyncio go on until so many wait in the buffer; a TimeoutError where they never do."""
-    async with asyncio.timeout(DEADLINE_S):
-        while buffer.waiting < count:
-            await asyncio.sleep(0)
-
-
-def free_port() -> int:
-    """A TCP port of the loopback interface that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-class Process:
-    """A process under test; what it prints is read as it comes."""
-
-    def __init__(self, command: Sequence[str], env: dict[str, str], cwd: Path | None = None):
-        self.command = command
-        self.popen = subprocess.Popen(
-            command,
-            env=env,
-            cwd=cwd,
-            text=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        self.pid = self.popen.pid
-        self.out: list[str] = []
-        self.err: list[str] = []
-        self._readers = [
-            threading.Thread(target=self._read, args=(stream, lines), daemon=True)
-            for stream, lines in ((self.popen.stdout, self.out), (self.popen.stderr, self.err))
-        ]
-        for reader in self._readers:
-            reader.start()
-
-    @staticmethod
-    def _read(stream: Iterator[str], lines: list[str]) -> None:
-        for line in stream:
-            lines.append(line.rstrip("\n"))
-
-    def wait_for_line(self, pattern: str, *, within_s: float = DEADLINE_S) -> str:
-        """The first line on stdout or stderr that has the pattern in it."""
-
-        def found() -> str | None:
-            lines = [*self.out, *self.err]
-            return next((line for line in lines if re.search(pattern, line)), None)
-
-        try:
-            return eventually(found, within_s=within_s)
-        except AssertionError:
-            raise AssertionError(
-                f"{pattern!r} was not printed by {' '.join(self.command)}\n"
-                f"stdout: {self.out}\nstderr: {self.err}"
-            ) from None
-
-    def signal(self, number: int) -> None:
-        """Send a signal to the process."""
-        self.popen.send_signal(number)
-
-    def stop(self, number: int = SIGINT) -> int:
-        """Send a signal and wait for the end: the exit code."""
-        if self.popen.poll() is None:
-            self.signal(number)
-        return self.wait()
-
-    def wait(self, *, within_s: float = DEADLINE_S) -> int:
-        """The exit code, once it has ended and all that it printed is read."""
-        code = self.popen.wait(within_s)
-        for reader in self._readers:
-            reader.join(within_s)
-        return code
-
-    def kill(self) -> None:
-        """End it and all its children, whatever they do."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.pid, SIGKILL)
-        self.popen.wait(DEADLINE_S)
-
-
-def _config(*, scouting_delay_ms: int = 500) -> str:
-    # On a busy machine a link may be silent for longer than tfbus allows by default, and without
-    # multicast peers that have lost each other take some time to meet again.
-    return (
-        f"{{scouting: {{multicast: {{enabled: false}}, delay: {scouting_delay_ms}}},"
-        " transport: {link: {tx: {lease: 60000}}},"
-        " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
-    )
-
-
-class Bus:
-    """Peers that meet on loopback without a router and without multicast."""
-
-    def __init__(self, folder: Path):
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self.config = folder / "zenoh.json5"
-        self.config.write_text(_config())
-        # A process has found the others when its session is open; a node of the test itself is
-        # open at once, and the test waits for what it needs.
-        self.quick_config = folder / "quick.json5"
-        self.quick_config.write_text(_config(scouting_delay_ms=10))
-        self.options = ["--config", str(self.config), "--connect", self.endpoint]
-        self.env = {
-            **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},
-            "TFBUS_CONFIG": str(self.config),
-            "TFBUS_CONNECT": self.endpoint,
-            "PYTHONUNBUFFERED": "1",
-            "COLUMNS": "80",
-        }
-        self._nodes: list[Node] = []
-        self._processes: list[Process] = []
-        meeting_point = NodeSettings("test", config=str(self.quick_config), listen=(self.endpoint,))
-        self._meeting_point = Session(meeting_point, logging.getLogger("test"))
-
-    def node(self, name: str, *, namespace: str = "", **given: Any) -> Node:
-        """A node in the process of the test; what is given are fields of NodeSettings."""
-        fields: dict[str, Any] = {
-            "config": str(self.quick_config),
-            "connect": (self.endpoint,),
-            **given,
-        }
-        node = Node(settings=NodeSettings(name, namespace=namespace, **fields))
-        self._nodes.append(node)
-        return node
-
-    def start(self, *arguments: str, env: dict[str, str] | None = None) -> Process:
-        """`tfbus ARGUMENTS` as a process that goes on."""
-        return self.start_command([sys.executable, "-m", "tfbus", *arguments], env=env)
-
-    def start_command(
-        self, command: Sequence[str], *, env: dict[str, str] | None = None, cwd: Path | None = None
-    ) -> Process:
-        """Any command as a process on this bus that goes on."""
-        process = Process(command, {**self.env, **(env or {})}, cwd)
-        self._processes.append(process)
-        return process
-
-    def run(
-        self, *arguments: str, env: dict[str, str] | None = None, stdin: str = ""
-    ) -> subprocess.CompletedProcess[str]:
-        """`tfbus ARGUMENTS`, run to its end."""
-        return subprocess.run(
-            [sys.executable, "-m", "tfbus", *arguments],
-            env={**self.env, **(env or {})},
-            input=stdin,
-            capture_output=True,
-            text=True,
-            timeout=DEADLINE_S * 3,
-        )
-
-    def close(self) -> None:
-        """End all that was started on it."""
-        for process in self._processes:
-            process.kill()
-        for node in reversed(self._nodes):
-            node.close()
-        self._meeting_point.close()
 
 
 @pytest.fixture

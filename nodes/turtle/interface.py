@@ -12,8 +12,9 @@ from tfbus.messages import (
     TeleportRelative,
     Twist,
 )
-from tfbus.nodes.turtle.turtle import Turtle
-from tfbus.nodes.turtle.world import World
+
+from .turtle import Turtle
+from .world import World
 
 
 class TurtleInterface:

@@ -8,9 +8,9 @@ from math import cos, degrees, radians, sin
 
 import pygame
 
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.view.turtle_colors import Livery, Rgb, livery
-from tfbus.nodes.turtle.world import Snapshot, TurtleView
+from . import field
+from .view.turtle_colors import Livery, Rgb, livery
+from .world import Snapshot, TurtleView
 
 # A sprite is a square of 1.5 m, so that head and legs of the 1 m turtle fit at every angle.
 _SPRITE_PX = round(1.5 * field.PIXELS_PER_M)

@@ -18,8 +18,9 @@ from tfbus.messages import (
     TeleportRelative,
     Twist,
 )
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.canvas import Canvas, Pen
+
+from . import field
+from .canvas import Canvas, Pen
 
 TICK_S = 0.016
 COMMAND_TIMEOUT_S = 1.0

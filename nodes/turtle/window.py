@@ -6,8 +6,9 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 
 from tfbus import TfbusError
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.world import Snapshot
+
+from . import field
+from .world import Snapshot
 
 _INSTALL = "pip install 'tfbus[sim]'"
 
@@ -24,7 +25,7 @@ class Window:
 
     def __init__(self, title: str) -> None:
         self._pygame = _import_pygame()
-        from tfbus.nodes.turtle.picture import Picture
+        from .picture import Picture
 
         _open_display()
         self._pygame.display.set_caption(title)
@@ -72,7 +73,7 @@ def save_picture(snapshot: Snapshot, path: Path) -> None:
     Needs no display. Raises DisplayError without pygame, or where the file cannot be written.
     """
     pygame = _import_pygame()
-    from tfbus.nodes.turtle.picture import Picture
+    from .picture import Picture
 
     surface = pygame.Surface((field.SIZE_PX, field.SIZE_PX))
     Picture(surface).draw(snapshot)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from tfbus import ServiceError
 from tfbus.messages import Color
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.canvas import Canvas
-from tfbus.nodes.turtle.turtle import Turtle, check_on_field
+
+from . import field
+from .canvas import Canvas
+from .turtle import Turtle, check_on_field
 
 BACKGROUND = Color(69, 86, 255)
 

@@ -38,6 +38,9 @@ TOOLS = {
     "topic": "List, show, print, measure and publish topics.",
     "why": "Say why SOURCE is not seen from TARGET, edge by edge, and what to do.",
 }
+# Tools of several files.
+_IN_PACKAGES = {"completion": "completion.command", "param": "param.group", "topic": "topic.group"}
+
 NODES = {
     "broadcaster": "Broadcast a turtle's frame and its drone's.",
     "carrot": "Broadcast a frame fixed to another one, or circling it.",
@@ -58,7 +61,7 @@ class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
     def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
-        """As click's own; a shell that completes is answered as `tfbus.cli.completion.shells` says."""
+        """As click's own; a shell that completes is answered by `completion.shells`."""
         if _COMPLETE_VARIABLE in os.environ:
             import_module("tfbus.cli.completion.shells")
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
@@ -143,7 +146,8 @@ def entry_points() -> dict[str, Any]:
 
 
 def _tool(name: str) -> click.Command:
-    command: click.Command = import_module(f"tfbus.cli.{name}").command
+    module = _IN_PACKAGES.get(name, name)
+    command: click.Command = import_module(f"tfbus.cli.{module}").command
     return command
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import viser
 
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.view.turtles import Turtles
 from tfbus.view.panels.markup import Channel, Html
+
+from .. import field
+from .turtles import Turtles
 
 # About the middle, in digits that fit.
 _MIDDLE = (round(field.MIDDLE_M, 1), round(field.MIDDLE_M, 1), 0.0)

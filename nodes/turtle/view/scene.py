@@ -7,10 +7,11 @@ import numpy as np
 import viser
 
 from tfbus import Transform
-from tfbus.nodes.turtle import field
-from tfbus.nodes.turtle.view.turtle_colors import Rgb, livery
-from tfbus.nodes.turtle.view.turtles import Picture, Turtles
 from tfbus.view.model.placement import Floats, Placed
+
+from .. import field
+from .turtle_colors import Rgb, livery
+from .turtles import Picture, Turtles
 
 # The frame in whose middle the field lies.
 WORLD = "world"

@@ -23,7 +23,8 @@ from tfbus.messages import (
     Twist,
     Vector3,
 )
-from tfbus.nodes.teleop import CANCEL, DRIVES, HEADINGS_RAD
+
+from ...teleop import CANCEL, DRIVES, HEADINGS_RAD
 
 # As the teleop's parameters scale_linear and scale_angular.
 _LINEAR_M_S = 2.0

@@ -1,0 +1,700 @@
+"""Streams: how they number and divide what they send, when they begin anew, what they keep."""
+
+import logging
+import sys
+import tracemalloc
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.live_bus import Bus, eventually
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    LookupException,
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBatch,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.broadcast.announcer import StreamFrames
+from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
+from tfbus.broadcast.options import StreamOptions
+from tfbus.broadcast.sender import TransformSender
+from tfbus.bus.retained import declare_retained_subscriber
+from tfbus.geometry.columns import Columns
+from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.transforms import TransformMessage, decode_transforms
+
+S = 1_000_000_000
+
+
+def at(
+    x: float = 0.0, child: str = "turtle1", *, parent: str = "world", stamp_ns: int = 100 * S
+) -> TransformStamped:
+    """`child` at (x, 0, 0) in `parent`."""
+    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
+
+
+# What a stream does, without a bus
+
+
+class Sent:
+    """Stands in for a session and an executor; remembers what is sent where."""
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[str, TransformMessage]] = []
+        self.epoch_ns = 0
+        self.back_ns: list[tuple[str, int]] = []
+
+    def publisher(self, key: str, *, urgent: bool = False) -> Any:
+        """A publisher of the key."""
+        return _Publisher(lambda payload: self.messages.append((key, decode_transforms(payload))))
+
+    def publishers_within(self, expression: str, *, urgent: bool) -> "Sent":
+        """Publishers of keys within."""
+        return self
+
+    def queryable(self, key: str, callback: object, *, long: bool) -> None:
+        """Nobody asks."""
+
+    def after(self, delay_s: float, callback: Callable[[], None]) -> None:
+        """Nothing happens later."""
+
+    def begin_epoch(self, child: str, back_ns: int) -> int:
+        """Epochs are 0, 1, 2 ..."""
+        self.back_ns.append((child, back_ns))
+        self.epoch_ns += 1
+        return self.epoch_ns
+
+    def sender(self, **options: Any) -> TransformSender:
+        """A sender of stream `sim`."""
+        here: Any = self
+        frames = StreamFrames("sim", _Publisher(lambda payload: None), lambda rows: b"", here)
+        return TransformSender(
+            "sim", StreamOptions(**options), 0, here, frames, frames.note, self.begin_epoch
+        )
+
+
+class _Publisher:
+    def __init__(self, put: Callable[[bytes], None]) -> None:
+        self.put = put
+
+
+def numbers_of(sent: Sent) -> list[tuple[str, int, int | None]]:
+    """Key, epoch and number of each message."""
+    return [(key, message.epoch_ns, message.seq) for key, message in sent.messages]
+
+
+def test_the_messages_of_a_stream_are_numbered() -> None:
+    """The messages of a key are numbered from 0, so that a listener knows which it missed."""
+    sent = Sent()
+    sender = sent.sender()
+    for frames in (["a"], ["a"], ["a", "b"], []):
+        sender.send(Columns.of_transforms(at(child=child) for child in frames))
+    assert numbers_of(sent) == [
+        ("tf/sim", 0, 0),
+        ("tf/sim", 0, 1),
+        ("tf/sim", 0, 2),
+        ("tf/sim", 0, 3),
+    ]
+
+
+def test_a_split_stream_has_a_key_a_frame() -> None:
+    """In a split stream each frame has its own key, and one message a send with its rows."""
+    sent = Sent()
+    sender = sent.sender(split=True)
+    sender.send(Columns.of_transforms([at(1, "a"), at(2, "b/c"), at(3, "a")]))
+    sender.send(Columns.of_transforms([at(4, "a", parent="map")]))
+    assert numbers_of(sent) == [("tf/sim/a", 0, 0), ("tf/sim/b%2Fc", 0, 0), ("tf/sim/a", 0, 1)]
+    rows = [
+        [(ts.frame_id, ts.child_frame_id, ts.transform.x) for ts in message.batch]
+        for _, message in sent.messages
+    ]
+    assert rows == [
+        [("world", "a", 1), ("world", "a", 3)],
+        [("world", "b/c", 2)],
+        [("map", "a", 4)],
+    ]
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
+    """A stream of frames that come and go for months does not grow, and forgets their stamps."""
+    sent = Sent()
+    sender = sent.sender(split=split, history_s=0)
+
+    def detect(number: int) -> None:
+        name = f"person{number}"
+        sender.send(Columns.of_transforms([at(child=name, stamp_ns=-number * 10 * S)]))
+        sender.remove(name)
+
+    for number in range(50):
+        detect(number)
+    sent.messages.clear()
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    for number in range(50, 1050):
+        detect(number)
+        sent.messages.clear()
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (after - before) / 1000 < 60  # bytes a frame, less than its name takes
+    assert sent.epoch_ns == 0
+
+
+sends = st.lists(
+    st.dictionaries(
+        st.sampled_from("abc"), st.integers(-3, 6).map(lambda s: s * S // 2), max_size=3
+    ),
+    max_size=12,
+)
+
+
+@settings(deadline=None)
+@given(sends, st.booleans())
+def test_an_epoch_ends_where_a_frame_goes_back_more_than_a_second(
+    sends: list[dict[str, int]], split: bool
+) -> None:
+    """Whatever is sent: a frame whose stamp is more than a second before its newest begins a new
+    epoch with that send, in which nothing is known of any frame and numbers begin at 0.
+    """
+    sent = Sent()
+    sender = sent.sender(split=split)
+    expected: list[tuple[str, int, int | None]] = []
+    newest: dict[str, int] = {}
+    numbers: dict[str, int] = {}
+    epoch = 0
+    for stamps in sends:
+        sender.send(Columns.of_transforms(at(child=f, stamp_ns=t) for f, t in stamps.items()))
+        if any(t < newest.get(f, t) - S for f, t in stamps.items()):
+            epoch, newest, numbers = epoch + 1, {}, {}
+        newest |= {f: max(t, newest.get(f, t)) for f, t in stamps.items()}
+        for key in [f"tf/sim/{f}" for f in stamps] if split else ["tf/sim"]:
+            expected.append((key, epoch, numbers.get(key, 0)))
+            numbers[key] = numbers.get(key, 0) + 1
+    assert numbers_of(sent) == expected
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.booleans(),
+            st.sampled_from(["a", "b"]),
+            st.sampled_from(["world", "map"]),
+            st.integers(0, 5).map(lambda s: s * S // 2),
+        ),
+        max_size=12,
+    ),
+    st.booleans(),
+)
+def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
+    sends: list[tuple[bool, str, str, int]], split: bool
+) -> None:
+    """Whatever is sent alone and whatever in batches, the messages are the same."""
+    mixed, batches = Sent(), Sent()
+    senders = mixed.sender(split=split), batches.sender(split=split)
+    for number, (alone, child, parent, stamp_ns) in enumerate(sends):
+        transform = at(number, child, parent=parent, stamp_ns=stamp_ns)
+        columns = Columns.of_transforms([transform])
+        if alone:
+            senders[0].send_one(transform)
+        else:
+            senders[0].send(columns)
+        senders[1].send(columns)
+    assert numbers_of(mixed) == numbers_of(batches)
+    assert [list(message.batch) for _, message in mixed.messages] == [
+        list(message.batch) for _, message in batches.messages
+    ]
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.lists(st.sampled_from("abcd"), max_size=4), st.integers(0, 5))))
+def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
+    """Of each frame the newest stamp is known, also where a send has a frame twice."""
+    newest = NewestStamps()
+    known: dict[str, int] = {}
+    for number, (children, seconds) in enumerate(sends):
+        if number % 5 == 4:
+            newest.forget("a")
+            known.pop("a", None)
+        stamps = [seconds * S + i for i in range(len(children))]
+        late = [i for i, f in enumerate(children) if stamps[i] < known.get(f, 0) - MOST_BACK_NS]
+        rows = newest.rows(children)
+        assert newest.note(rows, np.array(stamps, dtype=np.int64)) == (late[0] if late else None)
+        if not late:
+            for child, stamp in zip(children, stamps, strict=True):
+                known[child] = max(stamp, known.get(child, 0))
+            assert [newest.newest_ns(row) for row in rows] == [known[f] for f in children]
+
+
+def rows_of(count: int, stamp_ns: int) -> TransformBatch:
+    """So many frames of the world, all at its origin."""
+    edges = np.zeros((count, 2), dtype=np.uint32)
+    edges[:, 1] = np.arange(count) + 1
+    poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (count, 1))
+    names = ("world", *map(str, range(count)))
+    return TransformBatch(names, edges, np.full(count, stamp_ns), poses)
+
+
+@pytest.mark.parametrize("stamp_ns", [-(2**63), 2**63 - 1])
+def test_stamps_at_the_end_of_time_begin_no_epoch(stamp_ns: int) -> None:
+    """A batch may have any stamp that 64 bits hold; buffers judge whether it makes sense."""
+    sent = Sent()
+    sender = sent.sender()
+    for count in (1, 2, 1):
+        sender.send(Columns.of_batch(rows_of(count, stamp_ns)))
+    assert [message.epoch_ns for _, message in sent.messages] == [0, 0, 0]
+
+
+def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
+    """What sends have in common is remembered within bounds, and forgotten without harm."""
+    sent = Sent()
+    sender = sent.sender()
+    for count in (30_000, 29_999, 30_000):
+        sender.send(Columns.of_batch(rows_of(count, 100 * S)))
+    assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
+    assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)
+
+
+# On a bus
+
+
+@pytest.fixture
+def sender(bus: Bus) -> Node:
+    return bus.node("sender")
+
+
+@pytest.fixture
+def receiver(bus: Bus) -> Node:
+    return bus.node("receiver")
+
+
+@pytest.fixture
+def buffer(receiver: Node) -> Iterator[Buffer]:
+    """The buffer of the receiver's listener."""
+    buffer = Buffer()
+    with TransformListener(buffer, receiver):
+        yield buffer
+
+
+def answers(node: Node, selector: str) -> list[tuple[str, str, float]]:
+    """What the streams have kept: key, child and x of each first transform."""
+    found = []
+    for answer in node.session.ask(selector):
+        assert answer.refusal is None, answer.refusal
+        first = next(iter(decode_transforms(answer.payload).batch))
+        found.append((answer.key, first.child_frame_id, first.transform.x))
+    return found
+
+
+def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
+    """Send again and again until the condition holds, as a broadcaster does."""
+
+    def sent() -> bool:
+        broadcast()
+        return condition()
+
+    eventually(sent)
+
+
+def test_a_stream_answers_what_it_sent_last(sender: Node, receiver: Node) -> None:
+    """Who joins can ask a stream for what it sent in the last seconds, oldest first."""
+    broadcaster = TransformBroadcaster(sender)
+    for x in range(300):
+        broadcaster.send_transform(at(x))
+    wanted = [("tf/sender", "turtle1", x) for x in range(300)]
+    eventually(lambda: answers(receiver, "tf/**?last_s=60") == wanted)
+    assert answers(receiver, "tf/sender") == wanted
+    assert answers(receiver, "tf/sender?last_s=0") == []
+
+
+def test_a_stream_answers_nothing_of_what_it_removed(sender: Node, receiver: Node) -> None:
+    """A frame that was removed is not in what the stream has kept, unless it was sent again."""
+    broadcaster = TransformBroadcaster(sender)
+    broadcaster.send_transform([at(1, "robot"), at(2, "arm")])
+    broadcaster.remove("robot")
+    broadcaster.send_transform([at(3, "robot"), at(4, "arm")])
+    eventually(lambda: answers(receiver, "tf/sender"))
+    assert answers(receiver, "tf/sender") == [("tf/sender", "arm", 2), ("tf/sender", "robot", 3)]
+
+
+def test_a_split_stream_answers_for_one_frame(sender: Node, receiver: Node) -> None:
+    """Of a split stream the history of one frame can be asked for, or of all."""
+    broadcaster = TransformBroadcaster(sender, split=True)
+    for x in (1, 2):
+        broadcaster.send_transform([at(x, "a"), at(x, "b")])
+    wanted = [("tf/sender/b", "b", 1), ("tf/sender/b", "b", 2)]
+    eventually(lambda: answers(receiver, "tf/sender/b?last_s=60") == wanted)
+    assert len(answers(receiver, "tf/sender/**?last_s=60")) == 4
+
+
+@pytest.mark.parametrize("last_s", ["x", "-1", "nan", ""])
+def test_a_history_of_no_number_of_seconds_is_refused(
+    last_s: str, sender: Node, receiver: Node
+) -> None:
+    """A question for the history that makes no sense is refused with what is allowed."""
+    TransformBroadcaster(sender).send_transform(at())
+    refused = eventually(lambda: list(receiver.session.ask(f"tf/sender?last_s={last_s}")))
+    assert [answer.refusal for answer in refused] == [
+        f"last_s is {last_s!r}; it is a number of seconds, 0 or more"
+    ]
+
+
+def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) -> None:
+    """With `history_s=0` a stream keeps nothing, and there is nobody to ask."""
+    TransformBroadcaster(sender, history_s=0).send_transform(at(1))
+    TransformBroadcaster(sender, stream="other").send_transform(at(2))
+    eventually(lambda: answers(receiver, "tf/**?last_s=60") == [("tf/other", "turtle1", 2)])
+
+
+def test_one_frame_of_a_split_stream_can_be_heard_alone(sender: Node, receiver: Node) -> None:
+    """Who subscribes to the key of one frame hears no other frame."""
+    heard: list[str] = []
+    receiver.session.subscriber("tf/sender/b", lambda key, payload: heard.append(key))
+    broadcaster = TransformBroadcaster(sender, split=True)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "a"), at(2, "b")]), lambda: len(heard) >= 3
+    )
+    assert set(heard) == {"tf/sender/b"}
+
+
+def test_ten_thousand_frames_go_in_one_send(sender: Node, receiver: Node) -> None:
+    """One call sends ten thousand transforms in one message, which arrives as a whole or not."""
+    counts: set[int] = set()
+    receiver.session.subscriber(
+        "tf/sender", lambda key, payload: counts.add(len(decode_transforms(payload).batch))
+    )
+    broadcaster = TransformBroadcaster(sender)
+    batch = rows_of(10_000, 100 * S)
+    send_until(lambda: broadcaster.send_transform(batch), lambda: bool(counts))
+    assert counts == {10_000}
+
+
+def test_thousands_of_frames_have_a_key_each(sender: Node, receiver: Node) -> None:
+    """A split stream of thousands of frames is made at once, and all of its keys are heard."""
+    heard: set[str] = set()
+    receiver.session.subscriber("tf/sender/*", lambda key, payload: heard.add(key))
+    broadcaster = TransformBroadcaster(sender, split=True)
+    batch = rows_of(3_000, 100 * S)
+    send_until(lambda: broadcaster.send_transform(batch), lambda: len(heard) == 3_000)
+
+
+def test_a_split_stream_fills_a_buffer(sender: Node, buffer: Buffer) -> None:
+    """A listener hears all frames of a split stream, of one authority."""
+    broadcaster = TransformBroadcaster(sender, split=True)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "arm"), at(2, "hand/left", parent="arm")]),
+        lambda: buffer.can_transform("world", "hand/left"),
+    )
+    assert buffer.lookup_transform("world", "hand/left").transform.x == 3
+    assert buffer.frame("hand/left").authority == "sender"
+
+
+def test_a_clock_that_goes_back_begins_a_new_epoch(sender: Node, buffer: Buffer) -> None:
+    """Where stamps go back by more than a second listeners forget what was; statics stay."""
+    StaticTransformBroadcaster(sender).send_transform(at(5, "camera"))
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform(at(1, stamp_ns=100 * S)),
+        lambda: buffer.can_transform("camera", "turtle1", 100 * S),
+    )
+    send_until(
+        lambda: broadcaster.send_transform(at(2, stamp_ns=98 * S)),
+        lambda: buffer.can_transform("camera", "turtle1", 98 * S),
+    )
+    assert not buffer.can_transform("camera", "turtle1", 100 * S)
+
+
+def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
+    sender: Node, receiver: Node
+) -> None:
+    """Description and static transforms have the epoch of what moves; the history begins anew."""
+    descriptions = describe_to(receiver)
+    statics: list[TransformMessage] = []
+    declare_retained_subscriber(
+        receiver.session, "tf_static/*", lambda key, data: statics.append(decode_transforms(data))
+    )
+    StaticTransformBroadcaster(sender).send_transform(at(5, "camera"))
+    broadcaster = TransformBroadcaster(sender)
+    for x, seconds in enumerate((100, 101, 98)):
+        broadcaster.send_transform(at(x, stamp_ns=seconds * S))
+    eventually(lambda: statics and statics[-1].epoch_ns > sender.started_ns)
+    epoch_ns = statics[-1].epoch_ns
+    eventually(lambda: descriptions and descriptions[-1].epoch == epoch_ns)
+    assert descriptions[-1].started_ns == sender.started_ns
+    assert statics[-1].seq == 0
+    assert answers(receiver, "tf/**?last_s=60") == [("tf/sender", "turtle1", 2)]
+
+
+def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
+    """One line of the log tells which frame went back, and by how much; more in a row are not."""
+    lines: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
+    sender.log.addHandler(handler)
+    broadcaster = TransformBroadcaster(sender)
+    for seconds in (100, 97, 94):
+        broadcaster.send_transform(at(stamp_ns=seconds * S))
+    assert lines == [
+        "The stamps of frame 'turtle1' went back by 3.000 s: stream 'sender' begins anew, what was "
+        "sent before counts no more, static transforms stay"
+    ]
+
+
+def test_a_stream_of_two_clocks_is_told_of_once(sender: Node) -> None:
+    """Where a frame goes back again and again, one warning names it and says what to do."""
+    lines: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
+    sender.log.addHandler(handler)
+    broadcaster = TransformBroadcaster(sender)
+    for number in range(30):
+        # The arm's stamps come in disorder, far apart.
+        broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
+    (line,) = lines
+    assert line.startswith(
+        "Stream 'sender' began anew 10 times, each within 5 s of the last, now for frame 'arm': "
+    )
+    assert line.endswith("has a clock of its own, send it from a stream of its own (stream=...)")
+
+
+def describe_to(node: Node) -> list[StreamDescription]:
+    """The descriptions that the node hears from now on."""
+    heard: list[StreamDescription] = []
+
+    def on_change(state: StreamState) -> None:
+        if state.description is not None:
+            heard.append(state.description)
+
+    StreamWatch(node.session, on_change)
+    return heard
+
+
+def test_a_description_tells_how_a_stream_sends(sender: Node, receiver: Node) -> None:
+    """Priority, split and the seconds kept are in the description, also before anything is sent."""
+    descriptions = describe_to(receiver)
+    TransformBroadcaster(sender, stream="arm", split=True, priority=-3, history_s=2.5)
+    eventually(lambda: bool(descriptions))
+    told = descriptions[-1]
+    assert (told.frames, told.split, told.priority, told.history_s) == ((), True, -3, 2.5)
+
+
+def test_a_frame_that_moves_to_another_parent_and_back_is_described_so(
+    sender: Node, receiver: Node
+) -> None:
+    """The description tells where each frame hangs now, however often it moves."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+    for parent in ("table", "hand", "table", "hand", "table"):
+        broadcaster.send_transform(at(child="box", parent=parent))
+        wanted = ((parent, "box", False),)
+        eventually(lambda wanted=wanted: descriptions and descriptions[-1].frames == wanted)
+
+
+def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node) -> None:
+    """A stream in which nothing moves has no history to ask for."""
+    descriptions = describe_to(receiver)
+    StaticTransformBroadcaster(sender).send_transform(at(1, "camera"))
+    eventually(lambda: descriptions and descriptions[-1].frames)
+    assert descriptions[-1].history_s == 0.0
+
+
+def test_frames_that_come_one_by_one_are_described_together(sender: Node, receiver: Node) -> None:
+    """A thousand new frames, sent one after the other, are told in a few descriptions."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+    broadcaster.send_transform(at(child="first"))
+    eventually(lambda: bool(descriptions))
+    for number in range(1000):
+        broadcaster.send_transform(at(child=str(number)))
+    eventually(lambda: len(descriptions[-1].frames) == 1001)
+    assert len(descriptions) < 100
+
+
+def test_a_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
+    """A frame that is removed goes from every listener's buffer; the others stay."""
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform([at(1, "arm"), at(2, "leg")]),
+        lambda: buffer.can_transform("arm", "leg"),
+    )
+    broadcaster.remove("arm")
+    eventually(lambda: "arm" not in buffer.frames())
+    assert buffer.can_transform("world", "leg")
+    send_until(
+        lambda: broadcaster.send_transform(at(3, "arm")), lambda: buffer.can_transform("arm", "leg")
+    )
+
+
+def test_a_static_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
+    """A static frame that is removed goes from every listener's buffer, and late ones too."""
+    broadcaster = StaticTransformBroadcaster(sender)
+    broadcaster.send_transform([at(1, "camera"), at(2, "lidar")])
+    eventually(lambda: buffer.can_transform("camera", "lidar"))
+    broadcaster.remove("camera")
+    eventually(lambda: "camera" not in buffer.frames())
+    assert buffer.can_transform("world", "lidar")
+
+
+def test_a_static_frame_that_moves_now_is_static_no_more(
+    sender: Node, receiver: Node, buffer: Buffer
+) -> None:
+    """Who sends a static frame as moving can take it out, for those who come later too."""
+    static, moving = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    static.send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: buffer.can_transform("arm", "lamp"))
+    send_until(
+        lambda: moving.send_transform(at(3, "arm")),
+        lambda: buffer.lookup_transform("world", "arm").transform.x == 3,
+    )
+    moving.remove("arm")
+    eventually(lambda: "arm" not in buffer.frames())
+    static.send_transform(at(4, "post"))
+    late = Buffer()
+    with TransformListener(late, receiver):
+        for each in (buffer, late):
+            eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
+
+
+def test_a_static_frame_that_begins_to_move_is_never_missing(
+    sender: Node, receiver: Node, buffer: Buffer
+) -> None:
+    """The set of static frames is sent without it, and it stays where it was sent to last."""
+    changes: list[str] = []
+    buffer.on_change(lambda change: changes.append(change.kind))
+    sets: list[list[str]] = []
+    declare_retained_subscriber(
+        receiver.session,
+        "tf_static/*",
+        lambda key, data: sets.append([ts.child_frame_id for ts in decode_transforms(data).batch]),
+    )
+    StaticTransformBroadcaster(sender).send_transform([at(1, "arm"), at(2, "lamp")])
+    eventually(lambda: buffer.can_transform("arm", "lamp"))
+    broadcaster = TransformBroadcaster(sender)
+    send_until(
+        lambda: broadcaster.send_transform(at(3, "arm")), lambda: sets and sets[-1] == ["lamp"]
+    )
+    eventually(lambda: buffer.lookup_transform("world", "arm").transform.x == 3)
+    assert "removed" not in changes
+
+
+def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Node) -> None:
+    """However short a frame was there, others are told that it was, and then that it is not."""
+    descriptions = describe_to(receiver)
+    broadcaster = TransformBroadcaster(sender)
+
+    def told() -> bool:
+        children = [[child for _, child, _ in told.frames] for told in descriptions]
+        at = children.index(["leg", "arm"]) if ["leg", "arm"] in children else len(children)
+        return ["leg"] in children[at:]
+
+    def send_and_remove() -> None:
+        broadcaster.send_transform([at(1, "leg"), at(2, "arm")])
+        broadcaster.remove("arm")
+
+    send_until(send_and_remove, told)
+
+
+def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
+    """Removing what the stream does not send is an error that says what it sends."""
+    broadcaster, static = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
+    with pytest.raises(LookupException, match="sends no frame 'leg'; it sends none"):
+        broadcaster.remove("leg")
+    broadcaster.send_transform([at(child=f"leg{number}") for number in range(7)])
+    static.send_transform(at(child="camera"))
+    with pytest.raises(LookupException) as caught:
+        broadcaster.remove("leg")
+    assert str(caught.value) == (
+        "stream 'sender' sends no frame 'leg'; "
+        "it sends 'leg0', 'leg1', 'leg2', 'leg3', 'leg4' and 2 more"
+    )
+    assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
+    with pytest.raises(LookupException, match="sends no static frame 'leg'; it sends 'camera'"):
+        static.remove("leg")
+    with pytest.raises(InvalidArgumentException, match="remove it by a StaticTransformBroadcaster"):
+        broadcaster.remove("camera")
+    with pytest.raises(InvalidArgumentException, match="remove it by a TransformBroadcaster"):
+        static.remove("leg1")
+
+
+def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
+    """Two broadcasters of one stream ask for the same, and the second is told where not."""
+    TransformBroadcaster(sender, split=True, priority=1)
+    TransformBroadcaster(sender, split=True, priority=1)
+    TransformBroadcaster(sender, stream="other")
+    with pytest.raises(InvalidArgumentException) as caught:
+        TransformBroadcaster(sender)
+    assert str(caught.value) == (
+        "stream 'sender' is sent with split=True, priority=1, history_s=10, not with split=False, "
+        "priority=0, history_s=10: ask for the same, or name another stream (stream=...)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"history_s": -1}, "history_s is -1; it is a number of seconds, 0 or more"),
+        ({"history_s": float("inf")}, "history_s is inf; it is a number of seconds, 0 or more"),
+        ({"history_s": float("nan")}, "history_s is nan; it is a number of seconds, 0 or more"),
+        ({"priority": 2**31}, "priority is 2147483648; it is an integer of 32 bits"),
+    ],
+)
+def test_impossible_options_are_refused(options: dict[str, Any], reason: str, sender: Node) -> None:
+    """What a stream cannot be is refused where its broadcaster is made."""
+    with pytest.raises(InvalidArgumentException) as caught:
+        TransformBroadcaster(sender, **options)
+    assert str(caught.value) == reason
+
+
+@pytest.mark.parametrize("name", ["", "/leg"])
+def test_a_batch_with_a_name_of_no_frame_is_refused(name: str, sender: Node) -> None:
+    """What no buffer would take is refused where it is sent."""
+    poses = np.array([[0, 0, 0, 0, 0, 0, 1.0]])
+    batch = TransformBatch(("world", name), np.uint32([[0, 1]]), np.array([100 * S]), poses)
+    with pytest.raises(InvalidArgumentException):
+        TransformBroadcaster(sender).send_transform(batch)
+
+
+def test_two_streams_of_a_node_may_send_one_frame(sender: Node, receiver: Node) -> None:
+    """Which of two streams counts for a frame is judged by those who listen."""
+    heard: set[str] = set()
+    receiver.session.subscriber("tf/*", lambda key, payload: heard.add(key))
+    broadcasters = [TransformBroadcaster(sender, stream=stream) for stream in ("left", "right")]
+
+    def send_both() -> None:
+        for broadcaster in broadcasters:
+            broadcaster.send_transform(at())
+
+    send_until(send_both, lambda: heard == {"tf/left", "tf/right"})
+
+
+PUBLISHER = """
+import time
+from tfbus import *
+with Node("robot") as node:
+    broadcaster = TransformBroadcaster(node, split=True)
+    for number in range(3):
+        pose = Transform((number, 0, 0))
+        broadcaster.send_transform(TransformStamped(number * 10**9, "world", "base", pose))
+    node.spin()
+"""
+
+
+def test_a_listener_of_another_process_has_what_was_sent_before_it(bus: Bus) -> None:
+    """A listener that asks for history knows what another process sent before it was there."""
+    bus.start_command([sys.executable, "-c", PUBLISHER]).wait_for_line("ready")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("late"), history_s=60.0):
+        eventually(lambda: buffer.can_transform("world", "base", 500_000_000))
+    assert buffer.lookup_transform("world", "base", 500_000_000).transform.x == 0.5
+    assert buffer.lookup_transform("world", "base").transform.x == 2

@@ -1,0 +1,211 @@
+"""Waiting for a transform, in threads and in asyncio: woken by what matters, and only that."""
+
+import asyncio
+import threading
+
+import pytest
+
+from tests.live_bus import eventually, somebody_waits
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.waiting import Waiter
+from tfbus.errors import (
+    FutureExtrapolationException,
+    LookupException,
+    PastExtrapolationException,
+    TimeoutException,
+)
+from tfbus.geometry.transform import Transform, TransformStamped
+
+S = 1_000_000_000
+
+
+def moved(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> TransformStamped:
+    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
+
+
+def waiting(buffer: Buffer, count: int = 1) -> None:
+    """Return when so many wait in the buffer."""
+    eventually(lambda: buffer.waiting >= count)
+
+
+class Lookup(threading.Thread):
+    """One blocking lookup in a thread of its own."""
+
+    def __init__(self, buffer: Buffer, *question: object, timeout_s: float = 10.0) -> None:
+        super().__init__(daemon=True)
+        self._ask = lambda: buffer.lookup_transform(*question, timeout_s=timeout_s)
+        self.answer: object = None
+        self.start()
+
+    def run(self) -> None:
+        try:
+            self.answer = self._ask()
+        except Exception as error:
+            self.answer = error
+
+    def result(self) -> object:
+        self.join(10.0)
+        assert not self.is_alive()
+        return self.answer
+
+
+def test_a_lookup_waits_for_the_future():
+    """It returns when the edges of its path have come to its time."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    lookup = Lookup(buffer, "world", "robot", 10)
+    waiting(buffer)
+    buffer.set_transform(moved(5, "world", "robot"))
+    buffer.set_transform(moved(15, "world", "robot", 2.0))
+    assert lookup.result().transform.x == 1.0
+
+
+def test_a_lookup_waits_for_frames_that_nobody_knows_yet():
+    """Unknown frames, and trees that are not joined, may come."""
+    buffer = Buffer()
+    lookup = Lookup(buffer, "world", "hand")
+    waiting(buffer)
+    buffer.set_transform(moved(1, "robot", "hand", 1.0))
+    buffer.set_transform(moved(1, "world", "map", 1.0))
+    buffer.set_transform(moved(1, "map", "robot", 1.0))
+    assert lookup.result().transform.x == 3.0
+
+
+def test_time_travel_waits_too():
+    """lookup_transform_full waits for both of its times."""
+    buffer = Buffer()
+    for i in range(3):
+        buffer.set_transform(moved(i, "world", "robot", float(i)))
+    answers: list[float] = []
+
+    def ask() -> None:
+        answer = buffer.lookup_transform_full("robot", 5, "robot", 1, "world", timeout_s=10.0)
+        answers.append(answer.transform.x)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    waiting(buffer)
+    buffer.set_transform(moved(5, "world", "robot", 5.0))
+    thread.join(10.0)
+    assert answers == [-4.0]
+
+
+def test_after_the_timeout_the_error_says_what_was_missing():
+    """TimeoutException carries the error that there was without waiting."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    buffer.set_transform(moved(S, "world", "robot"))
+    with pytest.raises(TimeoutException) as caught:
+        buffer.lookup_transform("world", "robot", 2 * S, timeout_s=0.01)
+    assert isinstance(caught.value.reason, FutureExtrapolationException)
+    assert not buffer.can_transform("world", "robot", 2 * S, timeout_s=0.01)
+    assert buffer.waiting == 0
+
+
+def test_the_past_is_not_waited_for():
+    """A time older than the oldest sample fails at once, whatever the timeout."""
+    buffer = Buffer()
+    buffer.set_transform(moved(S, "world", "robot"))
+    buffer.set_transform(moved(2 * S, "world", "robot"))
+    with pytest.raises(PastExtrapolationException):
+        buffer.lookup_transform("world", "robot", 0, timeout_s=600.0)
+
+
+def test_a_waiter_fails_as_soon_as_its_time_has_fallen_out():
+    """While it waits for one edge, its time leaves the history of another: it gives up then."""
+    buffer = Buffer(1.0)
+    buffer.set_transform(moved(0, "world", "robot"))
+    buffer.set_transform(moved(S, "world", "robot"))
+    buffer.set_transform(moved(0, "robot", "arm"))
+    lookup = Lookup(buffer, "world", "arm", S // 2, timeout_s=600.0)
+    waiting(buffer)
+    buffer.set_transform(moved(9 * S, "world", "robot"))
+    buffer.set_transform(moved(10 * S, "world", "robot"))
+    assert isinstance(lookup.result(), PastExtrapolationException)
+
+
+def test_only_edges_of_the_path_wake_a_waiter():
+    """Samples of other edges, and of a time before its own, leave it asleep."""
+    buffer = Buffer()
+    for child in ("robot", "other"):
+        buffer.set_transform(moved(0, "world", child))
+        buffer.set_transform(moved(S, "world", child))
+    woken: list[int] = []
+    waiter = Waiter(lambda: woken.append(1))
+    buffer._waiters.add(waiter)
+    buffer._watch(waiter, (("world", "robot", 5 * S),))
+    buffer.set_transform(moved(6 * S, "world", "other"))
+    buffer.set_transform(moved(4 * S, "world", "robot"))
+    buffer.set_transform(moved(6 * S, "robot", "new"))
+    assert woken == []
+    buffer.set_transform(moved(5 * S, "world", "robot"))
+    assert woken == [1]
+    buffer._waiters.discard(waiter)
+
+
+def test_a_new_parent_on_the_path_wakes_a_waiter():
+    """A path may become another one: who waits looks again."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    buffer.set_transform(moved(0, "map", "table", 7.0))
+    lookup = Lookup(buffer, "map", "robot", 10)
+    waiting(buffer)
+    buffer.set_transform(moved(0, "table", "robot", 1.0), static=True)
+    waiting(buffer)
+    buffer.set_transform(moved(10, "map", "table", 7.0))
+    assert lookup.result().transform.x == 8.0
+
+
+def test_thousands_wait_at_once():
+    """Each of many waiters is woken when its own time comes."""
+    buffer = Buffer(1e6)
+    buffer.set_transform(moved(0, "world", "robot"))
+
+    async def everybody() -> list[float]:
+        tasks = [
+            asyncio.create_task(buffer.wait_for_transform("world", "robot", i, timeout_s=60))
+            for i in range(1, 3001)
+        ]
+        await somebody_waits(buffer, len(tasks))
+        for i in range(1, 3001):
+            buffer.set_transform(moved(i, "world", "robot", float(i)))
+        return [(await task).transform.x for task in tasks]
+
+    assert asyncio.run(everybody()) == [float(i) for i in range(1, 3001)]
+    assert buffer.waiting == 0
+
+
+def test_awaiting_has_a_timeout_and_can_be_cancelled():
+    """Neither leaves anything behind in the buffer."""
+    buffer = Buffer()
+
+    async def ask() -> None:
+        with pytest.raises(TimeoutException) as caught:
+            await buffer.wait_for_transform("world", "robot", timeout_s=0.01)
+        assert isinstance(caught.value.reason, LookupException)
+        task = asyncio.create_task(buffer.wait_for_transform("world", "robot"))
+        await somebody_waits(buffer)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(ask())
+    assert buffer.waiting == 0
+
+
+def test_an_insert_in_another_thread_wakes_the_event_loop():
+    """Who awaits is answered although the data came in a thread."""
+    buffer = Buffer()
+
+    async def ask() -> float:
+        task = asyncio.create_task(buffer.wait_for_transform("world", "robot", timeout_s=10.0))
+        await somebody_waits(buffer)
+        thread = threading.Thread(
+            target=lambda: buffer.set_transform(moved(1, "world", "robot", 4.0))
+        )
+        thread.start()
+        answer = await task
+        thread.join()
+        return answer.transform.x
+
+    assert asyncio.run(ask()) == 4.0

@@ -1,0 +1,64 @@
+"""Threads that are not Python's own, kept from one callback to the next."""
+
+import sys
+
+import pytest
+
+from tests.live_bus import Bus
+from tests.processes.publishers import launch
+
+# Ends in the middle of what comes in, without closing anything.
+NO_CLOSE = """
+import tfbus
+buffer = tfbus.Buffer()
+node = tfbus.Node("listener")
+listener = tfbus.TransformListener(buffer, node)
+buffer.lookup_transform("map", "base", timeout_s=20.0)
+print("ends", flush=True)
+"""
+
+# A child of a fork has no threads of Zenoh's, and must not need them to end.
+FORK = """
+import multiprocessing, os, sys, tfbus
+buffer = tfbus.Buffer()
+with tfbus.Node("listener") as node, tfbus.TransformListener(buffer, node):
+    buffer.lookup_transform("map", "base", timeout_s=20.0)
+    child = os.fork()
+    if not child:
+        os._exit(7)
+    print("fork", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+    worker = multiprocessing.get_context("fork").Process(target=print, args=("worker",))
+    worker.start()
+    worker.join(20.0)
+    print("exit", worker.exitcode, flush=True)
+    stamp = buffer.lookup_transform("map", "base").stamp_ns
+    while buffer.lookup_transform("map", "base").stamp_ns == stamp:
+        node.wait(0.01)
+"""
+
+
+@pytest.fixture
+def busy(bus: Bus) -> Bus:
+    """A bus on which something moves all the time."""
+    moving = [argument for child in "abcdefgh" for argument in ("--moving", f"base:{child}")]
+    for name in ("one", "two"):
+        edges = ("--moving", "map:base") if name == "one" else moving
+        launch(bus, name, *edges)
+    return bus
+
+
+def test_a_process_ends_in_the_middle_of_what_it_hears(busy: Bus) -> None:
+    """A program that closes nothing ends all the same, with 0 and in silence."""
+    for _ in range(3):
+        process = busy.start_command([sys.executable, "-c", NO_CLOSE])
+        process.wait_for_line("ends")
+        assert process.wait() == 0
+        assert process.err == []
+
+
+def test_a_process_that_hears_may_fork(busy: Bus) -> None:
+    """A child of a fork ends as it should, and its parent hears on."""
+    process = busy.start_command([sys.executable, "-c", FORK])
+    process.wait_for_line("exit")
+    assert process.wait() == 0
+    assert process.out == ["fork 7", "worker", "exit 0"]

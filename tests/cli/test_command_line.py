@@ -1,0 +1,411 @@
+"""The command line: exact output, exit codes, and one sentence for each mistake."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import click
+import pytest
+
+from tests.live_bus import Bus, Process, eventually, free_port
+from tfbus import GoalHandle
+from tfbus.bus.handles import Declaration
+from tfbus.bus.query import Query
+from tfbus.cli import NODES, TOOLS, main
+from tfbus.messages import RotateAbsolute, SetPen, Spawn
+from tfbus.wire.codec import encode_map
+
+_RESULT = RotateAbsolute.Result(-1.5)
+
+A_NODE = "import tfbus; tfbus.Node.from_args('mine').spin()"
+
+
+def run(bus: Bus, *arguments: str) -> tuple[int, list[str], list[str]]:
+    """Exit code, lines of stdout, lines of stderr."""
+    done = bus.run(*arguments)
+    assert "Traceback" not in done.stdout + done.stderr
+    return done.returncode, done.stdout.splitlines(), done.stderr.splitlines()
+
+
+def serve(bus: Bus) -> None:
+    """A node /robot7/sim and a node /sim that offer a bit of everything."""
+    bus.node("sim", namespace="robot7").declare_parameter("rate", 2.5)
+    node = bus.node("sim")
+    node.declare_parameter("background_r", 69, minimum=0, maximum=255)
+    node.declare_parameter("holonomic", False)
+    node.declare_parameter("title", "Turtles")
+    node.create_publisher(Spawn.Response, "names")
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response(request.name))
+    node.create_goal_server(
+        RotateAbsolute,
+        "rotate",
+        lambda handle: (
+            handle.feedback(RotateAbsolute.Feedback(0.5)),
+            handle.succeed(RotateAbsolute.Result(-1.5)),
+        ),
+    )
+
+
+class TestTools:
+    def test_node_list(self, bus: Bus) -> None:
+        """Nodes are listed one a line, counted, or as JSON."""
+        serve(bus)
+        assert run(bus, "node", "list") == (0, ["/robot7/sim", "/sim"], [])
+        assert run(bus, "node", "list", "--count") == (0, ["2"], [])
+        assert run(bus, "node", "list", "--namespace", "robot7") == (0, ["/robot7/sim"], [])
+        _, out, _ = run(bus, "node", "list", "--json")
+        assert json.loads(out[0]) == ["/robot7/sim", "/sim"]
+
+    def test_nobody_is_an_empty_list(self, bus: Bus) -> None:
+        """Where no node is there, nothing is printed, and that is no failure."""
+        assert run(bus, "node", "list") == (0, [], [])
+        assert run(bus, "param", "list") == (0, [], [])
+
+    def test_node_info(self, bus: Bus) -> None:
+        """A node is shown with its process, what it says and serves, and its parameters."""
+        serve(bus)
+        code, out, err = run(bus, "node", "info", "/sim")
+        assert (code, out[0], err) == (0, "/sim", [])
+        text = "\n".join(out)
+        for part in ("Pid: ", "Version: 0.1.0", "names: Spawn.Response", "spawn: Spawn"):
+            assert part in text
+        assert out[-4:] == [
+            "  Parameters:",
+            "    background_r: 69",
+            "    holonomic: false",
+            "    title: Turtles",
+        ]
+        assert run(bus, "node", "info", "simm") == (
+            1,
+            [],
+            ["Error: there is no node 'simm'; did you mean '/sim'?"],
+        )
+
+    def test_param(self, bus: Bus) -> None:
+        """Parameters are listed, read and set; a value that cannot be is refused in a sentence."""
+        serve(bus)
+        assert run(bus, "param", "list", "sim") == (
+            0,
+            ["/sim:", "  background_r", "  holonomic", "  title"],
+            [],
+        )
+        assert run(bus, "param", "get", "sim", "background_r") == (0, ["Integer value is: 69"], [])
+        assert run(bus, "param", "get", "/sim", "title") == (0, ["Text value is: Turtles"], [])
+        assert run(bus, "param", "set", "sim", "holonomic", "true") == (
+            0,
+            ["Set parameter successful"],
+            [],
+        )
+        assert run(bus, "param", "get", "sim", "holonomic") == (0, ["Boolean value is: true"], [])
+        for arguments, sentence in (
+            (("set", "sim", "background_r", "300"), "'background_r' is at most 255, not 300"),
+            (("set", "sim", "background_r", "red"), "'background_r' is an integer, not 'red'"),
+            (
+                ("get", "sim", "speed"),
+                "sim has no parameter 'speed'; it has: background_r, holonomic, title",
+            ),
+            (("get", "sin", "x"), "there is no node 'sin'; did you mean '/sim'?"),
+        ):
+            assert run(bus, "param", *arguments) == (1, [], [f"Error: {sentence}"])
+
+    def test_call(self, bus: Bus) -> None:
+        """A service answers with a line of JSON; a goal with its feedback and its result."""
+        serve(bus)
+        assert run(bus, "call", "spawn", "{x: 2, y: 3, theta: 0, name: turtle2}") == (
+            0,
+            ['{"name": "turtle2"}'],
+            [],
+        )
+        code, out, _ = run(bus, "call", "rotate", "{theta: 1.5}")
+        assert (code, [json.loads(line) for line in out][1:]) == (
+            0,
+            [
+                {"feedback": {"remaining": 0.5}},
+                {"status": "succeeded", "result": {"delta": -1.5}},
+            ],
+        )
+        bus.node("pens").create_service(
+            SetPen, "set_pen", lambda pen: {True: SetPen.Response()}[pen.off]
+        )
+        assert run(bus, "call", "set_pen", "{r: 1, g: 2, b: 3, width: 3, off: 1}") == (
+            0,
+            ["{}"],
+            [],
+        )
+        code, out, err = run(bus, "call", "spawn", "{x: 2, z: 3}")
+        assert (code, out) == (1, [])
+        assert err == ["Error: there is no field 'z'; Spawn.Request has x, y, theta, name"]
+        code, _, err = run(bus, "call", "spwan")
+        assert (code, len(err)) == (1, 1)
+        assert err[0].startswith("Error: nobody serves 'spwan'; ")
+
+    @pytest.mark.parametrize(
+        "request_text",
+        ["x", "[1]", "{", "{[1]: 2}", "{x: !!timestamp 2022-12-07}", "{x: 99999999999999999999}"],
+    )
+    def test_a_request_that_cannot_be_is_a_usage_error(self, bus: Bus, request_text: str) -> None:
+        """A request that is no map of plain values is refused before it is sent."""
+        code, out, err = run(bus, "call", "spawn", request_text)
+        assert (code, out) == (2, [])
+        assert err[-1].startswith("Error: Invalid value for REQUEST: ")
+
+    @pytest.mark.parametrize("timeout", ["0", "-1", "nan", "soon"])
+    def test_a_timeout_that_cannot_be_is_a_usage_error(self, bus: Bus, timeout: str) -> None:
+        """A timeout is more than nothing."""
+        assert run(bus, "call", "spawn", "{}", "--timeout", timeout)[0] == 2
+
+    def test_a_router_routes_until_it_is_stopped(self, bus: Bus) -> None:
+        """The router says where it listens, and ends well."""
+        router = bus.start("router", "--listen", "tcp/127.0.0.1:0")
+        router.wait_for_line(r"\[router\]: Routing on tcp/127.0.0.1:0")
+        assert router.stop() == 0
+        assert router.out == []
+
+    def test_a_router_that_cannot_listen_says_so(self, bus: Bus) -> None:
+        """A place that is taken, or not ours, is one sentence and exit code 1."""
+        code, out, err = run(bus, "router", "--listen", "tcp/192.0.2.1:7447")
+        assert (code, out, len(err)) == (1, [], 1)
+        assert err[0].startswith("Error: could not join the bus")
+
+
+class TestOthers:
+    """Processes that are not ours, and nodes that are not alone."""
+
+    @staticmethod
+    def serve_evil(bus: Bus) -> Declaration:
+        """A process that answers as no node of tfbus does."""
+        session = bus.node("looker").session
+        for key, told in (
+            ("@tfbus/node/evil", {"name": 5}),
+            ("@tfbus/param/evil/x", {"value": 3}),
+        ):
+
+            def answer(query: Query, key: str = key, told: dict[str, int] = told) -> None:
+                query.answer(key, encode_map(told))
+                query.close()
+
+            session.queryable(key, answer)
+        return session.token("@tfbus/node/evil")
+
+    def test_a_node_that_cannot_be_read_is_told_and_passed_over(self, bus: Bus) -> None:
+        """Where a foreign node answers in a shape of its own, the others are listed."""
+        serve(bus)
+        token = self.serve_evil(bus)
+        told = "what node '/evil' tells about itself cannot be read: field 'name' is an integer"
+        code, out, err = run(bus, "node", "list")
+        assert (code, out) == (0, ["/evil", "/looker", "/robot7/sim", "/sim"])
+        assert err == [f"Warning: {told}, a text is wanted"]
+        code, out, err = run(bus, "param", "list")
+        assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
+        assert len(err) == 1
+        assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
+        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
+        assert run(bus, "param", "get", "evil", "x")[0] == 1
+        code, _, err = run(bus, "call", "spwan")
+        assert (code, len(err)) == (1, 2)
+        assert err[1] == "Error: nobody serves 'spwan'; did you mean 'spawn'?"
+        token.close()
+
+    def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
+        """A list shows a name once; that several have it is said on stderr."""
+        for _ in range(2):
+            bus.node("twin")
+        assert run(bus, "node", "list") == (
+            0,
+            ["/twin"],
+            ["Warning: 2 nodes have the name /twin"],
+        )
+
+    def test_parameters_are_listed_under_the_full_name(self, bus: Bus) -> None:
+        """From within a namespace too a node is shown by its full name."""
+        serve(bus)
+        for name in ("sim", "/robot7/sim"):
+            assert run(bus, "param", "list", "--namespace", "robot7", name) == (
+                0,
+                ["/robot7/sim:", "  rate"],
+                [],
+            )
+
+
+class TestGoals:
+    @staticmethod
+    def serve_goal(bus: Bus, *, feedback: bool) -> list[str]:
+        """A goal `rotate` that never ends by itself; how it was ended."""
+        ended: list[str] = []
+        node = bus.node("sim")
+
+        def execute(handle: GoalHandle) -> None:
+            handle.on_cancel(lambda: (ended.append("cancel"), handle.cancel(_RESULT)))
+            if feedback:
+                node.create_timer(0.1, lambda: handle.feedback(RotateAbsolute.Feedback(0.5)))
+
+        node.create_goal_server(RotateAbsolute, "rotate", execute)
+        return ended
+
+    def test_ctrl_c_cancels_the_goal(self, bus: Bus) -> None:
+        """A goal lives through any number of timeouts while feedback comes, and ends by Ctrl-C."""
+        ended = self.serve_goal(bus, feedback=True)
+        call = bus.start("call", "rotate", "{theta: 1.5}", "--timeout", "0.7")
+        eventually(lambda: len(call.out) > 12)
+        assert ended == []
+        assert call.stop() == 130
+        assert ended == ["cancel"]
+        assert call.err == []
+
+    def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
+        """A goal of which nothing is heard for the timeout is given up, and told so."""
+        ended = self.serve_goal(bus, feedback=False)
+        code, out, err = run(bus, "call", "rotate", "{theta: 1.5}", "--timeout", "0.5")
+        assert (code, len(out), err) == (1, 1, ["Error: 'rotate' did not answer in 0.5 s"])
+        assert ended == ["cancel"]
+
+
+class TestCommands:
+    def test_help_is_light(self, bus: Bus) -> None:
+        """`tfbus --help` loads neither Zenoh nor numpy, nor any node."""
+        script = (
+            "import sys; sys.argv = ['tfbus', '--help']\n"
+            "from tfbus.cli import main\n"
+            "try: main()\n"
+            "except SystemExit as end: assert not end.code\n"
+            "print(*sorted({'zenoh', 'numpy', 'msgpack', 'yaml'} & set(sys.modules)), 'end')"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=bus.env
+        )
+        assert done.stdout.splitlines()[-1].strip() == "end"
+        for name in (*TOOLS, *NODES):
+            assert f"  {name} " in done.stdout
+
+    @pytest.mark.parametrize("name", [*TOOLS, *NODES])
+    def test_the_list_says_what_each_command_says_of_itself(self, name: str) -> None:
+        """The line of a command in `tfbus --help` is the first line of its own help."""
+        context = main.make_context("tfbus", [name, "--help"], resilient_parsing=True)
+        command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
+        text = (command.help or command.callback.__doc__).strip().split("\n\n")[0]
+        assert " ".join(text.split()) == {**TOOLS, **NODES}[name]
+
+    @pytest.mark.parametrize("name", [*TOOLS, *NODES])
+    def test_the_help_of_each_command_has_an_example(self, name: str) -> None:
+        """Every command, and every one of a group, shows an example, within 80 columns."""
+        context = main.make_context("tfbus", [name, "--help"], resilient_parsing=True)
+        command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
+        commands = command.commands.values() if isinstance(command, click.Group) else [command]
+        for each in commands:
+            help_ = each.get_help(click.Context(each, context, terminal_width=80))
+            assert "\n  Example" in help_
+            assert max(map(len, help_.splitlines())) <= 80
+
+    def test_an_unknown_command_is_told_the_nearest(self, bus: Bus) -> None:
+        """A misspelt command is a usage error with the nearest name."""
+        code, out, err = run(bus, "nod", "list")
+        assert (code, out) == (2, [])
+        assert err[-1] == "Error: there is no command 'nod'; did you mean 'node'?"
+
+    @pytest.mark.parametrize(
+        ("command", "hint"),
+        [
+            (["tf2_echo", "a", "b"], "'tf2_echo'; here it is: tfbus echo"),
+            (["run", "turtlesim"], "'run'; a node is a command itself, as in: tfbus simulator"),
+            (["topic", "lst"], "'lst'; did you mean 'list'?"),
+            (["param", "delete", "sim"], "'delete'; a parameter belongs to its node"),
+        ],
+    )
+    def test_what_is_called_otherwise_in_ros_is_told(
+        self, bus: Bus, command: list[str], hint: str
+    ) -> None:
+        """A command of ROS 2 that is not there is a usage error with what there is instead."""
+        code, out, err = run(bus, *command)
+        assert (code, out) == (2, [])
+        assert f"there is no command {hint}" in err[-1]
+
+    @pytest.mark.parametrize(
+        "arguments", [["node"], ["node", "info"], ["param", "get"], ["call"], ["node", "lst"]]
+    )
+    def test_a_mistake_ends_with_2(self, bus: Bus, arguments: list[str]) -> None:
+        """A command line that is not complete or not right ends with 2, and no traceback."""
+        assert run(bus, *arguments)[0] == 2
+
+    @pytest.mark.parametrize("command", [["node", "list"], ["param", "list"], ["router"]])
+    def test_a_bus_that_cannot_be_joined_ends_with_1(self, bus: Bus, command: list[str]) -> None:
+        """A configuration that is not Zenoh's is told with its place, and exit code 1."""
+        bus.config.write_text("{mode: }")
+        code, out, err = run(bus, *command)
+        assert (code, out) == (1, [])
+        assert err == [
+            f"Error: {bus.config} is not a configuration of Zenoh, in JSON5: 1:8, "
+            "expected array, boolean, null, number, object, or string"
+        ]
+
+    def test_version(self, bus: Bus) -> None:
+        """`tfbus --version` prints the version."""
+        assert run(bus, "--version") == (0, ["tfbus 0.1.0"], [])
+
+
+class TestEnding:
+    def start(self, bus: Bus, *arguments: str) -> Process:
+        """A node of a user's own as a process."""
+        return bus.start_command([sys.executable, "-c", A_NODE, *arguments])
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_a_signal_ends_a_node_well(self, bus: Bus, number: int) -> None:
+        """Ctrl-C and SIGTERM end a node with 0, and nothing else is printed."""
+        process = self.start(bus)
+        process.wait_for_line(r"\[INFO\] \[\d+\.\d{9}\] \[mine\]: ready")
+        assert process.stop(number) == 0
+        assert (process.out, len(process.err)) == ([], 1)
+
+    def test_a_second_signal_while_it_ends_changes_nothing(self, bus: Bus) -> None:
+        """An impatient user's Ctrl-C Ctrl-C is still a clean end."""
+        process = self.start(bus)
+        process.wait_for_line("ready")
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+            process.signal(number)
+        assert process.wait() in (0, -signal.SIGTERM, -signal.SIGINT)
+        assert "Traceback" not in "\n".join(process.err)
+
+    @pytest.mark.parametrize(
+        ("arguments", "code", "sentence"),
+        [
+            (["--nonsense"], 2, "Error: No such option"),
+            (["--listen", "tcp/192.0.2.1:7447"], 1, "Error: could not join the bus"),
+            (["--param", "speed"], 2, "is not of the form --param name=value"),
+        ],
+    )
+    def test_a_mistake_is_told_without_a_traceback(
+        self, bus: Bus, arguments: list[str], code: int, sentence: str
+    ) -> None:
+        """A user's node tells mistakes on its command line as the supplied ones do."""
+        process = self.start(bus, *arguments)
+        assert process.wait() == code
+        assert sentence in "\n".join(process.err)
+        assert "Traceback" not in "\n".join(process.err)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "frames -t 1",
+        "why world robot",
+        "monitor --once",
+        "plot world robot -o robot.png",
+        "doctor",
+        "node list",
+        "echo world robot --timeout 0.1",
+    ],
+)
+def test_a_router_that_is_not_there_is_told_at_once(bus: Bus, line: str) -> None:
+    """A tool that answers once fails where its router cannot be reached, and says so."""
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})
+    assert done.returncode == 1
+    assert f"Error: could not join the bus through {nowhere}: " in done.stderr
+
+
+@pytest.mark.parametrize("line", ["frames --watch", "monitor", "echo world robot"])
+def test_what_goes_on_says_that_it_waits_for_a_router(bus: Bus, line: str) -> None:
+    """A tool that goes on until Ctrl-C waits for its router, and says so."""
+    nowhere = f"tcp/127.0.0.1:{free_port()}"
+    env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere}
+    bus.start(*line.split(), env=env).wait_for_line(f"Waiting for a router at {nowhere}")

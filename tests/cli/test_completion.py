@@ -1,0 +1,369 @@
+"""Completion: by real shells in a terminal, of names that are on the bus, and when it is not."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+import click
+import pytest
+from click.shell_completion import CompletionItem
+
+from tests.live_bus import Bus, eventually
+from tfbus import (
+    Node,
+    NodeSettings,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformStamped,
+)
+from tfbus.cli import main
+from tfbus.cli.completion.shells import SHELLS, Bash
+from tfbus.cli.messages.message import complete_values, supplied_names, supplied_type
+from tfbus.cli.messages.prototype import prototype
+from tfbus.command.live_names import LiveNames, live_names, look_for_names
+from tfbus.messages import Pose, Spawn, Twist
+
+# Names of frames, some of which shells would stumble over.
+FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
+
+# A request to fill in, as each shell writes it.
+A_SPAWN = {
+    "bash": """'{x: 0.0, y: 0.0, theta: 0.0, name: ""}'""",
+    "zsh": """'{x: 0.0, y: 0.0, theta: 0.0, name: ""}'""",
+    "fish": r"""\{x:\ 0.0,\ y:\ 0.0,\ theta:\ 0.0,\ name:\ \"\"\}""",
+}
+
+# Of each shell how it is started without what its user has set up, and how it takes the script.
+STARTED = {
+    "bash": ("bash --norc --noprofile -i", "source ./script"),
+    "zsh": ("zsh -f -i", "autoload -Uz compinit; compinit -u -D; source ./script"),
+    "fish": ("fish --no-config", "source ./script"),
+}
+
+
+def robot(bus: Bus, namespace: str = "") -> Node:
+    """A node with a bit of everything, and the frames."""
+    node = bus.node("sim", namespace=namespace)
+    node.declare_parameter("holonomic", False)
+    node.create_publisher(Pose, "turtle1/pose")
+    node.create_subscription(Twist, "turtle1/cmd_vel", lambda twist: None)
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response(request.name))
+    StaticTransformBroadcaster(node).send_transform(
+        [TransformStamped(1, "world", child, Transform.identity()) for child in FRAMES[:-1]]
+    )
+    return node
+
+
+@pytest.fixture
+def env(bus: Bus, tmp_path: Path) -> dict[str, str]:
+    """The environment of a user with an empty home, who has `tfbus` on the path."""
+    return {
+        **bus.env,
+        "HOME": str(tmp_path),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "XDG_CONFIG_HOME": str(tmp_path / "config"),
+        "XDG_DATA_HOME": str(tmp_path / "data"),
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "TERM": "screen",
+    }
+
+
+def candidates(env: dict[str, str], line: str) -> list[str]:
+    """What `tfbus` answers the script of fish for this line, without what it says of each."""
+    done = subprocess.run(
+        ["tfbus"],
+        env={**env, "_TFBUS_COMPLETE": "fish_complete", "TFBUS_LINE": line},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    rows = [row.split("\t") for row in done.stdout.splitlines() if row]
+    return [value for kind, value, _ in rows if kind in ("plain", "map")]
+
+
+def offers(env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
+    """Whether the lines are completed so, at last: the first look may miss whoever is slow."""
+
+    def found() -> bool:
+        return all(candidates(env, line) == wanted for line, wanted in lines) or forget(env)
+
+    return eventually(found)
+
+
+def forget(env: Mapping[str, str]) -> bool:
+    """Remember no names; False."""
+    shutil.rmtree(Path(env["XDG_CACHE_HOME"]) / "tfbus", ignore_errors=True)
+    return False
+
+
+def refresh(env: Mapping[str, str]) -> None:
+    """Have the names that are remembered be as if they were found now."""
+    for file in (Path(env["XDG_CACHE_HOME"]) / "tfbus").iterdir():
+        os.utime(file)
+
+
+class Terminal:
+    """A shell in a terminal of tmux."""
+
+    def __init__(self, shell: str, env: dict[str, str], folder: Path):
+        self._socket = ["tmux", "-f", "/dev/null", "-S", str(folder / "tmux")]
+        self._env = env
+        self.shell = shell
+        started, _ = STARTED[shell]
+        self._tmux("new-session", "-d", "-x", "100", "-y", "30", "-c", str(folder), started)
+
+    def type(self, *keys: str) -> None:
+        """Press keys; a text is typed as it is, `Tab` and `Enter` are those keys."""
+        self._tmux("send-keys", *keys)
+
+    def screen(self) -> str:
+        """What is on the screen."""
+        return self._tmux("capture-pane", "-p")
+
+    def line(self) -> str:
+        """The last line with something on it that has `tfbus` in it; "" where there is none."""
+        lines = [line for line in self.screen().splitlines() if "tfbus" in line]
+        return lines[-1][lines[-1].index("tfbus") :] if lines else ""
+
+    def shows(self, line: str) -> bool:
+        """Whether that is the last line."""
+        return self.line() == line
+
+    def shows_no_longer(self, line: str) -> bool:
+        """Whether the last line has become another one."""
+        return not self.shows(line)
+
+    def close(self) -> None:
+        """End the shell."""
+        self._tmux("kill-server")
+
+    def _tmux(self, *arguments: str) -> str:
+        done = subprocess.run(
+            [*self._socket, *arguments], env=self._env, capture_output=True, text=True, check=True
+        )
+        return done.stdout
+
+
+@pytest.fixture(params=STARTED)
+def terminal(
+    request: pytest.FixtureRequest, env: dict[str, str], tmp_path: Path
+) -> Iterator[Terminal]:
+    """Each of the shells that are installed, with the script of completion taken."""
+    shell = request.param
+    for program in (shell, "tmux"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not installed")
+    script = subprocess.run(
+        ["tfbus", "completion", shell], env=env, capture_output=True, text=True, check=True
+    )
+    (tmp_path / "script").write_text(script.stdout)
+    terminal = Terminal(shell, env, tmp_path)
+    terminal.type(f"{STARTED[shell][1]}; echo tak''en", "Enter")
+    eventually(lambda: "\ntaken" in terminal.screen())
+    yield terminal
+    terminal.close()
+
+
+def test_a_shell_completes_what_is_typed(bus: Bus, env: dict[str, str], terminal: Terminal) -> None:
+    """With Tab a shell completes commands, live names, launch files and their arguments."""
+    robot(bus)
+    offers(
+        env,
+        ("tfbus echo ", FRAMES),
+        ("tfbus param set sim ", ["holonomic"]),
+        ("tfbus topic echo turtle1/p", ["turtle1/pose"]),
+        ("tfbus call sp", ["spawn"]),
+    )
+    for typed, completed in (
+        ("tfbus topic ec", "tfbus topic echo X"),
+        ("tfbus topic echo turtle1/p", "tfbus topic echo turtle1/pose X"),
+        ("tfbus echo left", r"tfbus echo left\ camera X"),
+        ("tfbus echo arm:t", r"tfbus echo arm:tip=\$5 X"),
+        ("tfbus param set sim ho", "tfbus param set sim holonomic X"),
+        ("tfbus call spawn ", f"tfbus call spawn {A_SPAWN[terminal.shell]} X"),
+        ("tfbus launch turtle turtlen", "tfbus launch turtle turtlename:=X"),
+        ("tfbus launch turtle turtlename:=t", "tfbus launch turtle turtlename:=turtle1 X"),
+    ):
+        terminal.type("C-u", "C-l")
+        eventually(lambda: not terminal.line())
+        terminal.type(typed)
+        shown = typed.rstrip()
+        eventually(partial(terminal.shows, shown))
+        refresh(env)
+        terminal.type("Tab")
+        eventually(partial(terminal.shows_no_longer, shown))
+        terminal.type("X")
+        eventually(lambda: terminal.line().endswith("X"))
+        assert terminal.line() == completed
+
+
+class TestCandidates:
+    def test_names_are_those_of_the_place_that_the_options_say(
+        self, bus: Bus, env: dict[str, str]
+    ) -> None:
+        """With --namespace the names are those within; hidden nodes are no candidates."""
+        robot(bus, "robot7")
+        bus.node("_echo_1")
+        inside = "--namespace robot7"
+        assert offers(
+            env,
+            ("tfbus node info ", ["robot7/sim"]),
+            ("tfbus node info /", ["/robot7/sim"]),
+            ("tfbus echo ", []),
+            (f"tfbus node info {inside} ", ["sim"]),
+            (f"tfbus topic hz {inside} turtle1/pose tu", ["turtle1/cmd_vel", "turtle1/pose"]),
+            (f"tfbus echo {inside} world ", FRAMES),
+            ("tfbus echo --fleet ro", [f"robot7/{frame}" for frame in FRAMES]),
+            ("tfbus why --fleet --shared world w", ["world"]),
+        )
+
+    def test_where_the_bus_cannot_be_joined_there_are_none(self, env: dict[str, str]) -> None:
+        """A router that does not answer, or a wrong option, is no name and no message."""
+        for options in ("--mode client --connect tcp/127.0.0.1:1", "--connect nonsense"):
+            assert candidates(env, f"tfbus node info {options} ") == []
+
+    def test_arguments_of_a_launch_file(self, env: dict[str, str], tmp_path: Path) -> None:
+        """A launch file's arguments are completed, then its choices; each is given once."""
+        file = tmp_path / "robot.yaml"
+        file.write_text(
+            "arguments: {side: {choices: [left, right]}, speed: }\nnodes: [{node: simulator}]\n"
+        )
+        line = f"tfbus launch {file} "
+        assert candidates(env, line) == ["side:=", "speed:="]
+        assert candidates(env, f"{line}side:=left s") == ["speed:="]
+        assert candidates(env, f"{line}side:=r") == ["side:=right"]
+        assert candidates(env, "tfbus launch nosuch ") == []
+
+    def test_types_and_values(self, bus: Bus, env: dict[str, str]) -> None:
+        """After a topic comes a type; the value of a parameter is not completed."""
+        robot(bus)
+        assert candidates(env, "tfbus topic pub turtle1/cmd_vel T") == ["Twist"]
+        assert candidates(env, "tfbus param set sim holonomic ") == []
+        assert offers(env, ("tfbus param get sim ", ["holonomic"]))
+
+    def test_a_line_is_taken_apart_as_the_shell_does(self, env: dict[str, str]) -> None:
+        """Quotes may be open, and blanks escaped; a word that is wrong leads nowhere."""
+        assert candidates(env, "tfbus topic 'ec") == ["echo"]
+        assert candidates(env, r"tfbus topic echo\ ") == []
+        assert candidates(env, "") == candidates(env, "tfbus ") == candidates(env, "tfbus nosuch ")
+
+    def test_a_message_to_fill_in(self, bus: Bus, env: dict[str, str]) -> None:
+        """Where a message or request is wanted, one with its defaults or zeros is offered."""
+        robot(bus)
+        twist = "{linear: {x: 0.0, y: 0.0, z: 0.0}, angular: {x: 0.0, y: 0.0, z: 0.0}}"
+        assert offers(
+            env,
+            ("tfbus topic pub turtle1/cmd_vel Twist ", [twist]),
+            ("tfbus topic pub turtle1/cmd_vel ", [twist, *supplied_names()]),
+            ("tfbus topic pub turtle1/cmd_vel Nosuch ", []),
+            ("tfbus service call spawn ", ['{x: 0.0, y: 0.0, theta: 0.0, name: ""}']),
+        )
+
+    @pytest.mark.parametrize("name", supplied_names())
+    def test_a_message_to_fill_in_is_one_of_its_type(self, name: str) -> None:
+        """What is offered can be published as it is."""
+        message_type = supplied_type(name)
+        assert message_type is not None
+        assert complete_values(prototype(message_type), message_type)
+
+
+class TestBash:
+    @pytest.mark.parametrize(
+        ("line", "value", "written"),
+        [
+            ("tfbus echo ", "left camera", r"left\ camera"),
+            (r"tfbus echo left\ c", "left camera", r"left\ camera"),
+            ("tfbus echo 'left c", "left camera", "left camera"),
+            ("tfbus echo d", "d'or", r"d\'or"),
+            ("tfbus launch turtle name:=t", "name:=turtle1", "turtle1"),
+            ("tfbus launch turtle name:=", "name:=turtle1", "turtle1"),
+            ("tfbus echo arm:t", "arm:tip=$5", r"tip=\$5"),
+            ("tfbus echo ä", "ängste", "ängste"),
+        ],
+    )
+    def test_only_the_part_that_bash_replaces_is_written(
+        self, monkeypatch: pytest.MonkeyPatch, line: str, value: str, written: str
+    ) -> None:
+        """bash replaces the end of a word after its breaks; the rest is escaped for it."""
+        monkeypatch.setenv("TFBUS_LINE", line)
+        monkeypatch.setenv("TFBUS_BREAKS", " \t\n\"'@><=;|&(:")
+        shell = Bash(main, {}, "tfbus", "_TFBUS_COMPLETE")
+        assert shell.format_completion(CompletionItem(value, help="x")) == f"plain\t{written}\tx"
+
+
+class TestNames:
+    def settings(self, bus: Bus) -> NodeSettings:
+        """A place on the test's bus."""
+        return NodeSettings("looker", config=str(bus.config), connect=(bus.endpoint,))
+
+    def test_all_names_are_found_at_once(self, bus: Bus) -> None:
+        """One look brings frames, nodes, topics and services with their types, and parameters."""
+        robot(bus)
+        wanted = LiveNames(
+            frames=tuple(FRAMES),
+            nodes=("sim",),
+            topics={
+                "tf_static/sim": "TransformMessage",
+                "turtle1/cmd_vel": "Twist",
+                "turtle1/pose": "Pose",
+            },
+            services={"spawn": "Spawn"},
+            parameters={"sim": ("holonomic",)},
+        )
+        eventually(lambda: look_for_names(self.settings(bus)) == wanted)
+
+    def test_names_are_remembered_for_some_seconds(
+        self, bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A second look within seconds asks nobody; a later one, or at another place, does."""
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+        settings = self.settings(bus)
+        first = bus.node("first")
+        eventually(lambda: live_names(settings).nodes == ("first",) or forget(os.environ))
+        first.close()
+        refresh(os.environ)
+        assert live_names(settings).nodes == ("first",)
+        (file,) = (tmp_path / "tfbus").iterdir()
+        os.utime(file, (0, 0))
+        eventually(lambda: live_names(settings).nodes == () or forget(os.environ))
+
+    @pytest.mark.parametrize("content", ["", "[]", "{", json.dumps({"frames": 5}), "\0"])
+    def test_a_cache_that_cannot_be_read_is_as_none(
+        self, bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str
+    ) -> None:
+        """What another version, or nobody sane, has left behind is looked for anew."""
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+        settings = self.settings(bus)
+        assert live_names(settings) == LiveNames()
+        (file,) = (tmp_path / "tfbus").iterdir()
+        file.write_text(content)
+        bus.node("sim")
+        eventually(lambda: live_names(settings).nodes == ("sim",) or file.write_text(content) < 0)
+
+
+class TestCommand:
+    @pytest.mark.parametrize("shell", SHELLS)
+    def test_the_script_says_how_to_keep_it(self, bus: Bus, shell: str) -> None:
+        """The script ends with where to put it, as comments."""
+        done = bus.run("completion", shell)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert f"# To keep it: tfbus completion {shell} > ~/" in done.stdout
+
+    def test_the_shell_is_that_of_the_user(self, bus: Bus) -> None:
+        """Without a name it is that of $SHELL; one that is not known is a usage error."""
+        assert bus.run("completion", env={"SHELL": "/bin/zsh"}).stdout.startswith("#compdef tfbus")
+        done = bus.run("completion", env={"SHELL": "/bin/tcsh"})
+        assert done.returncode == 2
+        assert done.stderr.endswith("Error: which shell? Give one of bash, zsh, fish\n")
+
+    def test_every_command_of_the_list_is_a_candidate(self) -> None:
+        """Commands are completed without importing any."""
+        context = click.Context(main)
+        found = {item.value: item.help for item in main.shell_complete(context, "topi")}
+        assert found == {"topic": "List, show, print, measure and publish topics."}

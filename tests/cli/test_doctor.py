@@ -1,0 +1,123 @@
+"""`tfbus doctor` against a live bus."""
+
+import json
+import re
+from typing import Any
+
+from tests.live_bus import DEADLINE_S, Bus
+from tfbus import (
+    Buffer,
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.doctor.checks import CHECKS
+
+
+def examined(bus: Bus, *arguments: str) -> tuple[int, dict[str, Any]]:
+    """The exit code, and what it found by the names of the checks."""
+    done = bus.run("doctor", "--json", *arguments)
+    assert done.stderr == ""
+    return done.returncode, json.loads(done.stdout)
+
+
+def move(node: Node, child: str) -> None:
+    """Send world -> child at 20 Hz."""
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamped = TransformStamped(node.now_ns(), "world", child, Transform.identity())
+        broadcaster.send_transform(stamped)
+
+    node.create_timer(0.05, send)
+
+
+def fix(node: Node, parent: str, child: str) -> None:
+    """Publish one static transform."""
+    StaticTransformBroadcaster(node).send_transform(
+        TransformStamped(node.now_ns(), parent, child, Transform.identity())
+    )
+
+
+def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
+    """Where all is well nothing fails, and every check is told with its evidence."""
+    move(bus.node("odometry"), "base")
+    fix(bus.node("mount"), "base", "camera")
+    listens = bus.node("planner")
+    with TransformListener(Buffer(), listens):
+        code, found = examined(bus)
+    assert code == 0
+    assert found.keys() == CHECKS.keys()
+    verdicts = {name: finding["verdict"] for name, finding in found.items()}
+    assert verdicts["scouting"] == "skipped"  # it is off on this bus
+    for name in ("node-names", "conflicts", "loops", "disconnected", "gone", "stamps", "unread"):
+        assert verdicts[name] == "ok", found[name]
+    assert verdicts["buffers"] == "ok"
+    assert found["clock-skew"]["evidence"] == ["2 clocks within 100 ms of ours"]
+
+
+def test_trouble_is_found_and_fails(bus: Bus) -> None:
+    """Two nodes of one name, two publishers of one frame and a tree apart are all told."""
+    fix(bus.node("mount"), "base", "camera")
+    fix(bus.node("other"), "base", "camera")
+    fix(bus.node("elsewhere"), "map", "dock")
+    move(bus.node("twin"), "base")
+    bus.node("twin")
+    code, found = examined(bus)
+    assert code == 1
+    failed = {name for name, finding in found.items() if finding["verdict"] == "fail"}
+    assert failed == {"node-names", "conflicts"}
+    assert "'camera' is published by several at once" in found["conflicts"]["evidence"][0]
+    assert found["disconnected"]["verdict"] == "warn"
+    assert found["unread"]["verdict"] == "ok"
+    assert "nobody reads the moving frames of stream" in found["unread"]["evidence"][0]
+
+
+def test_people_get_a_page(bus: Bus) -> None:
+    """For people it is a line a check, the evidence and the remedy below, and a sum."""
+    fix(bus.node("mount"), "base", "camera")
+    fix(bus.node("other"), "base", "camera")
+    done = bus.run("doctor", "--only", "conflicts", "--only", "install", "--for", "1")
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert re.fullmatch(r"ok      install +tfbus .* on Python 3.*", lines[0])
+    assert re.fullmatch(r"fail    conflicts", lines[1])
+    assert lines[2].startswith("    - 'camera' is published by several at once: ")
+    assert lines[-2] == "    To mend it: stop one of the two, or rename one of the frames"
+    assert lines[-1] == "1 ok, 1 fail"
+    assert max(map(len, lines)) <= 80
+
+
+def test_the_checks_are_listed(bus: Bus) -> None:
+    """--list names each check with what it makes sure of."""
+    done = bus.run("doctor", "--list")
+    assert done.returncode == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == list(CHECKS)
+    assert "conflicts       Each frame has one publisher." in done.stdout
+
+
+def test_an_unknown_check_is_a_mistake(bus: Bus) -> None:
+    """A name that no check has is told with exit code 2."""
+    done = bus.run("doctor", "--only", "health")
+    assert done.returncode == 2
+    assert "'health' is not one of" in done.stderr
+
+
+def test_a_simulated_time_that_is_not_ours_is_told(bus: Bus) -> None:
+    """By the system's time the doctor names the option, and concludes nothing from the stamps."""
+    bus.start("clock", "--start", "0").wait_for_line("It is 0")
+    robot = bus.node("robot", sim_time=True)
+    robot.wait_for_clock(DEADLINE_S)
+    move(robot, "base")
+    code, found = examined(bus, "--for", "1")
+    assert code == 0
+    told = "told here, by /clock; the stamps of 1 of 1 publisher follow it, and this doctor does"
+    assert told in found["clock"]["evidence"][0]
+    assert "--sim-time" in found["clock"]["remedy"]
+    assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}
+    code, found = examined(bus, "--for", "1", "--sim-time")
+    assert (code, found["clock"]["verdict"]) == (0, "ok")
+    assert "is its time simulated? try --sim-time" in bus.run("frames").stdout

@@ -1,0 +1,116 @@
+"""The tools that listen to transforms, looking at robots with equal frame names, all together."""
+
+import json
+
+import pytest
+
+from tests.live_bus import Bus
+from tfbus import Transform, TransformBroadcaster, TransformStamped
+
+SHARED = ("--fleet", "--shared", "map")
+
+
+@pytest.fixture
+def robots(bus: Bus) -> Bus:
+    """A bus on which base_link moves in the map, in robot3 and in robot7."""
+    for number in (3, 7):
+        node = bus.node("wheels", namespace=f"robot{number}")
+        broadcaster = TransformBroadcaster(node)
+        pose = Transform((number, 0, 0))
+
+        def send(broadcaster=broadcaster, node=node, pose=pose) -> None:  # type: ignore[no-untyped-def]  # by their values
+            broadcaster.send_transform(TransformStamped(node.now_ns(), "map", "base_link", pose))
+
+        node.create_timer(0.02, send)
+    return bus
+
+
+def test_frames_of_all_robots_hang_below_what_they_share(robots: Bus) -> None:
+    """`tfbus frames --fleet` shows each frame with its robot's name, and shared ones without."""
+    done = robots.run("frames", *SHARED, "--json", "--check")
+    assert (done.returncode, done.stderr) == (0, "")
+    tree = json.loads(done.stdout)
+    assert tree["roots"] == ["map"]
+    assert [frame["name"] for frame in tree["frames"]] == [
+        "map",
+        "robot3/base_link",
+        "robot7/base_link",
+    ]
+
+
+def test_robots_that_share_nothing_are_trees_apart(robots: Bus) -> None:
+    """Without --shared each robot has a map of its own."""
+    done = robots.run("frames", "--fleet", "--json", "--check")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["roots"] == ["robot3/map", "robot7/map"]
+
+
+def test_one_robot_is_seen_from_another(robots: Bus) -> None:
+    """`echo`, `monitor`, `why` and `plot` take frames as the fleet calls them."""
+    pair = ("robot3/base_link", "robot7/base_link", *SHARED)
+    pose = robots.run("echo", *pair, "--once", "--format", "json").stdout
+    assert json.loads(pose)["xyz"] == pytest.approx([4.0, 0.0, 0.0])
+    report = json.loads(robots.run("monitor", *pair, "--once", "--json").stdout)
+    assert report["pair"]["chain"] == ["robot3/base_link", "map", "robot7/base_link"]
+    assert all(edge["rate_hz"] > 1.0 for edge in report["edges"])
+    assert json.loads(robots.run("why", *pair, "--json").stdout)["failure"] == ""
+
+
+def test_the_doctor_measures_every_robot(robots: Bus) -> None:
+    """`tfbus doctor --fleet` checks how the frames of all robots come."""
+    found = json.loads(robots.run("doctor", *SHARED, "--only", "order", "--json").stdout)
+    assert found["order"]["evidence"] == ["2 moving frames in 3 s"]
+
+
+def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
+    """A frame that only --fleet shows is told so, and where else one could look."""
+    done = robots.run("why", "map", "base_link", "--json")
+    assert done.returncode == 1
+    assert json.loads(done.stdout)["remedies"][:2] == [
+        "look from within its namespace, 'map' is known there: --namespace robot3 or robot7",
+        "look at all robots together, where it is 'robot3/map': --fleet",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--shared", "map"), "--shared names what the robots of a fleet share: add --fleet"),
+        (("--fleet", "--shared", "/map"), "--shared: frame id '/map' begins with a slash"),
+    ],
+)
+def test_what_is_shared_is_a_frame_of_a_fleet(
+    bus: Bus, options: tuple[str, ...], message: str
+) -> None:
+    """A mistake in what is shared is a usage error."""
+    done = bus.run("frames", *options)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "known"),
+    [
+        ("frames", "frames are"),
+        ("echo map base_link --timeout 2", "'map' is"),
+        ("monitor map base_link --once", "'base_link' is"),
+        ("monitor --once", "frames are"),
+        ("plot map base_link -o robot.png", "'map' is"),
+    ],
+)
+def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, known: str) -> None:
+    """A tool without a namespace says in which ones there is what it does not find."""
+    done = robots.run(*line.split())
+    assert done.returncode == 1
+    hint = "known in other namespaces: look with --namespace robot3 or robot7, or with --fleet"
+    assert f"{known} {hint}" in done.stderr
+
+
+def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
+    """`why` and `frames` name --shared where the trees of two robots have roots of one name."""
+    why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
+    assert json.loads(why.stdout)["remedies"][0] == (
+        "if the robots share 'map', say so: --shared map"
+    )
+    frames = " ".join(robots.run("frames", "--fleet").stdout.split())
+    assert "if the robots share 'map', say so: --shared map" in frames

@@ -1,0 +1,138 @@
+"""`tfbus frames` against a live bus: what it prints and the files it writes."""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.live_bus import Bus, Process
+from tfbus import (
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+
+
+def send_static(node: Node, parent: str, child: str) -> None:
+    StaticTransformBroadcaster(node).send_transform(
+        TransformStamped(node.now_ns(), parent, child, Transform.identity())
+    )
+
+
+def keep_sending(node: Node, parent: str, child: str) -> None:
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        edge = TransformStamped(node.now_ns(), parent, child, Transform.identity())
+        broadcaster.send_transform(edge)
+
+    node.create_timer(0.05, send)
+
+
+@pytest.fixture
+def robot(bus: Bus) -> Bus:
+    """A bus with world -> base at 20 Hz and base -> camera, static."""
+    keep_sending(bus.node("odometry"), "world", "base")
+    send_static(bus.node("mount"), "base", "camera")
+    return bus
+
+
+def test_it_prints_the_tree_and_its_publishers(robot: Bus) -> None:
+    """At once it has the tree, rates from what publishers have kept, and who publishes."""
+    done = robot.run("frames")
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "world"
+    assert re.fullmatch(r"└─ base       \d.* old, .*by odometry.*", lines[1])
+    assert lines[2] == "   └─ camera  static, by mount"
+    publishers = "\n".join(lines[lines.index("Publishers:") :])
+    assert re.search(r"mount: /mount on .+, pid \d+, 1 frame\n", publishers)
+    assert "Problems:" not in lines
+    assert max(map(len, lines[:3])) <= 80
+    assert "\x1b" not in done.stdout
+
+
+def test_without_frames_it_fails(bus: Bus) -> None:
+    """Where nobody broadcasts, that is said, with exit code 1."""
+    done = bus.run("frames", "--wait-time", "0.2")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        "Error: no frame is known after 0.2 s: is a broadcaster running, on this network?\n"
+    )
+
+
+def test_problems_are_told_and_checked(robot: Bus) -> None:
+    """Two publishers of a frame and a tree apart are named; --check then exits with 1."""
+    assert robot.run("frames", "--check").returncode == 0
+    send_static(robot.node("other_mount"), "base", "camera")
+    send_static(robot.node("elsewhere"), "map", "dock")
+    done = robot.run("frames", "--check")
+    assert done.returncode == 1
+    problems = done.stdout.split("Problems:\n")[1]
+    assert "conflict: 'camera' is published by several at once: /mount on " in problems
+    assert "disconnected: 'map' and 1 frame below it are a tree apart" in problems
+
+
+def test_files_are_what_their_endings_say(robot: Bus, tmp_path: Path) -> None:
+    """Each file opens with a program of its kind, and names all frames."""
+    endings = ("svg", "pdf", "png", "dot", "json", "yaml", "mmd", "txt")
+    files = {ending: tmp_path / f"frames.{ending}" for ending in endings}
+    outputs = [argument for file in files.values() for argument in ("--output", str(file))]
+    done = robot.run("frames", *outputs)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [f"Wrote {file}: 3 frames" for file in files.values()]
+    names = {"world", "base", "camera"}
+    texts = {element.text for element in ElementTree.parse(files["svg"]).iter()}
+    assert names <= texts
+    assert set(json.loads(files["json"].read_text())["roots"]) == {"world"}
+    assert yaml.safe_load(files["yaml"].read_text()).keys() == {"base", "camera"}
+    assert '"base" -> "camera"' in files["dot"].read_text()
+    assert files["mmd"].read_text().startswith("flowchart TD")
+    assert files["txt"].read_text().startswith("world\n└─ base")
+    image = pytest.importorskip("matplotlib.image").imread(files["png"])
+    assert image.shape[1] > 500
+    assert image.std() > 0.0
+    reader = pytest.importorskip("pypdf").PdfReader(files["pdf"])
+    assert all(name in reader.pages[0].extract_text() for name in names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-o", "frames.gif"], "ends with .gif, which names no kind of file to write"),
+        (["-o", "nowhere/frames.svg"], "there is no folder nowhere to write frames.svg into"),
+        (["--watch", "--json"], "--watch shows the tree in the terminal"),
+    ],
+)
+def test_mistakes_are_told(bus: Bus, arguments: list[str], message: str) -> None:
+    """A mistake in an option is one sentence, with exit code 2, before anybody is listened to."""
+    done = bus.run("frames", *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert message in done.stderr
+
+
+def test_json_is_for_scripts(robot: Bus) -> None:
+    """--json prints one object: frames, streams and problems."""
+    told = json.loads(robot.run("frames", "--json").stdout)
+    frames = {frame["name"]: frame for frame in told["frames"]}
+    assert frames["camera"]["static"]
+    assert frames["base"]["rate_hz"] == pytest.approx(20.0, rel=0.5)
+    assert {stream["name"] for stream in told["streams"]} == {"odometry", "mount"}
+    assert told["problems"] == []
+
+
+def test_watching_follows_what_changes(robot: Bus) -> None:
+    """--watch tells of a publisher that ends while it looks, and ends with Ctrl-C."""
+    mount = robot.node("short_lived")
+    send_static(mount, "base", "gripper")
+    watch: Process = robot.start("frames", "--watch")
+    watch.wait_for_line("gripper.*static, by short_lived")
+    mount.close()
+    watch.wait_for_line("gripper.*GONE, static, by short_lived")
+    watch.wait_for_line("gone: the publisher of 'gripper' is gone: /short_lived on ")
+    assert watch.stop() == 0

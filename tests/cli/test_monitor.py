@@ -1,0 +1,121 @@
+"""`tfbus monitor` against a live bus: what it measures, and what it says of a pair."""
+
+import json
+
+import pytest
+
+from tests.live_bus import Bus
+from tfbus import (
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+
+LATE_NS = 300_000_000
+
+
+def keep_sending(node: Node, parent: str, child: str, *, late_ns: int = 0) -> None:
+    """Send an edge at 50 Hz, with stamps so far in the past."""
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamp_ns = node.now_ns() - late_ns
+        broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
+
+    node.create_timer(0.02, send)
+
+
+@pytest.fixture
+def robot(bus: Bus) -> Bus:
+    """world -> base at once, base -> arm 0.3 s late, both at 50 Hz; arm -> camera is static."""
+    keep_sending(bus.node("odometry"), "world", "base")
+    keep_sending(bus.node("kinematics"), "base", "arm", late_ns=LATE_NS)
+    mount = bus.node("mount")
+    StaticTransformBroadcaster(mount).send_transform(
+        TransformStamped(mount.now_ns(), "arm", "camera", Transform.identity())
+    )
+    return bus
+
+
+def test_all_edges_and_streams_are_measured(robot: Bus) -> None:
+    """Of each edge it tells rate, jitter, delay, age and order; of each stream rate and bytes."""
+    done = robot.run("monitor", "--once", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    told = json.loads(done.stdout)
+    edges = {edge["name"]: edge for edge in told["edges"]}
+    assert edges.keys() == {"base", "arm", "camera"}
+    assert 10.0 < edges["base"]["rate_hz"] < 60.0
+    assert edges["base"]["jitter_s"] < 0.1
+    assert edges["arm"]["delays_s"]["p50"] > LATE_NS / 1e9
+    assert edges["arm"]["delays_s"]["p50"] > edges["base"]["delays_s"]["p50"]
+    assert edges["arm"]["out_of_order"] == 0
+    assert edges["camera"]["static"]
+    streams = {stream["name"]: stream for stream in told["streams"]}
+    assert streams["odometry"]["bytes_per_s"] > 1_000.0
+    assert streams["odometry"]["missed"] == 0
+    assert streams["odometry"]["node"] == "/odometry"
+
+
+def test_it_prints_tables(robot: Bus) -> None:
+    """For people it prints a table of edges and one of streams, in 80 columns."""
+    out = robot.run("monitor", "--once").stdout
+    lines = out.splitlines()
+    assert lines[0].split()[:4] == ["frame", "by", "Hz", "jitter"]
+    assert [line.split()[:2] for line in lines[1:4]] == [
+        ["arm", "kinematics"],
+        ["base", "odometry"],
+        ["camera", "mount"],
+    ]
+    assert lines[5].split() == ["stream", "node", "host", "Hz", "kB/s", "missed", "clock"]
+    assert max(map(len, lines)) <= 80
+
+
+def test_what_is_wrong_with_an_edge_is_said_in_words(robot: Bus) -> None:
+    """A frame that two publish is marked behind its publisher, also where there is no colour."""
+    keep_sending(robot.node("rival"), "world", "base")
+    lines = robot.run("monitor", "--once").stdout.splitlines()
+    (base,) = [line for line in lines if line.startswith("base ")]
+    assert base.split()[1] in ("odometry", "rival")
+    assert base.split()[2] == "CONFLICT"
+
+
+def test_a_pair_has_its_chain_and_who_holds_it_back(robot: Bus) -> None:
+    """Of two frames it tells the chain between them, the net delay and the edge that is latest."""
+    pair = json.loads(robot.run("monitor", "world", "camera", "--once", "--json").stdout)["pair"]
+    assert pair["chain"] == ["world", "base", "arm", "camera"]
+    assert pair["net_delay_s"]["p50"] > LATE_NS / 1e9
+    assert pair["held_back_by"] == "arm"
+    out = robot.run("monitor", "world", "camera", "--once").stdout
+    assert out.startswith(
+        "world -> camera\nChain: world -> base -> arm -> camera\nNet delay: p50 3"
+    )
+    assert "\nHeld back by: arm\n" in out
+
+
+def test_a_pair_without_a_transform_says_why(robot: Bus) -> None:
+    """Where there is no transform, the reason is told in one sentence, with exit code 1."""
+    done = robot.run("monitor", "world", "camra")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("Error: there is no frame 'camra'; did you mean 'camera'")
+    assert done.stderr.endswith("(tfbus why world camra says what to do)\n")
+
+
+def test_one_frame_is_no_pair(bus: Bus) -> None:
+    """A single frame is a mistake, told with exit code 2."""
+    done = bus.run("monitor", "world")
+    assert done.returncode == 2
+    assert "a pair is two frames: tfbus monitor world FRAME, or none" in done.stderr
+
+
+def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
+    """It reports again and again, and a publisher that ends is marked."""
+    monitor = robot.start("monitor", "--period", "0.2")
+    monitor.wait_for_line("^base +odometry")
+    short_lived = robot.node("short_lived")
+    keep_sending(short_lived, "world", "visitor")
+    monitor.wait_for_line("^visitor +short_lived +4|^visitor +short_lived +5")
+    short_lived.close()
+    monitor.wait_for_line("^visitor +short_lived GONE")
+    assert monitor.stop() == 0

@@ -1,0 +1,255 @@
+"""`tfbus topic`: what there is, who is at its ends, and what goes over it."""
+
+import json
+import re
+
+import pytest
+
+from tests.cli.topic_talker import POSE, Battery, run, sim
+from tests.live_bus import Bus, eventually, free_port
+from tfbus import (
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+from tfbus.messages import Color, Pose
+from tfbus.wire.codec import encode_map, encode_message
+
+USAGE = """Usage: python -m tfbus topic echo [OPTIONS] TOPIC
+Try 'python -m tfbus topic echo --help' for help.
+
+"""
+
+
+class TestList:
+    def test_topics_are_listed_one_a_line(self, bus: Bus) -> None:
+        """Topics are listed by name, with their types, counted, or by their ends."""
+        sim(bus)
+        bus.node("other").create_subscription(Pose, "turtle1/pose", lambda pose: None)
+        assert run(bus, "list") == (0, "turtle1/cmd_vel\nturtle1/pose\n", "")
+        assert run(bus, "list", "-t")[1] == "turtle1/cmd_vel [Twist]\nturtle1/pose [Pose]\n"
+        assert run(bus, "list", "-c")[1] == "2\n"
+        assert run(bus, "list", "-v")[1].splitlines() == [
+            "Published topics:",
+            " * turtle1/pose [Pose] 1 publisher",
+            "",
+            "Subscribed topics:",
+            " * turtle1/cmd_vel [Twist] 1 subscriber",
+            " * turtle1/pose [Pose] 1 subscriber",
+        ]
+
+    def test_a_machine_reads_the_list_as_json(self, bus: Bus) -> None:
+        """The list as JSON has each topic with its types and the nodes at both ends."""
+        sim(bus)
+        topics = json.loads(run(bus, "list", "--json")[1])
+        ends = {topic["name"]: (topic["types"], topic["publishers"]) for topic in topics}
+        assert ends["turtle1/cmd_vel"] == (["Twist"], [])
+        assert ends["turtle1/pose"][1][0]["node"] == "/sim"
+
+    def test_transforms_are_topics_too(self, bus: Bus) -> None:
+        """What a stream sends, moving or static, is listed under its key."""
+        node = bus.node("camera")
+        pose = TransformStamped(1, "world", "camera", Transform.identity())
+        StaticTransformBroadcaster(node).send_transform(pose)
+        eventually(lambda: run(bus, "list", "-t")[1] == "tf_static/camera [TransformMessage]\n")
+        _, out, _ = run(bus, "info", "tf_static")
+        assert out.splitlines() == [
+            "Type: TransformMessage",
+            "Publisher count: 1",
+            "Subscription count: not known, listeners do not tell",
+        ]
+
+    def test_nothing_is_an_empty_list(self, bus: Bus) -> None:
+        """Where there is no topic, nothing is printed, and that is no failure."""
+        assert run(bus, "list") == (0, "", "")
+
+    def test_names_are_relative_to_the_namespace(self, bus: Bus) -> None:
+        """From within a namespace its topics have no prefix, and those outside are not there."""
+        sim(bus, "robot7")
+        bus.node("other").create_publisher(Pose, "pose")
+        assert run(bus, "list", "--namespace", "robot7")[1] == "turtle1/cmd_vel\nturtle1/pose\n"
+        assert "robot7/turtle1/pose\n" in run(bus, "list")[1]
+
+    def test_info_shows_both_ends(self, bus: Bus) -> None:
+        """A topic is shown with its type and counts, and with -v the nodes of each end."""
+        sim(bus)
+        code, out, err = run(bus, "info", "turtle1/pose")
+        assert (code, err) == (0, "")
+        assert out == "Type: Pose\nPublisher count: 1\nSubscription count: 0\n"
+        _, out, _ = run(bus, "info", "turtle1/pose", "-v")
+        assert out.splitlines()[2:4] == ["  Node name: /sim", "    Type: Pose"]
+        assert json.loads(run(bus, "info", "turtle1/pose", "--json")[1])["types"] == ["Pose"]
+
+    def test_a_topic_has_a_type_and_is_found_by_it(self, bus: Bus) -> None:
+        """`type` is the way from the name to the type, `find` the way back, also by ROS's names."""
+        sim(bus)
+        assert run(bus, "type", "turtle1/pose") == (0, "Pose\n", "")
+        assert run(bus, "find", "Pose") == (0, "turtle1/pose\n", "")
+        assert run(bus, "find", "turtlesim/msg/Pose", "--count") == (0, "1\n", "")
+        code, out, err = run(bus, "find", "Poes")
+        assert (code, out) == (1, "")
+        assert err == "Error: there is no topic of type 'Poes'; did you mean 'Pose'?\n"
+
+    def test_a_topic_that_is_not_there_is_told_with_the_nearest(self, bus: Bus) -> None:
+        """A misspelt topic fails with the one that is meant."""
+        assert run(bus, "info", "x")[2] == (
+            "Error: there is no topic 'x', nor any other: is a node running?\n"
+        )
+        sim(bus)
+        assert run(bus, "info", "turtle1/poze") == (
+            1,
+            "",
+            "Error: there is no topic 'turtle1/poze'; did you mean 'turtle1/pose'?\n",
+        )
+
+
+class TestEcho:
+    def test_a_message_is_printed_as_yaml(self, bus: Bus) -> None:
+        """Each message is a map of YAML, and a line of dashes after it."""
+        sim(bus)
+        code, out, err = run(bus, "echo", "turtle1/pose", "--once")
+        assert (code, err) == (0, "")
+        assert out.splitlines() == [
+            "stamp_ns: 1000000005",
+            "x: 5.5",
+            "y: 2.0",
+            "theta: 0.25",
+            "linear_velocity: 1.0",
+            "angular_velocity: 0.0",
+            "---",
+        ]
+
+    @pytest.mark.parametrize(
+        ("options", "printed"),
+        [
+            (("--csv",), "1000000005,5.5,2.0,0.25,1.0,0.0\n"),
+            (("--json", "--field", "y", "--filter", "m.x > 5 and m.theta < 1"), "2.0\n"),
+            (("--raw",), f"{encode_message(POSE).hex()}\n"),
+        ],
+    )
+    def test_a_message_in_another_form(
+        self, bus: Bus, options: tuple[str, ...], printed: str
+    ) -> None:
+        """As CSV, one field as JSON where a filter takes it, or the bytes as they came."""
+        sim(bus)
+        assert run(bus, "echo", "turtle1/pose", "--once", *options) == (0, printed, "")
+
+    def test_when_it_came_is_a_comment_before_it(self, bus: Bus) -> None:
+        """With -i a comment says when a message came, and its size."""
+        sim(bus)
+        code, out, err = run(bus, "echo", "turtle1/pose", "--once", "-i", "--field", "x")
+        assert (code, err) == (0, "")
+        assert re.fullmatch(r"# came at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
+
+    def test_messages_of_any_type_are_printed(self, bus: Bus) -> None:
+        """What tfbus has no type for is printed as it comes; long values are cut unless told."""
+        node = bus.node("robot")
+        publisher = node.create_publisher(Battery, "battery")
+        battery = Battery(1, [3.5, 3.25, 3.0], "left and right", b"\x01\xff\x02")
+        node.create_timer(0.02, lambda: publisher.publish(battery))
+        echo = ("echo", "battery", "--once")
+        _, out, _ = run(bus, *echo, "-l", "2")
+        assert out.splitlines() == [
+            *("stamp_ns: 1", "cells:", "- 3.5", "- 3.25", "- '...'"),
+            *("name: le...", "key: 01ff...", "---"),
+        ]
+        _, out, _ = run(bus, *echo, "--no-arr", "--no-str")
+        assert "cells: <list of 3>\nname: <text of 14>\nkey: <3 bytes>\n" in out
+        assert json.loads(run(bus, *echo, "--json")[1])["cells"] == [3.5, 3.25, 3.0]
+
+    def test_transforms_are_printed(self, bus: Bus) -> None:
+        """The transforms of a stream, or of all, are printed row by row; static ones at once."""
+        node = bus.node("camera")
+        pose = Transform((1.0, 2.0, 3.0))
+        fixed, moving = (TransformStamped(7, "world", child, pose) for child in ("lens", "head"))
+        StaticTransformBroadcaster(node).send_transform(fixed)
+        broadcaster = TransformBroadcaster(node)
+        node.create_timer(0.02, lambda: broadcaster.send_transform(moving))
+        for topic, child in (
+            ("tf_static/camera", "lens"),
+            ("tf_static", "lens"),
+            ("tf/camera", "head"),
+            ("tf", "head"),
+        ):
+            _, out, _ = run(bus, "echo", topic, "--once", "--json", "--field", "transforms[0]")
+            assert json.loads(out) == {
+                "stamp_ns": 7,
+                "frame_id": "world",
+                "child_frame_id": child,
+                "transform": {
+                    "translation": {"x": 1.0, "y": 2.0, "z": 3.0},
+                    "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+                },
+            }, topic
+
+    def test_what_is_waited_for_is_said(self, bus: Bus) -> None:
+        """Where nobody publishes, it is said, with the nearest topic; and given up in time."""
+        sim(bus)
+        code, out, err = run(bus, "echo", "turtle1/pse", "--timeout", "0.5")
+        assert (code, out) == (1, "")
+        assert err.splitlines() == [
+            "Waiting for a message on 'turtle1/pse': nobody publishes it; "
+            "did you mean 'turtle1/pose'?",
+            "Error: no message came on 'turtle1/pse' in 0.5 s",
+        ]
+
+    def test_a_publisher_that_comes_later_is_heard(self, bus: Bus) -> None:
+        """Echo waits for a topic that does not exist yet, and knows its type when it does."""
+        echo = bus.start("topic", "echo", "color", "--field", "g")
+        echo.wait_for_line("Waiting for a message on 'color': nobody publishes it")
+        node = bus.node("painter")
+        colors = node.create_publisher(Color, "color")
+        node.create_timer(0.05, lambda: colors.publish(Color(1, 2, 3)))
+        eventually(lambda: echo.out[:2] == ["2", "---"])
+        assert echo.stop() == 0
+        assert len(echo.err) == 1
+
+    def test_a_bad_message_is_told_once_and_left_out(self, bus: Bus) -> None:
+        """What is no message of the topic's type is told once; the others are printed."""
+        node = bus.node("painter")
+        colors = node.create_publisher(Color, "color")
+
+        def publish() -> None:
+            node.session.zenoh.put("color", b"\xff")
+            node.session.zenoh.put("color", encode_map({"r": 1}))
+            colors.publish(Color(1, 2, 3))
+
+        node.create_timer(0.05, publish)
+        echo = bus.start("topic", "echo", "color", "--csv")
+        eventually(lambda: len(echo.out) > 5)
+        assert echo.stop() == 0
+        assert set(echo.out) == {"1,2,3"}
+        assert len(echo.err) == 1
+        assert echo.err[0].startswith("Warning: left out a message of 'color': ")
+
+    def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
+        """Options that do not go together, or a field that is not there, are usage errors."""
+        for arguments, sentence in (
+            (("x", "--csv", "--json"), "--csv, --json and --raw are three forms: give one of them"),
+            (
+                ("/x",),
+                "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "
+                "node's namespace, write 'x'",
+            ),
+        ):
+            assert run(bus, "echo", *arguments)[::2] == (2, f"{USAGE}Error: {sentence}\n")
+        sim(bus)
+        code, out, err = run(bus, "echo", "turtle1/pose", "--field", "thta")
+        assert (code, out) == (2, "")
+        assert err.endswith("no 'thta' there; did you mean 'theta'?\n")
+
+
+def test_a_client_works_through_a_router(bus: Bus) -> None:
+    """All of it works for a client that knows only a router."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = bus.start("router", "--listen", endpoint)
+    router.wait_for_line("Routing on")
+    at_router = ("--mode", "client", "--connect", endpoint)
+    pub = bus.start(
+        "topic", "pub", "-q", "-r", "20", "color", "Color", "{r: 1, g: 2, b: 3}", *at_router
+    )
+    eventually(lambda: run(bus, "list", *at_router)[1] == "color\n")
+    assert run(bus, "echo", "color", "--once", "--csv", *at_router)[1] == "1,2,3\n"
+    assert run(bus, "hz", "color", "--once", *at_router)[0] == 0
+    assert pub.stop() == 0

@@ -1,0 +1,83 @@
+"""The graph: topics and services with their ends, from what nodes and streams tell."""
+
+import logging
+
+from tests.live_bus import Bus, eventually
+from tfbus import StaticTransformBroadcaster, Transform, TransformBroadcaster, TransformStamped
+from tfbus.discover.graph import Endpoint, ServiceInfo, TopicInfo, graph_of
+from tfbus.discover.presence import describe_streams
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
+
+
+def node(name: str, **interfaces: dict[str, str]) -> NodeDescription:
+    """What a node of this full name tells, with these of its interfaces."""
+    ends = {kind: interfaces.get(kind, {}) for kind in ("publishes", "subscribes", "serves")}
+    return NodeDescription(name, "host", 7, "0.1.0", "session", 0, (), (), **ends, calls={})
+
+
+def end(name: str, type_: str) -> Endpoint:
+    """One end at a node of `node`."""
+    return Endpoint(name, type_, "host", 7)
+
+
+def test_a_topic_has_all_its_ends() -> None:
+    """What several nodes say and hear on one name is one topic, its ends sorted by node."""
+    nodes = [
+        node("/teleop", publishes={"cmd_vel": "Twist"}),
+        node("/sim", subscribes={"cmd_vel": "Twist"}),
+        node("/draw", publishes={"cmd_vel": "Twist"}),
+    ]
+    assert graph_of(nodes, {}).topics == {
+        "cmd_vel": TopicInfo(
+            "cmd_vel",
+            (end("/draw", "Twist"), end("/teleop", "Twist")),
+            (end("/sim", "Twist"),),
+        )
+    }
+
+
+def test_names_are_those_within_the_namespace_of_who_looks() -> None:
+    """A node's names stand below its namespace, which is left out by who looks from within it."""
+    robot = node("/robot7/sim", publishes={"turtle1/pose": "Pose"}, serves={"spawn": "Spawn"})
+    outside, inside = graph_of([robot], {}), graph_of([robot], {}, "robot7")
+    assert list(outside.topics) == ["robot7/turtle1/pose"]
+    assert list(inside.topics) == ["turtle1/pose"]
+    assert inside.services == {"spawn": ServiceInfo("spawn", (end("/robot7/sim", "Spawn"),))}
+
+
+def test_types_that_differ_are_all_told() -> None:
+    """Where two nodes tell different types of one topic, it has both; one that tells none has
+    none.
+    """
+    nodes = [
+        node("/a", publishes={"x": "Pose", "y": ""}),
+        node("/b", subscribes={"x": "Color"}),
+    ]
+    topics = graph_of(nodes, {}).topics
+    assert (topics["x"].types, topics["y"].types) == (("Color", "Pose"), ())
+
+
+def test_streams_are_topics_of_what_they_carry() -> None:
+    """A stream is a topic of moving frames, of static ones, or both; who hears it is unknown."""
+    stream = StreamDescription(
+        1, "/robot7/sim", 0, (("w", "a", False), ("w", "b", True)), host="h", pid=3
+    )
+    ends = (Endpoint("/robot7/sim", "TransformMessage", "h", 3),)
+    assert graph_of([], {"robot7/@tfbus/stream/a%2Fb": stream}).topics == {
+        name: TopicInfo(name, ends, None) for name in ("robot7/tf/a%2Fb", "robot7/tf_static/a%2Fb")
+    }
+
+
+def test_streams_are_asked_for_at_once(bus: Bus) -> None:
+    """What living streams tell about themselves is there for the asking, by their keys."""
+    sim, camera = bus.node("sim", namespace="robot7"), bus.node("camera")
+    pose = TransformStamped(1, "world", "turtle1", Transform.identity())
+    TransformBroadcaster(sim).send_transform(pose)
+    StaticTransformBroadcaster(camera).send_transform(pose)
+    session = bus.node("looker").session
+    log = logging.getLogger("test")
+    told = eventually(lambda: len(found := describe_streams(session, log.warning)) == 2 and found)
+    assert {key: (it.node, it.frames) for key, it in told.items()} == {
+        "@tfbus/stream/camera": ("/camera", (("world", "turtle1", True),)),
+        "robot7/@tfbus/stream/sim": ("/robot7/sim", (("world", "turtle1", False),)),
+    }

@@ -1,0 +1,142 @@
+"""Who is there: nodes come, are listed and described, and go."""
+
+import logging
+import sys
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tfbus import BusError, NodeSettings
+from tfbus.bus.session import Session
+from tfbus.discover.presence import NodeWatch, describe_nodes, list_nodes, relative_name
+
+
+def look(bus: Bus, namespace: str = "") -> Session:
+    """A session that is no node; the bus of the test ends it."""
+    return bus.node("looker", namespace=namespace).session
+
+
+def test_nodes_are_listed_by_their_full_names(bus: Bus) -> None:
+    """All nodes are listed, those of namespaces below too, sorted."""
+    for name, namespace in (("sim", ""), ("broadcaster1", ""), ("sim", "robot7"), ("a", "l/r")):
+        bus.node(name, namespace=namespace)
+    wanted = ["/broadcaster1", "/l/r/a", "/looker", "/robot7/sim", "/sim"]
+    session = look(bus)
+    eventually(lambda: list_nodes(session) == wanted)
+
+
+def test_from_within_a_namespace_only_its_nodes_are_seen(bus: Bus) -> None:
+    """A session in a namespace sees the nodes of that namespace and below, by their full names."""
+    bus.node("sim")
+    bus.node("sim", namespace="robot7")
+    session = look(bus, "robot7")
+    eventually(lambda: list_nodes(session) == ["/robot7/looker", "/robot7/sim"])
+
+
+def test_a_node_that_is_closed_is_listed_no_more(bus: Bus) -> None:
+    """A node that leaves is gone from the list."""
+    session = look(bus)
+    node = bus.node("sim")
+    eventually(lambda: "/sim" in list_nodes(session))
+    node.close()
+    eventually(lambda: "/sim" not in list_nodes(session))
+
+
+def test_a_node_that_is_killed_is_listed_no_more(bus: Bus) -> None:
+    """A process that dies takes its node with it."""
+    session = look(bus)
+    process = bus.start_command(
+        [sys.executable, "-c", "import tfbus; tfbus.Node('doomed').spin()"],
+    )
+    eventually(lambda: "/doomed" in list_nodes(session))
+    process.kill()
+    eventually(lambda: "/doomed" not in list_nodes(session))
+
+
+def test_a_node_is_described_by_any_way_of_writing_its_name(bus: Bus) -> None:
+    """`sim`, `/sim`, and a path from within its namespace all find the node."""
+    bus.node("sim", namespace="robot7")
+    outside, inside = look(bus), look(bus, "robot7")
+    eventually(lambda: "/robot7/sim" in list_nodes(outside))
+    eventually(lambda: "/robot7/sim" in list_nodes(inside))
+    for session, name in (
+        (outside, "robot7/sim"),
+        (outside, "/robot7/sim"),
+        (inside, "sim"),
+        (inside, "/robot7/sim"),
+    ):
+        assert [told.name for told in describe_nodes(session, name)] == ["/robot7/sim"]
+
+
+def test_nodes_that_share_a_name_are_all_described(bus: Bus) -> None:
+    """Where two nodes share a name, both answer."""
+    first, second = bus.node("sim"), bus.node("sim")
+    session = look(bus)
+    wanted = sorted([first.started_ns, second.started_ns])
+    eventually(lambda: "/sim" in list_nodes(session))
+    eventually(lambda: sorted(told.started_ns for told in describe_nodes(session, "sim")) == wanted)
+
+
+def test_a_node_that_is_not_there_is_said_with_the_nearest(bus: Bus) -> None:
+    """A name that no node has is refused with the nearest name, or with all there are."""
+    bus.node("simulator")
+    session = look(bus)
+    eventually(lambda: len(list_nodes(session)) == 2)
+    with pytest.raises(BusError) as caught:
+        describe_nodes(session, "/simulater")
+    assert str(caught.value) == "there is no node '/simulater'; did you mean '/simulator'?"
+    with pytest.raises(BusError) as caught:
+        describe_nodes(session, "xyz")
+    assert str(caught.value) == "there is no node 'xyz'; there are: /looker, /simulator"
+
+
+def test_nobody_at_all_is_said(bus: Bus) -> None:
+    """Where no node is there, the message asks what may be wrong."""
+    settings = NodeSettings("x", config=str(bus.config), connect=(bus.endpoint,))
+    session = Session(settings, logging.getLogger("test"))
+    with session, pytest.raises(BusError) as caught:
+        describe_nodes(session, "sim")
+    assert str(caught.value) == (
+        "there is no node 'sim', nor any other: is it running, on this network?"
+    )
+
+
+def test_a_watch_knows_who_comes_and_goes(bus: Bus) -> None:
+    """A watch knows the nodes that were there before it, that come, and that go."""
+    first = bus.node("first")
+    session = look(bus)
+    watch = NodeWatch(session)
+    assert watch.wait("/first", timeout_s=10)
+    assert not watch.wait("/second", timeout_s=0.01)
+    bus.node("second", namespace="robot7")
+    assert watch.wait("/robot7/second", timeout_s=10)
+    first.close()
+    eventually(lambda: not watch.is_present("/first"))
+    watch.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "namespace", "relative"),
+    [
+        ("sim", "", "sim"),
+        ("/sim", "", "sim"),
+        ("/robot7/sim", "", "robot7/sim"),
+        ("sim", "robot7", "sim"),
+        ("/robot7/sim", "robot7", "sim"),
+        ("/lab/robot7/sim", "lab", "robot7/sim"),
+    ],
+)
+def test_names_as_they_are_written_within_a_namespace(
+    name: str, namespace: str, relative: str
+) -> None:
+    """A name with a leading slash is a full name; one without is relative to the namespace."""
+    assert relative_name(name, namespace) == relative
+
+
+def test_a_node_outside_of_the_namespace_cannot_be_reached() -> None:
+    """A full name outside of the namespace is refused with the remedy."""
+    with pytest.raises(BusError) as caught:
+        relative_name("/robot8/sim", "robot7")
+    assert str(caught.value) == (
+        "node '/robot8/sim' lies outside of the namespace 'robot7': leave --namespace away"
+    )

@@ -1,0 +1,119 @@
+"""Hosts for tests: network namespaces that a bridge joins, each with an address of its own."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tests.live_bus import Bus, Process
+
+BRIDGE = "tfbr"
+ROUTER_HOST = "hub"
+
+_TESTS = Path(__file__).parents[1]
+
+
+def why_not() -> str:
+    """Why hosts cannot be made here; "" where they can."""
+    if os.geteuid() != 0:
+        return "network namespaces need root"
+    if shutil.which("ip") is None:
+        return "network namespaces need the command ip (apt-get install iproute2)"
+    probe = f"tfbus-{os.getpid()}-probe"
+    try:
+        _ip("netns", "add", probe)
+        _ip("netns", "del", probe)
+    except subprocess.CalledProcessError as error:
+        return f"network namespaces cannot be made here: {error.stderr.strip()}"
+    return ""
+
+
+class Hosts:
+    """Some hosts on one network, which nothing else is on."""
+
+    def __init__(self, *names: str):
+        self._space = {name: f"tfbus-{os.getpid()}-{name}" for name in (*names, BRIDGE)}
+        self.address = {name: f"10.99.0.{at}" for at, name in enumerate(names, start=1)}
+        for space in self._space.values():
+            _ip("netns", "add", space)
+        bridge = self._space[BRIDGE]
+        # Without a querier on the network a snooping bridge forgets who wants multicast.
+        _ip("-n", bridge, "link", "add", BRIDGE, "type", "bridge", "mcast_snooping", "0")
+        _ip("-n", bridge, "link", "set", BRIDGE, "up")
+        for name, address in self.address.items():
+            space = self._space[name]
+            cable = ["link", "add", name, "netns", bridge, "type", "veth"]
+            _ip(*cable, "peer", "name", "eth0", "netns", space)
+            _ip("-n", bridge, "link", "set", name, "master", BRIDGE, "up")
+            _ip("-n", space, "addr", "add", f"{address}/24", "dev", "eth0")
+            _ip("-n", space, "link", "set", "lo", "up")
+            _ip("-n", space, "link", "set", "eth0", "up", "multicast", "on")
+
+    def command(self, host: str, *command: str) -> Sequence[str]:
+        """The command as it runs on the host."""
+        return ["ip", "netns", "exec", self._space[host], *command]
+
+    def set_link(self, host: str, *, up: bool) -> None:
+        """Plug the host's cable in, or pull it out."""
+        _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
+
+    def set_way(self, one: str, other: str, *, up: bool) -> None:
+        """Open or close the way between two hosts; the others reach both."""
+        for host, far in ((one, other), (other, one)):
+            way = ("blackhole", f"{self.address[far]}/32")
+            _ip("-n", self._space[host], "route", "del" if up else "add", *way)
+
+    def close(self) -> None:
+        """Take the network down; processes on it are ended by who started them."""
+        for space in self._space.values():
+            _ip("netns", "del", space)
+
+
+class Network:
+    """Hosts, and processes of Python on them: peers that scout, or clients of a router."""
+
+    def __init__(self, bus: Bus, *names: str):
+        self._bus = bus
+        self.hosts = Hosts(*names, ROUTER_HOST)
+        self.router = f"tcp/{self.hosts.address[ROUTER_HOST]}:7447"
+
+    def start(
+        self,
+        host: str,
+        *arguments: str,
+        client: bool = False,
+        env: Mapping[str, str] | None = None,
+    ) -> Process:
+        """`python ARGUMENTS` on the host; a script of the tests is found by its name."""
+        program, *rest = arguments
+        if program.endswith(".py"):
+            program = str(next(_TESTS.rglob(program)))
+        alone = {"TFBUS_CONFIG": "", "TFBUS_CONNECT": ""}
+        joined = {"TFBUS_MODE": "client", "TFBUS_CONNECT": self.router} if client else {}
+        command = self.hosts.command(host, sys.executable, program, *rest)
+        return self._bus.start_command(command, env=alone | joined | dict(env or {}))
+
+    def start_router(self, *, env: Mapping[str, str] | None = None) -> Process:
+        """The router, ready."""
+        router = self.start(ROUTER_HOST, "-m", "tfbus", "router", env=env)
+        router.wait_for_line("Routing on")
+        return router
+
+    def close(self) -> None:
+        """End the processes and take the network down."""
+        self._bus.close()
+        self.hosts.close()
+
+
+def frames(witness: Process) -> dict[str, Any]:
+    """What the witness knew of each frame when it printed its last line."""
+    told: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
+    return told
+
+
+def _ip(*arguments: str) -> None:
+    subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True, timeout=10)

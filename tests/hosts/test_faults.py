@@ -1,0 +1,45 @@
+"""Processes killed and links cut on real hosts: afterwards everybody knows everything again."""
+
+import random
+from collections.abc import Iterator
+
+import pytest
+
+from tests.hosts import network as hosts
+from tests.hosts.faults import MOST_GROWTH_KB, WITNESSES, InjuredHosts, wait_until_well
+from tests.live_bus import Bus
+
+REASON = hosts.why_not()
+pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+
+
+@pytest.fixture
+def injured(bus: Bus, request: pytest.FixtureRequest) -> Iterator[InjuredHosts]:
+    """Four hosts with publishers, witnesses and a router."""
+    seed = request.config.getoption("--fault-seed")
+    if seed is None:
+        seed = random.randrange(1_000_000)
+    print(f"pytest tests/test_faults.py --fault-seed {seed}")
+    world = InjuredHosts(bus, seed)
+    yield world
+    bus.close()
+    world.close()
+
+
+def test_all_is_known_again_after_each_healing(
+    injured: InjuredHosts, pytestconfig: pytest.Config
+) -> None:
+    """Publishers, listeners and the router are killed and links cut, in random order; 20 s after
+    each healing every listener has every static and living frame, the frames of the dead are
+    marked as gone, no process has died that was not killed, and memory is flat.
+    """
+    wait_until_well(injured)
+    before_kb = {name: injured.report(name)["resident_kb"] for name in WITNESSES}
+    for number in range(1, 1 + pytestconfig.getoption("--fault-rounds")):
+        injured.history.append(f"round {number}")
+        injured.injure()
+        injured.heal()
+        wait_until_well(injured)
+        assert injured.died() == []
+    after_kb = {name: injured.report(name)["resident_kb"] for name in WITNESSES}
+    assert all(after_kb[name] - before_kb[name] < MOST_GROWTH_KB for name in WITNESSES)

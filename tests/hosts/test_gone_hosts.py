@@ -1,0 +1,72 @@
+"""Hosts that are unplugged and routers that are restarted: what is known of their frames."""
+
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.hosts.network import Network, frames, why_not
+from tests.live_bus import Bus, Process, eventually
+
+REASON = why_not()
+pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
+
+FRAMES = ["--moving", "robot", "--static", "camera", "--static", "lamp"]
+# Without tfbus's own setting Zenoh notices a silent link after 10 s.
+NOTICED_WITHIN_S = 8.0
+# Zenoh looks for its neighbours again after 8 s at most.
+HEALED_WITHIN_S = 40.0
+
+
+@pytest.fixture
+def network(bus: Bus) -> Iterator[Network]:
+    network = Network(bus, "robot", "desk")
+    yield network
+    network.close()
+
+
+def knows(witness: Process, *, gone: bool, camera_x: float) -> Callable[[], bool]:
+    """Whether all three frames are known, so, and the camera is where it should be."""
+
+    def known() -> bool:
+        told = frames(witness)
+        return (
+            set(told) == {"robot", "camera", "lamp"}
+            and all(frame["gone"] is gone for frame in told.values())
+            and told["camera"]["x"] == camera_x
+            and (gone or told["robot"]["age_s"] < 1.0)
+        )
+
+    return known
+
+
+def test_the_frames_of_an_unplugged_host_are_gone_until_it_is_back(network: Network) -> None:
+    """A host whose cable is pulled is noticed; back again, it brings what it changed meanwhile."""
+    witness = network.start("desk", "fault_witness.py", "witness")
+    publisher = network.start("robot", "stream_publisher.py", "sim", *FRAMES, "--correct", "camera")
+    eventually(knows(witness, gone=False, camera_x=0.0))
+    network.hosts.set_link("robot", up=False)
+    eventually(knows(witness, gone=True, camera_x=0.0), within_s=NOTICED_WITHIN_S)
+    publisher.signal(signal.SIGUSR1)
+    network.hosts.set_link("robot", up=True)
+    eventually(knows(witness, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)
+    # Its transforms may come before its token does.
+    witness.wait_for_line("is back")
+    told = [line for line in witness.err if "is gone" in line or "is back" in line]
+    assert len(told) == 2
+
+
+def test_statics_come_back_after_the_routers_restart(network: Network) -> None:
+    """Clients mark all frames while their router is away, and know all again after it."""
+    router = network.start_router()
+    witness = network.start("desk", "fault_witness.py", "witness", client=True)
+    arguments = ["sim", *FRAMES, "--correct", "camera"]
+    publisher = network.start("robot", "stream_publisher.py", *arguments, client=True)
+    eventually(knows(witness, gone=False, camera_x=0.0))
+    router.stop(signal.SIGKILL)
+    eventually(knows(witness, gone=True, camera_x=0.0), within_s=NOTICED_WITHIN_S)
+    publisher.signal(signal.SIGUSR1)
+    network.start_router()
+    late = network.start("desk", "fault_witness.py", "late", client=True)
+    for each in (witness, late):
+        eventually(knows(each, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)

@@ -1,0 +1,155 @@
+"""`tfbus launch` with real tfbus nodes on a real bus: names, options, and start by readiness."""
+
+import os
+import re
+import signal
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from tests.live_bus import Bus, eventually, free_port
+from tfbus.discover.presence import list_nodes
+
+TALKER = """
+    from tfbus import Node
+
+    with Node.from_args("talker") as node:
+        word = node.declare_parameter("word", "nothing")
+        print(f"I am {node.full_name} and say {word.value}", flush=True)
+        node.spin()
+"""
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(dedent(text))
+    return path
+
+
+def test_nodes_learn_their_names_parameters_and_bus_from_the_launch_file(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """A node of one's own gets name, namespace and parameters, and is on the bus of the launch."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        """
+        arguments: {word: {default: hello}}
+        nodes:
+          - {node: talker.py, parameters: {word: "${word}"}}
+          - {node: talker.py, name: bob, namespace: b}
+        """,
+    )
+    launch = bus.start("launch", str(path), "word:=two words", "--namespace", "fleet")
+    launch.wait_for_line(r"^\[fleet/talker\] I am /fleet/talker and say two words$")
+    launch.wait_for_line(r"^\[fleet/b/bob\] I am /fleet/b/bob and say nothing$")
+    watcher = bus.node("watcher")
+    expected = {"/fleet/b/bob", "/fleet/talker"}
+    eventually(lambda: expected <= set(list_nodes(watcher.session)))
+    assert launch.stop() == 0
+    eventually(lambda: not expected & set(list_nodes(watcher.session)))
+
+
+def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_path: Path) -> None:
+    """`after:` is settled by the node itself being there, wherever it was started."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        """
+        nodes:
+          - {node: talker.py, name: last, after: middle}
+          - {node: talker.py, name: middle, after: /elsewhere/first}
+        """,
+    )
+    launch = bus.start("launch", str(path))
+    launch.wait_for_line(r"\[INFO\] \[middle\]: waiting for /elsewhere/first to be on the bus")
+    assert not any("process started" in line for line in launch.err)
+    bus.node("first", namespace="elsewhere")
+    launch.wait_for_line(r"^\[last\] I am /last")
+    started = re.findall(r"\[(\w+)\]: process started", "\n".join(launch.err))
+    assert started == ["middle", "last"]
+    assert launch.stop(signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_launch_waits_for_its_router(bus: Bus, tmp_path: Path, number: int) -> None:
+    """A client's launch may begin before the router; Ctrl-C ends it cleanly while it waits."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(
+        tmp_path,
+        "robot.yaml",
+        "nodes: [{node: talker.py}, {node: talker.py, name: last, after: talker}]",
+    )
+    router = f"tcp/127.0.0.1:{free_port()}"
+    launch = bus.start("launch", str(path), "--mode", "client", "--connect", router)
+    launch.wait_for_line(f"Waiting for a router at {router}")
+    assert launch.stop(number) == 0
+    assert "Traceback" not in "\n".join(launch.err)
+
+
+def test_nodes_that_still_load_end_without_a_word(bus: Bus) -> None:
+    """Ctrl-C right after the start ends nodes whose Python is not ready for it yet."""
+    launch = bus.start("launch", "turtle", "headless:=true")
+    launch.wait_for_line(r"\[broadcaster1\]: process started")
+    assert launch.stop() == 0
+    assert launch.out == []
+    assert all(line.startswith(("[INFO]", "[WARNING]")) for line in launch.err), launch.err
+
+
+@pytest.mark.parametrize("option", ["--for", "--sigterm-timeout", "--sigkill-timeout"])
+def test_times_are_finite(bus: Bus, option: str) -> None:
+    """A time that is no number of seconds is a usage error."""
+    assert bus.run("launch", "turtle", option, "nan").returncode == 2
+
+
+def test_a_killed_node_is_back_on_the_bus(bus: Bus, tmp_path: Path) -> None:
+    """A node with `respawn` that is killed with SIGKILL comes back under its name."""
+    write(tmp_path, "talker.py", TALKER)
+    path = write(tmp_path, "robot.yaml", "nodes: [{node: talker.py, respawn: {delay: 0}}]")
+    launch = bus.start("launch", str(path))
+    launch.wait_for_line(r"^\[talker\] I am /talker")
+    pid = launch.wait_for_line("process started with pid").split("[")[-1].rstrip("]")
+    assert bus.run("node", "list").stdout.splitlines() == ["/talker"]
+    os.kill(int(pid), signal.SIGKILL)
+    eventually(lambda: len([line for line in launch.out if "I am /talker" in line]) == 2)
+    eventually(lambda: bus.run("node", "list").stdout.splitlines() == ["/talker"])
+    assert launch.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "nodes"),
+    [
+        ("turtle", ["/broadcaster1", "/sim"]),
+        ("follow", ["/broadcaster1", "/broadcaster2", "/listener", "/sim"]),
+        ("carrot", ["/broadcaster1", "/broadcaster2", "/carrot", "/listener", "/sim"]),
+        ("time_travel", ["/broadcaster1", "/broadcaster2", "/carrot", "/listener", "/sim"]),
+        ("square", ["/broadcaster1", "/draw_square", "/sim"]),
+    ],
+)
+def test_the_installed_launch_files_bring_their_nodes(
+    bus: Bus, name: str, nodes: list[str]
+) -> None:
+    """Each launch file that comes with tfbus starts its nodes, and Ctrl-C ends them cleanly."""
+    launch = bus.start("launch", name, "headless:=true")
+    watcher = bus.node("watcher")
+    eventually(lambda: list_nodes(watcher.session) == sorted(["/watcher", *nodes]))
+    for node in nodes:
+        launch.wait_for_line(rf"\[{node[1:]}\]: ready$")
+    assert launch.stop() == 0
+    clean = [line for line in launch.err if "finished cleanly" in line]
+    assert len(clean) == len(nodes), "\n".join(launch.err)
+
+
+def test_the_demo_prints_where_the_drone_is(bus: Bus) -> None:
+    """`tfbus launch demo` prints one place of the drone after another, and how to drive by hand."""
+    launch = bus.start("launch", "demo", "headless:=true")
+    launch.wait_for_line(r"^\[hint\] To drive by hand: ")
+
+    def places() -> set[str]:
+        return {line for line in launch.out if "[echo] - Translation" in line}
+
+    eventually(lambda: len(places()) >= 2)
+    assert launch.stop() == 0

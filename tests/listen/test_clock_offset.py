@@ -1,0 +1,147 @@
+"""How far the clocks of others are from ours, by the four times of NTP, and who is told."""
+
+import sys
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.live_bus import Bus, eventually
+from tfbus import (
+    Buffer,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.listen.clock_offset import ClockOffset, ClockOffsets, measured
+from tfbus.listen.info import StreamInfo
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import clock_key
+
+MS = 1_000_000
+SECOND = 1_000_000_000
+
+
+def test_a_clock_that_is_ahead() -> None:
+    """Asked at 10 s, there at 15 s by its clock, answered at once, back at 12 s: 4 s ahead."""
+    assert measured(10 * SECOND, 15 * SECOND, 15 * SECOND, 12 * SECOND) == ClockOffset(4.0, 2.0)
+
+
+def test_the_time_that_the_other_takes_is_not_on_the_way() -> None:
+    """How long the other thinks before it answers changes neither offset nor round trip."""
+    assert measured(10 * SECOND, 15 * SECOND, 18 * SECOND, 15 * SECOND) == ClockOffset(4.0, 2.0)
+
+
+@settings(deadline=None)
+@given(
+    offset=st.integers(-(10**12), 10**12),
+    there=st.integers(0, 10**9),
+    thinking=st.integers(0, 10**9),
+    back=st.integers(0, 10**9),
+)
+def test_the_offset_is_known_to_half_of_the_round_trip(
+    offset: int, there: int, thinking: int, back: int
+) -> None:
+    """Whatever the ways there and back are, the error is at most half of both together."""
+    asked = 1_700_000_000 * SECOND
+    received = asked + there + offset
+    found = measured(asked, received, received + thinking, asked + there + thinking + back)
+    assert found.round_trip_s == pytest.approx((there + back) / 1e9)
+    assert abs(found.offset_s - offset / 1e9) <= found.round_trip_s / 2 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "round_trip_s", "is_skewed"),
+    [(0.09, 0.001, False), (-0.2, 0.001, True), (0.2, 0.001, True), (0.2, 0.5, False)],
+)
+def test_a_skew_worth_a_warning(offset_s: float, round_trip_s: float, is_skewed: bool) -> None:
+    """A clock is skewed that is off by more than 100 ms and more than the round trip."""
+    assert ClockOffset(offset_s, round_trip_s).is_skewed is is_skewed
+
+
+# A node on a host whose clock is off.
+FALSE_CLOCK = """
+import sys, time
+real = time.time_ns
+time.time_ns = lambda: real() + round(float(sys.argv[1]) * 1e9)
+import tfbus
+with tfbus.Node("robot") as node:
+    tf = tfbus.TransformBroadcaster(node)
+    stamp = lambda: tfbus.TransformStamped(node.now_ns(), "odom", "base", tfbus.Transform())
+    node.create_timer(0.05, lambda: tf.send_transform(stamp()))
+    node.spin()
+"""
+
+
+def start_robot(bus: Bus, ahead_s: float) -> None:
+    """A publisher in a process of its own, whose clock is so far ahead of ours."""
+    bus.start_command([sys.executable, "-c", FALSE_CLOCK, str(ahead_s)]).wait_for_line("ready")
+
+
+def robot(listener: TransformListener) -> StreamInfo | None:
+    """What the listener knows of the robot, once it has measured its clock."""
+    infos = (info for info in listener.streams() if info.clock_offset_s is not None)
+    return next((info for info in infos if info.name == "robot"), None)
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "said"),
+    [
+        (2.5, " is 2[.]\\d{3} s ahead of ours .* answers where its frames were so long ago"),
+        (-2.5, " is 2[.]\\d{3} s behind ours .* waits so long, or fails"),
+    ],
+)
+def test_a_listener_knows_and_tells_of_a_clock_that_is_off(
+    bus: Bus, ahead_s: float, said: str
+) -> None:
+    """Each listener knows how far a publisher's clock is from its own, and warns of it once."""
+    start_robot(bus, ahead_s)
+    echo = bus.start("echo", "odom", "base", "--rate", "50")
+    node = bus.node("here")
+    with TransformListener(Buffer(), node) as listener:
+        info = eventually(lambda: robot(listener))
+    assert info.clock_offset_s == pytest.approx(ahead_s, abs=0.25)
+    echo.wait_for_line(f"The clock of /robot on host {info.host}{said}")
+    assert echo.stop() == 0
+    assert len([line for line in echo.err if "The clock of" in line]) == 1
+
+
+def test_clocks_that_agree_are_not_told_of(bus: Bus) -> None:
+    """On one host the offset is known to be next to nothing, and nothing is said of it."""
+    start_robot(bus, 0.0)
+    echo = bus.start("echo", "odom", "base", "--rate", "50")
+    with TransformListener(Buffer(), bus.node("here")) as listener:
+        info = eventually(lambda: robot(listener))
+    assert info.clock_offset_s == pytest.approx(0.0, abs=0.1)
+    echo.wait_for_line("Translation")
+    assert echo.stop() == 0
+    assert not [line for line in echo.err if "The clock of" in line]
+
+
+def test_ones_own_clock_is_not_off(bus: Bus) -> None:
+    """A listener hears the streams of its own node by its own clock."""
+    node = bus.node("robot")
+    with TransformListener(Buffer(), node) as listener:
+        TransformBroadcaster(node).send_transform(
+            TransformStamped(node.now_ns(), "odom", "base", Transform())
+        )
+        assert eventually(lambda: robot(listener)).clock_offset_s == 0.0
+
+
+def test_a_stream_of_a_new_process_has_the_clock_of_that(bus: Bus) -> None:
+    """Where a stream comes from another session, the former is asked no more."""
+    node = bus.node("listener")
+    offsets = ClockOffsets(node.session, node.log)
+    former, later = bus.node("former"), bus.node("later")
+    for robot in (former, later):
+        session = robot.session.id
+        key = clock_key(robot.name)
+        eventually(lambda key=key: list(node.session.ask(key)))
+        told = StreamDescription(1, robot.full_name, 1, (), session=session)
+        offsets.watch("robot", told)
+        eventually(lambda session=session: offsets.of(session))
+    assert offsets.of(former.session.id) is None
+    offsets.forget("robot")
+    assert offsets.of(later.session.id) is None
+    offsets.close()

@@ -1,0 +1,379 @@
+"""Listeners that read only what the lookups of their buffer need."""
+
+import asyncio
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from signal import SIGKILL
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tests.processes.publishers import launch, start
+from tfbus import (
+    Buffer,
+    ConnectivityException,
+    InvalidArgumentException,
+    LookupException,
+    Node,
+    StaticTransformBroadcaster,
+    TimeoutException,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.bus.handles import Declaration
+from tfbus.listen.interest import Interest
+from tfbus.listen.watch import StreamState
+from tfbus.wire.descriptions import StreamDescription
+
+PATIENCE_S = 20.0
+
+
+def edge(parent: str, child: str, x: float = 1.0) -> TransformStamped:
+    """`child` x metres ahead of its parent, now."""
+    return TransformStamped(time.time_ns(), parent, child, Transform((x, 0, 0)))
+
+
+class Sender:
+    """A node that sends one edge over and over, each time anew."""
+
+    def __init__(self, bus: Bus, name: str, parent: str, child: str, x: float = 1.0):
+        self.parent, self.child, self.x = parent, child, x
+        node = bus.node(name)
+        self.broadcaster = TransformBroadcaster(node)
+        node.create_timer(0.02, self._send)
+
+    def _send(self) -> None:
+        if self.child:
+            self.broadcaster.send_transform(edge(self.parent, self.child, self.x))
+
+
+@pytest.fixture
+def receiver(bus: Bus) -> Node:
+    return bus.node("receiver")
+
+
+@pytest.fixture
+def buffer() -> Buffer:
+    return Buffer()
+
+
+@pytest.fixture
+def listener(receiver: Node, buffer: Buffer) -> Iterator[TransformListener]:
+    with TransformListener(buffer, receiver, reads="needed") as listener:
+        yield listener
+
+
+def x_of(buffer: Buffer, target: str, source: str) -> float | None:
+    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
+    if not buffer.can_transform(target, source):
+        return None
+    return round(buffer.lookup_transform(target, source).transform.x, 9)
+
+
+def received(listener: TransformListener) -> dict[str, int]:
+    """How many messages have come of each stream that is known by its description."""
+    return {info.name: info.messages for info in listener.streams() if info.frames}
+
+
+def test_only_what_a_lookup_needs_is_read(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A lookup with a timeout works the first time, and nothing comes of streams that it does not
+    need, though their frames are known.
+    """
+    start(bus, "slam", "--moving", "map:odom")
+    start(bus, "wheels", "--moving", "odom:base", "--x", "2")
+    start(bus, "model", "--static", "base:lidar", "--x", "4")
+    start(bus, "arm", "--moving", "base:arm", "--static", "arm:tool")
+    whole = buffer.lookup_transform("odom", "lidar", timeout_s=PATIENCE_S)
+    assert whole.transform.x == pytest.approx(6)
+    eventually(lambda: received(listener)["wheels"] > 20)
+    eventually(lambda: set(received(listener)) == {"slam", "wheels", "model", "arm"})
+    assert {stream for stream, count in received(listener).items() if count} == {"wheels", "model"}
+    assert buffer.frames() == ["base", "lidar", "odom"]
+
+
+def test_without_a_timeout_the_error_says_that_it_was_asked_for(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """The first lookup that does not wait says what is read from now on; a later one answers."""
+    broadcaster = TransformBroadcaster(bus.node("wheels"))
+    broadcaster.send_transform(edge("odom", "base"))
+    eventually(lambda: received(listener) == {"wheels": 0})
+    with pytest.raises(LookupException) as caught:
+        buffer.lookup_transform("odom", "base")
+    assert str(caught.value) == (
+        "'base' seen from 'odom' is not there yet: what it needs of stream 'wheels' is read from "
+        "now on; wait for it (timeout_s), or ask again"
+    )
+    assert caught.value.frame == "odom"
+
+    def is_there() -> bool:
+        broadcaster.send_transform(edge("odom", "base"))
+        return x_of(buffer, "odom", "base") == 1
+
+    eventually(is_there)
+
+
+def test_a_name_that_nobody_describes_is_told_by_those_that_are_described(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A mistyped frame is compared with all frames on the bus, also those that are not read."""
+    start(bus, "wheels", "--moving", "odom:base_link")
+    eventually(lambda: received(listener) == {"wheels": 0})
+    with pytest.raises(LookupException, match="no frame 'base_lnk'; did you mean 'base_link'"):
+        buffer.lookup_transform("odom", "base_lnk")
+
+
+def test_frames_in_two_trees_are_told_by_the_roots_that_are_described(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """Frames that no stream joins are not connected, and the error names both roots."""
+    start(bus, "left", "--moving", "world:a", "--moving", "a:b")
+    start(bus, "right", "--moving", "floor:c")
+    eventually(lambda: len(received(listener)) == 2)
+    with pytest.raises(ConnectivityException) as caught:
+        buffer.lookup_transform("b", "c")
+    assert (caught.value.target_root, caught.value.source_root) == ("world", "floor")
+    with pytest.raises(TimeoutException):
+        buffer.lookup_transform("b", "c", timeout_s=0.05)
+
+
+def test_who_waits_may_be_there_before_the_publishers(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A lookup that waits is answered by publishers that start later, for asyncio too."""
+
+    async def look() -> TransformStamped:
+        task = asyncio.create_task(buffer.wait_for_transform("map", "base", timeout_s=PATIENCE_S))
+        await asyncio.sleep(0)
+        launch(bus, "late", "--moving", "map:base")
+        return await task
+
+    assert asyncio.run(look()).child_frame_id == "base"
+
+
+def test_the_path_follows_a_frame_to_another_parent(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A cup that is taken from the table is seen in the hand, whose stream is read from then on."""
+    start(bus, "table", "--static", "room:table", "--x", "1")
+    start(bus, "robot", "--moving", "room:hand", "--x", "5")
+    cup = Sender(bus, "cup", "table", "cup", 0.25)
+    buffer.lookup_transform("room", "cup", timeout_s=PATIENCE_S)
+    assert x_of(buffer, "room", "cup") == 1.25
+    eventually(lambda: received(listener).get("robot") == 0)
+    cup.parent = "hand"
+    eventually(lambda: x_of(buffer, "room", "cup") == 5.25)
+
+
+def test_the_path_follows_a_frame_to_another_stream(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A frame that its publisher gives up and another one sends is read there, without a word."""
+    first = Sender(bus, "first", "map", "base", 1)
+    second = Sender(bus, "second", "map", "other", 2)
+    assert buffer.lookup_transform(
+        "map", "base", timeout_s=PATIENCE_S
+    ).transform.x == pytest.approx(1)
+    eventually(lambda: received(listener).get("second") == 0)
+    first.child = ""
+    first.broadcaster.remove("base")
+    second.child = "base"
+    eventually(lambda: x_of(buffer, "map", "base") == 2)
+    assert buffer.frame("base").authority == "second"
+
+
+def test_a_killed_publisher_is_read_again_when_it_is_back(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """Frames whose publisher is gone are marked; the one that comes in its place is read."""
+    first = start(bus, "wheels", "--moving", "map:base", "--x", "1")
+    buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
+    first.signal(SIGKILL)
+    eventually(lambda: buffer.frame("base").gone)
+    start(bus, "wheels", "--moving", "map:base", "--x", "2")
+    eventually(lambda: x_of(buffer, "map", "base") == 2 and not buffer.frame("base").gone)
+
+
+def test_of_a_split_stream_single_frames_are_read(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """Of a stream that sends each frame on its own key, only frames of the path come in."""
+    start(bus, "arms", "--split", "--moving", "map:a", "--moving", "a:b/1", "--moving", "map:c")
+    buffer.lookup_transform("map", "b/1", timeout_s=PATIENCE_S)
+    eventually(lambda: received(listener)["arms"] > 20)
+    assert buffer.frames() == ["a", "b/1", "map"]
+
+
+def test_what_will_be_needed_can_be_said_before(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """After `need` the data comes without a lookup."""
+    start(bus, "wheels", "--moving", "odom:base", "--moving", "odom:other")
+    listener.need("odom", "base")
+    eventually(lambda: "base" in buffer.frames())
+    with pytest.raises(InvalidArgumentException):
+        listener.need("", "base")
+
+
+def test_history_comes_with_what_is_read(bus: Bus, receiver: Node, buffer: Buffer) -> None:
+    """A stream is asked for its last seconds when it is first read, however late that is."""
+    node = bus.node("sender")
+    broadcaster = TransformBroadcaster(node)
+    first_ns = time.time_ns() - 2 * 10**9
+    for i in range(3):
+        transform = TransformStamped(first_ns + i * 10**9, "map", "base", Transform((i, 0, 0)))
+        broadcaster.send_transform(transform)
+    with TransformListener(buffer, receiver, reads="needed", history_s=10) as listener:
+        eventually(lambda: received(listener) == {"sender": 0})
+        found = buffer.lookup_transform("map", "base", first_ns + 5 * 10**8, timeout_s=PATIENCE_S)
+        assert found.transform.x == pytest.approx(0.5)
+
+
+def test_edges_that_somebody_put_into_the_buffer_count(
+    bus: Bus, buffer: Buffer, listener: TransformListener
+) -> None:
+    """A path may lead over edges that no stream sends, but that are in the buffer already."""
+    start(bus, "wheels", "--moving", "map:base", "--x", "2")
+    buffer.set_transform(edge("base", "tool", 3), static=True)
+    buffer.set_transform(edge("world", "map", 5), static=True)
+    found = buffer.lookup_transform("world", "tool", timeout_s=PATIENCE_S)
+    assert found.transform.x == pytest.approx(10)
+
+
+def test_a_corrected_static_comes_in(bus: Bus, buffer: Buffer, listener: TransformListener) -> None:
+    """Static transforms that are needed are kept up to date; so is what was there before."""
+    broadcaster = StaticTransformBroadcaster(bus.node("model"))
+    broadcaster.send_transform(edge("base", "lidar", 1))
+    assert buffer.lookup_transform(
+        "base", "lidar", timeout_s=PATIENCE_S
+    ).transform.x == pytest.approx(1)
+    broadcaster.send_transform(edge("base", "lidar", 2))
+    eventually(lambda: x_of(buffer, "base", "lidar") == 2)
+
+
+def test_a_closed_listener_reads_no_more(bus: Bus, receiver: Node, buffer: Buffer) -> None:
+    """A listener that is closed asks for nothing any more; what it has stays. Twice is fine."""
+    start(bus, "wheels", "--moving", "map:base", "--moving", "map:other")
+    listener = TransformListener(buffer, receiver, reads="needed")
+    buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
+    listener.close()
+    listener.close()
+    assert x_of(buffer, "map", "base") == 0
+    with pytest.raises(LookupException, match="no frame 'nowhere'; did you mean 'other'"):
+        buffer.lookup_transform("map", "nowhere")
+
+
+def test_what_can_be_read_is_checked(receiver: Node, buffer: Buffer) -> None:
+    """Another word than those two is refused."""
+    with pytest.raises(InvalidArgumentException, match="choose one of everything, needed"):
+        TransformListener(buffer, receiver, reads="some")  # type: ignore[arg-type]  # is the test
+
+
+class Read:
+    """What an interest subscribes to, without a bus."""
+
+    def __init__(self) -> None:
+        self.keys: set[str] = set()
+        self.forgotten: list[tuple[str, str, set[str]]] = []
+
+    def subscribe(self, stream: str, key: str, static: bool) -> Declaration:
+        self.keys.add(key)
+        return Declaration(_Undeclared(lambda: self.keys.discard(key)))
+
+    def forget(self, stream: str, key: str, frames: set[str]) -> None:
+        self.forgotten.append((stream, key, frames))
+
+
+class _Undeclared:
+    def __init__(self, undeclare: Callable[[], None]) -> None:
+        self.undeclare = undeclare
+
+
+def tell(interest: Interest, stream: str, *frames: tuple[str, str, bool]) -> None:
+    """Let a stream describe itself."""
+    description = StreamDescription(1, "/node", 1, frames)
+    interest.update(StreamState(stream, True, description, f"@tfbus/stream/{stream}"), None)
+
+
+def test_what_is_not_asked_for_again_is_left() -> None:
+    """A lookup that is not repeated needs nothing after a while, and its frames are forgotten;
+    one that is repeated, or waits, goes on, and so does what `need` asked for.
+    """
+    buffer, read = Buffer(), Read()
+    clock = [0.0]
+    interest = Interest(buffer, read.subscribe, read.forget, kept_s=0.1, clock=lambda: clock[0])
+    told: list[tuple[str, str]] = []
+    buffer.watch_questions(lambda target, source: told.append((target, source)))
+    tell(interest, "once", ("map", "a", False), ("map", "a2", False))
+    tell(interest, "often", ("map", "b", False))
+    tell(interest, "wanted", ("map", "c", True))
+    tell(interest, "waited", ("map", "d", True))
+    interest.need("map", "c")
+    buffer.can_transform("map", "a")
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(buffer.lookup_transform, "map", "d", timeout_s=PATIENCE_S)
+        eventually(lambda: buffer.waiting)
+        for _ in range(5):
+            told.clear()
+            clock[0] += 0.05
+            eventually(
+                lambda: buffer.can_transform("map", "b") or {("map", "b"), ("map", "d")} <= {*told}
+            )
+        eventually(lambda: read.forgotten)
+        assert read.forgotten == [("once", "tf/once", {"a", "a2"})]
+        assert read.keys == {"tf/often", "tf_static/wanted", "tf_static/waited"}
+        buffer.set_transform(edge("map", "d"), static=True)
+        assert waiting.result().child_frame_id == "d"
+    interest.close()
+    assert read.keys == set()
+
+
+def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> None:
+    """What fails while something is subscribed to is told once, and the rest goes on."""
+    buffer, read = Buffer(), Read()
+    failures: list[str] = []
+
+    def subscribe(stream: str, key: str, static: bool) -> Declaration:
+        if len(failures) < 2:
+            failures.append(key)
+            raise ValueError("subscribe")
+        return read.subscribe(stream, key, static)
+
+    interest = Interest(buffer, subscribe, read.forget, kept_s=0.1)
+    tell(interest, "wheels", ("map", "base", False))
+    interest.need("map", "base")
+    eventually(lambda: read.keys == {"tf/wheels"})
+    interest.close()
+    assert failures == ["tf/wheels"] * 2
+    assert [record.getMessage() for record in caplog.records] == [
+        "What lookups need could not be followed; it is tried again"
+    ]
+
+
+def test_a_message_that_comes_after_its_key_was_left_is_not_taken(
+    bus: Bus, receiver: Node, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is still on its way when nothing of it is wanted any more does not come back."""
+    late: list[Callable[[], None]] = []
+    subscriber = receiver.session.subscriber
+
+    def subscribe(key: str, callback: Callable[[str, bytes], None]) -> Declaration:
+        def on_message(at: str, payload: bytes) -> None:
+            late.append(lambda: callback(at, payload))
+            callback(at, payload)
+
+        return subscriber(key, on_message)
+
+    monkeypatch.setattr(receiver.session, "subscriber", subscribe)
+    monkeypatch.setitem(Interest.__init__.__kwdefaults__, "kept_s", 0.5)
+    start(bus, "wheels", "--moving", "map:base")
+    with TransformListener(buffer, receiver, reads="needed"):
+        buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
+        eventually(lambda: "base" not in buffer.frames())
+        late[-1]()
+        assert "base" not in buffer.frames()

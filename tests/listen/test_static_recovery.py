@@ -1,0 +1,179 @@
+"""Static transforms that are listed and have not come are asked for, until they are there."""
+
+import logging
+from collections.abc import Callable
+from typing import cast
+
+import pytest
+
+from tests.listen.test_reception import Received, at, payload
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.listen.static_recovery import StaticRecovery
+from tfbus.runtime.executor import Executor
+
+
+class Asked:
+    """Stands in for a session, and for the thread that asks."""
+
+    def __init__(self) -> None:
+        self.keys: list[str] = []
+        self.pauses_s: list[float] = []
+        self.later: Callable[[], None] | None = None
+        # What is called where a question takes long.
+        self.impatient: Callable[[], None] = lambda: None
+        self.impatiences = 0
+        self._is_open = False
+        self.on_answer: Callable[[Answer], None]
+        self.on_end: Callable[[], None]
+        self.recovery = StaticRecovery(
+            cast(Session, self), logging.getLogger("test"), cast(Executor, self)
+        )
+
+    def ask_later(
+        self,
+        key: str,
+        payload: bytes | None,
+        on_answer: Callable[[Answer], None],
+        on_end: Callable[[], None],
+        *,
+        timeout_s: float,
+        at_any_key: bool = False,
+    ) -> None:
+        self.keys.append(key)
+        self.on_answer, self.on_end = on_answer, on_end
+        self._is_open = True
+
+    def submit(self, what: str, callback: Callable[[], None]) -> None:
+        callback()
+
+    def after(self, delay_s: float, callback: Callable[[], None]) -> None:
+        if self._is_open:
+            self.impatiences += 1
+            self.impatient = callback
+        else:
+            self.pauses_s.append(delay_s)
+            self.later = callback
+
+    def nobody_answers(self) -> None:
+        """The question ends without an answer, and the pause after it."""
+        self._ask_another(self.on_end)
+
+    def nothing_is_heard(self) -> None:
+        """The question takes long, and the pause after that has passed."""
+        self._ask_another(self.impatient)
+
+    def _ask_another(self, go_on: Callable[[], None]) -> None:
+        self.pause(go_on)
+        if self.later is not None:
+            self.later()
+
+    def pause(self, go_on: Callable[[], None]) -> None:
+        """What is called where a question has ended, or takes long: then there is a pause."""
+        self.later, self._is_open = None, False
+        go_on()
+
+
+@pytest.fixture
+def asked() -> Asked:
+    return Asked()
+
+
+@pytest.fixture
+def received() -> Received:
+    return Received()
+
+
+def list_static(received: Received, *children: str) -> None:
+    received.stream.describe(1, frozenset(children), frozenset(children))
+
+
+def check(asked: Asked, received: Received) -> None:
+    asked.recovery.check("@tfbus/stream/sim", received.stream)
+
+
+def test_a_publisher_is_asked_until_it_answers(
+    asked: Asked, received: Received, caplog: pytest.LogCaptureFixture
+) -> None:
+    """On both keys by turns, more and more seldom but for ever; after a while one line says so."""
+    list_static(received, "post")
+    check(asked, received)
+    for _ in range(20):
+        asked.nobody_answers()
+    assert asked.keys[:3] == [
+        "tf_static/sim/@adv/pub/**",
+        "tf_static/sim",
+        "tf_static/sim/@adv/pub/**",
+    ]
+    assert asked.pauses_s[:7] == [0.1, 0.4, 1.0, 2.0, 4.0, 8.0, 8.0]
+    assert len(asked.keys) == 21
+    assert ["was asked for them 7 times" in record.getMessage() for record in caplog.records] == [
+        True
+    ]
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    asked.nobody_answers()
+    assert received.x_of("post") == 3
+    assert len(asked.keys) == 21
+
+
+def test_a_question_that_is_lost_is_not_waited_for(asked: Asked, received: Received) -> None:
+    """Another is asked when one takes long, and the end of the first asks no more."""
+    list_static(received, "post")
+    check(asked, received)
+    end_of_the_first = asked.on_end
+    asked.nothing_is_heard()
+    assert len(asked.keys) == 2
+    pauses = len(asked.pauses_s), asked.impatiences
+    end_of_the_first()
+    assert (len(asked.pauses_s), asked.impatiences) == pauses
+    assert len(asked.keys) == 2
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    asked.nobody_answers()
+    asked.impatient()
+    assert len(asked.keys) == 2
+
+
+def test_what_comes_in_the_pause_is_not_asked_for_again(asked: Asked, received: Received) -> None:
+    """An answer that is late, but comes before the next question, saves that."""
+    list_static(received, "post")
+    check(asked, received)
+    asked.pause(asked.impatient)
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    assert asked.later is not None
+    asked.later()
+    assert len(asked.keys) == 1
+
+
+def test_what_is_listed_while_a_question_ends_is_asked_for(
+    asked: Asked, received: Received
+) -> None:
+    """Static transforms that are described just when others have come are not forgotten."""
+    list_static(received, "post")
+    check(asked, received)
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    list_static(received, "post", "wall")
+    check(asked, received)
+    asked.nobody_answers()
+    assert len(asked.keys) == 2
+    asked.on_answer(Answer("tf_static/sim", payload([at(3, "post"), at(4, "wall")])))
+    asked.nobody_answers()
+    list_static(received, "post", "wall", "door")
+    check(asked, received)
+    assert len(asked.keys) == 3
+
+
+@pytest.mark.parametrize("end", ["gone", "left", "closed"])
+def test_who_is_not_read_or_not_there_is_asked_no_more(
+    asked: Asked, received: Received, end: str
+) -> None:
+    """Questions end with the publisher, with the reading of its stream, and with the listener."""
+    list_static(received, "post")
+    check(asked, received)
+    if end == "gone":
+        received.stream.vanish()
+    elif end == "left":
+        asked.recovery.leave("sim")
+    else:
+        asked.recovery.close()
+    asked.nobody_answers()
+    assert len(asked.keys) == 1

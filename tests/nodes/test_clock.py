@@ -1,0 +1,75 @@
+"""`tfbus clock`: what it tells, and how it is paused, set and given another rate."""
+
+import pytest
+
+from tests.live_bus import DEADLINE_S, Bus, eventually
+from tests.processes.sim_time import SECOND, Remote, follower, start_clock
+from tfbus import ServiceError
+from tfbus.messages import Clock, SetClock
+
+
+def test_it_tells_its_rate_and_whether_it_stands(bus: Bus) -> None:
+    """A clock tells its time, its rate and whether it is paused; the rate is a parameter."""
+    start_clock(bus, "--paused", "--start", "7s", "--rate", "2")
+    node = bus.node("here")
+    told: list[Clock] = []
+    node.create_subscription(Clock, "clock", told.append)
+    eventually(lambda: Clock(7 * SECOND, rate=2.0, paused=True) in told)
+    assert bus.run("param", "set", "clock", "rate", "50").returncode == 0
+    Remote(node).resume()
+    eventually(lambda: told[-1].rate == 50.0 and not told[-1].paused)
+
+
+def test_time_goes_on_in_whole_steps(bus: Bus) -> None:
+    """All times told are whole steps from the start, in order."""
+    start_clock(bus, "--start", "5s", "--step", "0.25", "--rate", "20")
+    told: list[Clock] = []
+    bus.node("here").create_subscription(Clock, "clock", told.append)
+    eventually(lambda: len(told) > 20)
+    stamps = [clock.stamp_ns for clock in told]
+    assert {stamp % (SECOND // 4) for stamp in stamps} == {0}
+    assert sorted(stamps) == stamps
+
+
+def test_a_clock_that_is_set_goes_on_from_there(bus: Bus) -> None:
+    """Set while it runs, a clock goes on from its new time."""
+    start_clock(bus, "--start", "1000s")
+    node = follower(bus)
+    assert node.wait_for_clock(DEADLINE_S)
+    node.create_client(SetClock, "clock/set").call(SetClock.Request(5 * SECOND))
+    eventually(lambda: 5 * SECOND < node.now_ns() < 500 * SECOND)
+
+
+def test_a_time_that_cannot_be_is_refused(bus: Bus) -> None:
+    """A clock cannot be set before 1970, and says so."""
+    start_clock(bus, "--paused", "--start", "7s")
+    call = bus.run("call", "clock/set", "{stamp_ns: -5}")
+    assert call.returncode == 1
+    assert "stamp_ns is -5; nanoseconds from 0 to 2^63 - 1 are wanted" in call.stderr
+    with pytest.raises(ServiceError):
+        bus.node("here").create_client(SetClock, "clock/set").call(Clock(5))
+
+
+def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
+    """In an environment where all time is simulated the clock goes by the system's."""
+    clock = bus.start("clock", "--start", "7s", "--sim-time", env={"TFBUS_SIM_TIME": "1"})
+    node = follower(bus)
+    eventually(lambda: node.now_ns() > 7 * SECOND)
+    assert clock.stop() == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rate", "0"], "0 is not a number of at least 0.001"),
+        (["--step", "0"], "0 is not a number of at least 1e-09"),
+        (["--start", "soon"], "'soon' is not a time"),
+        (["--start=-30000000min"], "--start is before 1970 or after 2116"),
+        (["--start", "2200-01-01"], "--start is before 1970 or after 2116"),
+    ],
+)
+def test_a_mistake_is_told(bus: Bus, options: list[str], said: str) -> None:
+    """A rate, step or start that cannot be is refused in one sentence, with exit code 2."""
+    clock = bus.run("clock", *options)
+    assert clock.returncode == 2
+    assert said in clock.stderr

@@ -1,0 +1,311 @@
+"""`tfbus teleop` as a process on a pseudo-terminal: every key, and the terminal afterwards."""
+
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import termios
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.live_bus import DEADLINE_S, Bus, eventually
+from tfbus import Node
+from tfbus.messages import Pose, Twist, Vector3
+from tfbus.nodes.teleop import BANNER, HEADINGS_RAD
+from tfbus.nodes.terminal import NoTerminalError, RawTerminal
+
+TELEOP = [sys.executable, "-m", "tfbus", "teleop"]
+
+# Runs a command with standard input as its controlling terminal, as a terminal window does.
+IN_TERMINAL = """
+import os, sys
+os.login_tty(0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+# Does what a shell does for Ctrl-Z and fg, and says what the terminal was like in between.
+IN_SHELL = """
+import os, signal, sys, termios
+os.login_tty(0)
+signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+job = os.fork()
+if job == 0:
+    os.setpgid(0, 0)
+    os.tcsetpgrp(0, os.getpgrp())
+    signal.signal(signal.SIGTTOU, signal.SIG_DFL)
+    os.execv(sys.argv[1], sys.argv[1:])
+_, status = os.waitpid(job, os.WUNTRACED)
+assert os.WIFSTOPPED(status), status
+print("stopped with echo", bool(termios.tcgetattr(0)[3] & termios.ECHO), flush=True)
+os.tcsetpgrp(0, job)
+os.kill(job, signal.SIGCONT)
+_, status = os.waitpid(job, 0)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
+
+
+class Terminal:
+    """A terminal window with one program in it."""
+
+    def __init__(self, command: list[str], env: dict[str, str], wrapper: str = IN_TERMINAL):
+        self.master, self._slave = os.openpty()
+        self.found = self.modes()
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", wrapper, *command], stdin=self._slave, env=env
+        )
+        self._shown = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        try:
+            while data := os.read(self.master, 4096):
+                self._shown += data
+        except OSError:
+            return  # hung up
+
+    @property
+    def text(self) -> str:
+        """All that was shown so far."""
+        return self._shown.decode(errors="replace").replace("\r\n", "\n")
+
+    def wait_for(self, pattern: str) -> None:
+        eventually(lambda: re.search(pattern, self.text))
+
+    def type(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def modes(self) -> object:
+        return termios.tcgetattr(self._slave)
+
+    @property
+    def echoes(self) -> bool:
+        """Whether it shows what is typed, and waits for Enter."""
+        local_modes: int = termios.tcgetattr(self._slave)[3]
+        return bool(local_modes & (termios.ECHO | termios.ICANON))
+
+    def exit_code(self) -> int:
+        return self.process.wait(DEADLINE_S)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait(DEADLINE_S)
+        os.close(self._slave)
+        self._reader.join(DEADLINE_S)
+        os.close(self.master)
+
+
+class Turtle:
+    """What turtle1 tells."""
+
+    def __init__(self, node: Node):
+        self.pose: Pose | None = None
+        node.create_subscription(Pose, "turtle1/pose", self._take)
+        eventually(lambda: self.pose is not None)
+
+    def _take(self, pose: Pose) -> None:
+        self.pose = pose
+
+    @property
+    def now(self) -> Pose:
+        assert self.pose is not None
+        return self.pose
+
+
+@pytest.fixture
+def turtle(bus: Bus) -> Turtle:
+    """A simulator's turtle1."""
+    bus.start("simulator", "--headless").wait_for_line("ready")
+    return Turtle(bus.node("watcher"))
+
+
+@pytest.fixture
+def teleop(bus: Bus) -> Iterator[Terminal]:
+    """A terminal in which teleop reads keys."""
+    terminal = Terminal(TELEOP, bus.env)
+    terminal.wait_for("Driving turtle1")
+    yield terminal
+    terminal.close()
+
+
+def test_the_banner_is_turtlesims(teleop: Terminal) -> None:
+    """It begins with the banner of turtle_teleop_key."""
+    assert BANNER.splitlines() == [
+        "Reading from keyboard",
+        "---------------------------",
+        "Use arrow keys to move the turtle.",
+        "Use G|B|V|C|D|E|R|T keys to rotate to absolute orientations. 'F' to cancel a rotation.",
+        "'Q' to quit.",
+    ]
+    assert teleop.text.startswith(BANNER)
+
+
+def test_arrow_keys_drive_the_turtle(turtle: Turtle, teleop: Terminal) -> None:
+    """Up and Down move it at 2 m/s, Left and Right turn it at 2 rad/s, in either cursor mode."""
+    start = turtle.now
+    teleop.type(b"\x1b[A")
+    eventually(lambda: turtle.now.x > start.x + 1.5)
+    teleop.type(b"\x1bOB")
+    eventually(lambda: turtle.now.x < start.x + 0.5)
+    assert turtle.now.linear_velocity == 2.0
+    teleop.type(b"\x1b[D")
+    eventually(lambda: turtle.now.theta > 1.0)
+    assert turtle.now.angular_velocity == 2.0
+    teleop.type(b"\x1b[C")
+    eventually(lambda: turtle.now.theta < 0.0)
+    assert turtle.now.angular_velocity == -2.0
+    assert turtle.now.y == start.y
+
+
+def test_a_key_that_comes_in_pieces_is_one_key(turtle: Turtle, teleop: Terminal) -> None:
+    """An arrow drives although its bytes come one by one, as over a slow connection."""
+    for piece in (b"\x1b", b"[", b"A"):
+        teleop.type(piece)
+        os.sched_yield()
+    eventually(lambda: turtle.now.linear_velocity == 2.0)
+
+
+def test_letters_turn_the_turtle_to_absolute_headings(turtle: Turtle, teleop: Terminal) -> None:
+    """G T R E D C V B turn it to the eight headings, in upper and lower case."""
+    assert HEADINGS_RAD.keys() == set("gtredcvb")
+    for number, (key, heading_rad) in enumerate(HEADINGS_RAD.items()):
+        teleop.type((key if number % 2 else key.upper()).encode())
+        eventually(lambda: is_at(turtle.now, heading_rad))  # noqa: B023 - called here only
+
+
+def is_at(pose: Pose, heading_rad: float) -> bool:
+    """Whether the turtle stands at the heading, to turtlesim's tolerance."""
+    away_rad = math.remainder(pose.theta - heading_rad, math.tau)
+    return abs(away_rad) < 0.021 and pose.angular_velocity == 0.0
+
+
+def test_f_cancels_a_rotation(turtle: Turtle, teleop: Terminal) -> None:
+    """F stops the turtle on its way to a heading."""
+    teleop.type(b"d")
+    eventually(lambda: turtle.now.angular_velocity != 0.0)
+    teleop.type(b"f")
+    eventually(lambda: turtle.now.angular_velocity == 0.0)
+    assert not is_at(turtle.now, HEADINGS_RAD["d"])
+
+
+def test_it_drives_the_turtle_it_is_told_to(bus: Bus) -> None:
+    """`--turtle` names another turtle, and parameters set its speed."""
+    heard: list[Twist] = []
+    bus.node("listener").create_subscription(Twist, "turtle2/cmd_vel", heard.append)
+    options = ["--turtle", "turtle2", "--param", "scale_linear=1.5"]
+    terminal = Terminal([*TELEOP, *options], bus.env)
+    terminal.wait_for("Driving turtle2")
+
+    def press_until_heard() -> bool:
+        terminal.type(b"\x1b[A")
+        return bool(heard)
+
+    eventually(press_until_heard)
+    assert heard[0] == Twist(linear=Vector3(x=1.5))
+    assert terminal.text.count("There is no turtle2: start the simulator") == 1
+    terminal.type(b"Q")
+    assert terminal.exit_code() == 0
+    terminal.close()
+
+
+@pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
+def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
+    """In tmux, which sends arrows its own way, keys drive and Q gives the shell back."""
+    heard: list[Twist] = []
+    bus.node("listener").create_subscription(Twist, "turtle1/cmd_vel", heard.append)
+    env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color"}
+
+    def tmux(*arguments: str) -> str:
+        command = ["tmux", "-f", "/dev/null", *arguments]
+        return subprocess.run(command, env=env, capture_output=True, text=True).stdout
+
+    def press_until_heard() -> bool:
+        tmux("send-keys", "Left")
+        return bool(heard)
+
+    tmux("new-session", "-d", "-x", "90", "-y", "20", f"{' '.join(TELEOP)}; echo left; cat")
+    try:
+        eventually(lambda: BANNER in tmux("capture-pane", "-p"))
+        eventually(press_until_heard)
+        tmux("send-keys", "q")
+        eventually(lambda: "left" in tmux("capture-pane", "-p"))
+    finally:
+        tmux("kill-server")
+    assert heard[0] == Twist(angular=Vector3(z=2.0))
+
+
+@pytest.mark.parametrize(
+    ("ending", "exit_code"),
+    [
+        (b"q", 0),
+        (b"Q", 0),
+        (b"\x03", 0),
+        (signal.SIGINT, 0),
+        (signal.SIGTERM, 0),
+        (signal.SIGHUP, -signal.SIGHUP),
+        (signal.SIGQUIT, -signal.SIGQUIT),
+    ],
+)
+def test_the_terminal_is_left_as_it_was(
+    teleop: Terminal, ending: bytes | signal.Signals, exit_code: int
+) -> None:
+    """While it reads keys the terminal does not echo; however it ends, all modes are back."""
+    assert not teleop.echoes
+    if isinstance(ending, bytes):
+        teleop.type(ending)
+    else:
+        teleop.process.send_signal(ending)
+    assert teleop.exit_code() == exit_code
+    assert teleop.modes() == teleop.found
+    assert "Traceback" not in teleop.text
+
+
+def test_the_terminal_is_itself_while_teleop_is_stopped(bus: Bus) -> None:
+    """After Ctrl-Z the terminal echoes, after fg keys are read again, and then it is restored."""
+    terminal = Terminal(TELEOP, bus.env, IN_SHELL)
+    terminal.wait_for("Driving turtle1")
+    terminal.type(b"\x1a")
+    terminal.wait_for("stopped with echo True")
+    eventually(lambda: not terminal.echoes)
+    terminal.type(b"q")
+    assert terminal.exit_code() == 0
+    assert terminal.modes() == terminal.found
+    terminal.close()
+
+
+def test_an_exception_restores_the_terminal_too() -> None:
+    """The modes come back when the code that reads keys fails."""
+    master, slave = os.openpty()
+    found = termios.tcgetattr(slave)
+    with pytest.raises(ZeroDivisionError), RawTerminal(slave):
+        assert termios.tcgetattr(slave) != found
+        raise ZeroDivisionError
+    assert termios.tcgetattr(slave) == found
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_terminal_that_goes_away_is_told() -> None:
+    """Reading from a terminal whose window was closed raises, rather than reading for ever."""
+    master, slave = os.openpty()
+    with RawTerminal(slave) as terminal:
+        assert terminal.read(0.0) == b""
+        os.close(master)
+        with pytest.raises(NoTerminalError, match="has gone"):
+            terminal.read(1.0)
+    os.close(slave)
+
+
+def test_without_a_terminal_it_says_so(bus: Bus) -> None:
+    """With standard input redirected it ends with exit code 1 and one sentence."""
+    done = bus.run("teleop", stdin="q")
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert re.fullmatch(r"Error: keys are read from a terminal, .*\n", done.stderr)

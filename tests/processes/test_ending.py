@@ -1,0 +1,149 @@
+"""How tools and nodes end: at any moment, within seconds; nodes with exit code 0."""
+
+import sys
+from signal import SIGINT, SIGTERM
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tfbus import Node
+from tfbus.discover.presence import NodeWatch, list_nodes
+
+WAITS_IN_A_CALLBACK = """
+import tfbus
+buffer = tfbus.Buffer()
+with tfbus.Node("waits") as node:
+    def look() -> None:
+        print("looking", flush=True)
+        buffer.lookup_transform("nowhere", "either", timeout_s=600.0)
+    node.create_timer(0.01, look)
+    node.spin()
+"""
+
+WAITS_AFTER_THE_SIGNAL = """
+import os, signal, tfbus
+from tfbus.messages import Spawn
+with tfbus.Node("waits") as node:
+    client = node.create_client(Spawn, "spawn")
+    print("first", flush=True)
+    node.wait(None)
+    print("second", flush=True)
+    client.wait_for_service()
+"""
+
+SIGNAL_WHILE_IT_IS_MADE = """
+import signal, tfbus, tfbus.node.node
+declare = tfbus.Node._declare_itself
+def interrupted(self: tfbus.Node) -> None:
+    signal.raise_signal(signal.SIGINT)
+    declare(self)
+tfbus.Node._declare_itself = interrupted
+try:
+    tfbus.Node("x")
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+INTERRUPTED_IN_EXEC = """
+import tfbus
+with tfbus.Node("reader") as node:
+    exec("import os, signal; os.kill(os.getpid(), signal.SIGINT); node.wait(60.0)")
+    print("went on", flush=True)
+"""
+
+SIGNAL_WHILE_IT_LOADS = """
+import os, signal, sys
+class Interrupter:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[-1]:
+            del sys.argv[-1]
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupter())
+from tfbus.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["click", "tfbus.bus.session"])
+@pytest.mark.parametrize("tool", ["frames", "doctor", "node list", "topic hz a", "static a b"])
+def test_what_is_interrupted_while_it_loads_ends_without_a_word(
+    bus: Bus, tool: str, module: str
+) -> None:
+    """Ctrl-C while a tool or a node is imported ends it at once, and nothing is printed."""
+    command = [sys.executable, "-c", SIGNAL_WHILE_IT_LOADS, *tool.split(), module]
+    process = bus.start_command(command)
+    assert process.wait() == -SIGINT
+    assert process.out == []
+    assert process.err == []
+
+
+@pytest.mark.parametrize(
+    ("tool", "code"),
+    [
+        ("frames --wait-time 600", 130),
+        ("doctor --for 600", 130),
+        ("why a b", 130),
+        ("plot a b --for 600 -o a.png", 1),
+        ("topic echo a", 0),
+        ("topic hz a", 0),
+        ("monitor", 0),
+        ("frames --watch", 0),
+    ],
+)
+def test_a_tool_that_is_interrupted_says_no_more_than_a_line(
+    bus: Bus, tool: str, code: int
+) -> None:
+    """Ctrl-C ends with 0 what goes on until then, and with 130 what had not come to its answer."""
+    watcher: Node = bus.node("watcher")
+    started = bus.start(*tool.split())
+    eventually(lambda: len(list_nodes(watcher.session)) > 1)
+    assert started.stop() in (130, code)  # it may not have begun to go on
+    told = [line for line in started.err if "Listening" not in line]
+    assert len(told) <= (code == 1)
+    assert not any(word in line for line in told for word in ("Aborted", "Traceback"))
+
+
+def test_a_node_that_imports_something_ends_as_any_other(bus: Bus) -> None:
+    """Ctrl-C within an import, which defines its dataclasses by exec(), is a clean end too."""
+    process = bus.start_command([sys.executable, "-c", INTERRUPTED_IN_EXEC])
+    assert process.wait() == 0
+    assert (process.out, process.err) == ([], [])
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_a_callback_that_waits_does_not_hold_up_the_end(bus: Bus, number: int) -> None:
+    """A node ends although one of its callbacks waits for a transform that never comes."""
+    process = bus.start_command([sys.executable, "-c", WAITS_IN_A_CALLBACK])
+    process.wait_for_line("looking")
+    assert process.stop(number) == 0
+    process.wait_for_line("Did not wait for a callback that goes on")
+
+
+def test_another_signal_interrupts_what_waits_after_the_first(bus: Bus) -> None:
+    """A program that goes on to wait after Ctrl-C is ended by the next one."""
+    process = bus.start_command([sys.executable, "-c", WAITS_AFTER_THE_SIGNAL])
+    process.wait_for_line("first")
+    process.signal(SIGINT)
+    process.wait_for_line("second")
+    assert process.stop(SIGINT) == 0
+    assert process.err == []
+
+
+def test_a_signal_while_a_node_is_made_is_not_lost(bus: Bus) -> None:
+    """Ctrl-C during `Node()` ends it, and is told as KeyboardInterrupt."""
+    process = bus.start_command([sys.executable, "-c", SIGNAL_WHILE_IT_IS_MADE])
+    assert process.wait() == 0
+    assert process.out == ["interrupted"]
+    assert process.err == []
+
+
+@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+def test_a_node_ends_from_the_moment_it_is_there(bus: Bus, number: int) -> None:
+    """A node that is told to end as soon as it is listed ends with 0 and without a traceback."""
+    watcher: Node = bus.node("watcher")
+    watch = NodeWatch(watcher.session)
+    for at in range(4):
+        process = bus.start("follow", "--name", f"follow{at}")
+        assert watch.wait(f"/follow{at}", timeout_s=20.0)
+        assert process.stop(number) == 0
+        assert not any("Traceback" in line for line in process.err)

@@ -1,0 +1,182 @@
+"""Many frames, bursts, and subscribers that do not keep up, between processes."""
+
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.live_bus import Bus, Process, eventually, free_port
+from tests.processes.load_roles import Load, Told, heard, memory, x_of
+from tfbus import Buffer, Node, ServiceError, TransformListener
+from tfbus.node.service import Client
+
+ROLES = Path(__file__).parent / "load_roles.py"
+
+MB = 10**6
+PATIENCE_S = 60.0
+
+
+def start(bus: Bus, role: str, **env: str) -> Process:
+    """A process of load_roles.py, ready."""
+    process = bus.start_command([sys.executable, str(ROLES), role], env=env)
+    process.wait_for_line("ready")
+    return process
+
+
+@pytest.fixture
+def node(bus: Bus) -> Node:
+    return bus.node("test")
+
+
+@pytest.fixture
+def listener(node: Node) -> TransformListener:
+    return TransformListener(Buffer(), node)
+
+
+def answer(client: Client, request: object) -> Any:
+    """What a service answers; asked again where the link to it was lost, as it may be on a machine
+    that is as busy as these tests make it.
+    """
+
+    def response() -> Any:
+        try:
+            return client.call(request, timeout_s=PATIENCE_S)
+        except ServiceError:
+            return None
+
+    return eventually(response, within_s=PATIENCE_S)
+
+
+def load(node: Node, **asked: float) -> Load.Response:
+    """Ask the publisher for it, and wait until it is sent."""
+    response: Load.Response = answer(node.create_client(Load, "load"), Load.Request(**asked))
+    return response
+
+
+def not_counted(told: Told.Response) -> float:
+    """How many of the sends up to the newest that was heard are neither counted as received nor as
+    missed.
+    """
+    return told.x + 1 - told.messages - told.missed
+
+
+def after(listener: TransformListener, number: int) -> Told.Response:
+    """What the listener has received once it has heard of a send later than this."""
+    return eventually(
+        lambda: told if (told := heard(listener)).x > number else None, within_s=PATIENCE_S
+    )
+
+
+def test_ten_thousand_frames_come_in_one_send(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """A send of 10,000 frames is one message, and puts all of them into the buffer."""
+    start(bus, "publish")
+    after(listener, 0)
+
+    def all_came() -> bool:
+        # Under congestion it may be dropped, as any other.
+        number = load(node, sends=1, frames=10_000).number
+        after(listener, number)
+        return len(listener.buffer.frames()) == 10_001
+
+    eventually(all_came)
+    assert x_of(listener.buffer, "frame_9999") > 0
+
+
+def test_each_send_of_a_burst_comes_or_is_counted_as_missed(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """Of 10,000 sends in a row each one is received, or counted as missed."""
+    start(bus, "publish")
+    before = after(listener, 0)
+    burst = load(node, sends=10_000)
+    told = after(listener, burst.number)
+    assert not_counted(told) == not_counted(before)
+    assert told.messages > before.messages
+
+
+def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
+    bus: Bus, node: Node, listener: TransformListener
+) -> None:
+    """While a subscriber is stopped the publisher goes on, without piling up what it sends, and
+    all others hear it; afterwards the subscriber knows how much it missed, and has missed no
+    static transform.
+    """
+    # Where a subscriber takes nothing for seconds Zenoh gives its link up; without multicast it
+    # finds back soonest where it was told to connect.
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    publisher = start(bus, "publish", TFBUS_LISTEN=endpoint)
+    slow = start(bus, "listen", TFBUS_CONNECT=f"{bus.endpoint},{endpoint}")
+    client = node.create_client(Told, "told")
+
+    def told_by_slow() -> Told.Response:
+        told: Told.Response = answer(client, Told.Request())
+        return told
+
+    before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    load(node, static_x=1.0)
+    eventually(lambda: told_by_slow().static_x == 1.0)
+    former = memory(publisher.pid)
+    slow.signal(signal.SIGSTOP)
+    try:
+        sent = load(node, sends=2_000, frames=200, static_x=2.0)
+        eventually(lambda: heard(listener).static_x == 2.0, within_s=PATIENCE_S)
+        assert after(listener, sent.number).messages > before.messages
+        assert sent.memory - former < 100 * MB
+    finally:
+        slow.signal(signal.SIGCONT)
+    told = eventually(
+        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+    )
+    assert not_counted(told) == not_counted(before)
+    assert told.missed > 0
+    eventually(lambda: told_by_slow().static_x == 2.0, within_s=PATIENCE_S)
+
+
+def test_fifteen_thousand_sends_come_or_are_counted_also_where_a_subscriber_is_slow(
+    bus: Bus, node: Node
+) -> None:
+    """With 15,000 sends, 5,000 a second or what the machine can, nothing grows, neither where they
+    are sent nor where they are taken; who is fast enough and who is not know of each send that it
+    came or was missed, and both have the static transforms.
+    """
+    listener = TransformListener(Buffer(cache_time_s=0.5), node)
+    publisher = start(bus, "publish")
+    start(bus, "dawdle")
+    client = node.create_client(Told, "told")
+
+    def told_by_slow() -> Told.Response:
+        told: Told.Response = answer(client, Told.Request())
+        return told
+
+    slow_before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    before = after(listener, load(node, sends=2_000, frames=30, rate=5_000.0).number)
+    former, former_here = memory(publisher.pid), memory()
+
+    sent = load(node, sends=15_000, frames=30, rate=5_000.0, static_x=3.0)
+    told = after(listener, sent.number)
+    assert not_counted(told) == not_counted(before)
+    slow = eventually(
+        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+    )
+    assert not_counted(slow) == not_counted(slow_before)
+    assert slow.missed > 0
+    grown = sent.memory - former, memory() - former_here, slow.memory - slow_before.memory
+    assert max(grown) < 50 * MB
+    eventually(lambda: heard(listener).static_x == 3.0, within_s=PATIENCE_S)
+    eventually(lambda: told_by_slow().static_x == 3.0, within_s=PATIENCE_S)
+
+
+def test_a_buffer_under_load_keeps_its_size(bus: Bus, node: Node) -> None:
+    """A listener's memory does not grow with what it has received, but with what it keeps."""
+    listener = TransformListener(Buffer(cache_time_s=0.5), node)
+    start(bus, "publish")
+    after(listener, 0)
+    after(listener, load(node, sends=500, frames=100).number)
+    former = memory()
+    for _ in range(4):
+        after(listener, load(node, sends=500, frames=100).number)
+    assert memory() - former < 30 * MB

@@ -1,0 +1,34 @@
+"""Jobs on a few threads."""
+
+import threading
+
+from tests.live_bus import eventually
+from tfbus.runtime.workers import Workers
+
+
+def test_jobs_beyond_what_can_wait_are_refused() -> None:
+    """So many run at a time, so many wait, and more are refused; those taken all run."""
+    workers = Workers("test", threads=2, waiting=3)
+    go_on = threading.Event()
+    running: list[int] = []
+    done: list[int] = []
+
+    def job(number: int) -> None:
+        running.append(number)
+        go_on.wait()
+        done.append(number)
+
+    taken = [workers.do(lambda number=number: job(number)) for number in range(7)]
+    assert taken == [True] * 5 + [False] * 2
+    eventually(lambda: len(running) == 2)
+    go_on.set()
+    eventually(lambda: sorted(done) == [0, 1, 2, 3, 4])
+    assert workers.do(lambda: job(7))
+    eventually(lambda: len(done) == 6)
+
+
+def test_threads_end_when_there_is_nothing_to_do() -> None:
+    """Nothing of it is left where there is no job."""
+    workers = Workers("a worker of this test", threads=2, waiting=3)
+    assert workers.do(lambda: None)
+    eventually(lambda: all(each.name != "a worker of this test" for each in threading.enumerate()))

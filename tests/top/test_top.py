@@ -1,0 +1,154 @@
+"""`tfbus top`: its rows, and the screen in a real terminal."""
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tfbus import (
+    Node,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
+from tfbus.messages import Empty
+from tfbus.top.rows import Cell, Row, Table, chosen
+
+pytest.importorskip("textual", reason="the extra 'top' is not installed")
+
+
+def table(*frames: tuple[str, float | None]) -> Table:
+    rows = [Row(name, (Cell(name, name), Cell.of(rate, ".1f"))) for name, rate in frames]
+    return Table("frames", ("frame", "Hz"), tuple(rows))
+
+
+def names(rows: list[Row]) -> list[str]:
+    return [row.key for row in rows]
+
+
+class TestRows:
+    bus = table(("drone", 60.0), ("camera", None), ("Base", 9.5))
+
+    def test_they_are_sorted_by_any_column(self) -> None:
+        """Numbers are sorted as numbers, and what has none comes last."""
+        assert names(chosen(self.bus, "", 1, False)) == ["Base", "drone", "camera"]
+        assert names(chosen(self.bus, "", 1, True)) == ["camera", "drone", "Base"]
+
+    def test_numbers_and_words_can_be_in_one_column(self) -> None:
+        """A column of numbers may have a word in it, as `static` among rates."""
+        rows = (
+            *table(("drone", 60.0)).rows,
+            Row("fixed", (Cell("fixed", "fixed"), Cell("static", "static"))),
+        )
+        both = Table("frames", ("frame", "Hz"), rows)
+        assert names(chosen(both, "", 1, False)) == ["drone", "fixed"]
+
+    def test_they_are_filtered_by_words(self) -> None:
+        """A row is shown where each word is in one of its cells, in whatever case."""
+        assert names(chosen(self.bus, "ba", 0, False)) == ["Base"]
+        assert names(chosen(self.bus, "DRO 60", 0, False)) == ["drone"]
+        assert names(chosen(self.bus, "dro base", 0, False)) == []
+
+
+Tmux = Callable[..., str]
+
+
+@pytest.fixture
+def tmux(bus: Bus, tmp_path: Path) -> Iterator[Tmux]:
+    """`tmux(...)` on a server of the test's own; `tmux("capture-pane", "-p")` is the screen."""
+    if shutil.which("tmux") is None:
+        pytest.skip("tmux is not installed")
+    env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
+
+    def run(*arguments: str) -> str:
+        command = ["tmux", "-f", "/dev/null", *arguments]
+        return subprocess.run(command, env=env, capture_output=True, text=True).stdout
+
+    yield run
+    run("kill-server")
+
+
+def keep_sending(node: Node, parent: str, child: str) -> None:
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamped = TransformStamped(node.now_ns(), parent, child, Transform.identity())
+        broadcaster.send_transform(stamped)
+
+    node.create_timer(0.05, send)
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None:
+    """In a terminal the tabs, the order, the filter and one frame's details are a key away."""
+    keep_sending(bus.node("odometry"), "world", "base")
+    mount = bus.node("mount")
+    mount.create_service(Empty, "reset", lambda request: Empty.Response())
+    StaticTransformBroadcaster(mount).send_transform(
+        TransformStamped(mount.now_ns(), "base", "camera", Transform.identity())
+    )
+
+    def shows(*texts: str) -> None:
+        try:
+            eventually(lambda: all(text in tmux("capture-pane", "-p") for text in texts))
+        except AssertionError:
+            raise AssertionError(
+                f"{texts} are not on the screen:\n{tmux('capture-pane', '-p')}"
+            ) from None
+
+    tmux(
+        "new-session",
+        "-d",
+        "-x",
+        str(columns),
+        "-y",
+        "24",
+        f"{sys.executable} -m tfbus top; echo left; cat",
+    )
+    shows("3 frames, 2 streams, 2 nodes, 2 topics, 1 service")
+    shows("frame ▲", "odometry", "static", "root")
+    tmux("send-keys", "r")
+    shows("frame ▼")
+    tmux("send-keys", "r", "Enter")
+    shows("Publisher: /odometry on", "the mean of ten seconds")
+    tmux("send-keys", "Escape")
+    eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
+    tmux("send-keys", "r")
+    shows("frame ▼")
+    tmux("send-keys", "2")
+    shows("stream ▲", "/odometry")
+    tmux("send-keys", "3")
+    shows("node ▲", "/mount")
+    tmux("send-keys", "4")
+    shows("name ▲", "tf/odometry", "TransformMessage")
+    tmux("send-keys", "1")
+    shows("frame ▼")
+    tmux("send-keys", "/")
+    shows("words that a row is to have")
+    tmux("send-keys", "came")
+    eventually(lambda: "odometry" not in tmux("capture-pane", "-p"))
+    tmux("send-keys", "Enter")
+
+    def opened() -> bool:
+        tmux("send-keys", "Enter")
+        return "Publisher: /mount on" in tmux("capture-pane", "-p")
+
+    eventually(opened)
+    shows("Kind: static", "Position: 0.000, 0.000, 0.000 m")
+    assert "Rate" not in tmux("capture-pane", "-p")
+    tmux("send-keys", "Escape")
+    eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
+    tmux("send-keys", "q")
+    shows("left")
+
+
+def test_without_a_terminal_it_says_what_to_use(bus: Bus) -> None:
+    """Piped, it names the tools that are for scripts, with exit code 2."""
+    done = bus.run("top")
+    assert done.returncode == 2
+    assert "top needs a terminal: for scripts there are tfbus frames" in done.stderr

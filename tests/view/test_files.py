@@ -1,0 +1,118 @@
+"""What `tfbus view` reads and writes, seen in a real Chromium: settings, a robot, pictures."""
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from signal import SIGINT, SIGKILL
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+
+from tests.live_bus import Bus, eventually, free_port
+from tests.view.pages import PATIENCE_S, Arm, View, start_view
+from tfbus.view.screenshot import find_browser
+
+
+def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """The file opens the same view again; a filter that cannot be read changes nothing."""
+    path = tmp_path / "view.yaml"
+    Arm(bus.node("arm"))
+    process, address = start_view(bus, "--settings", str(path))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("tool", "fresh")
+    view.tab("View")
+    view.field("Only").fill("tool(")
+    mistake = view.page.get_by_role("alert").filter(has_text="no regular expression")
+    mistake.wait_for()
+    view.field("Only").fill("^t")
+    mistake.wait_for(state="detached")
+    view.page.get_by_role("button", name="Save settings").click()
+    eventually(lambda: path.exists() and "only: ^t" in path.read_text(), within_s=PATIENCE_S)
+    process.signal(SIGKILL)
+    process.wait()
+
+    # On the same port, where the page that is open finds it by itself.
+    again = bus.start("view", "--port", address.rpartition(":")[2], "--settings", str(path))
+    again.wait_for_line(r"View: http://", within_s=PATIENCE_S)
+    view.tab("Frames")
+    view.page.get_by_text("3 left out by Only '^t'").wait_for()
+    assert view.row("base").count() == 0
+
+
+def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """The rest of it is; the line stands below the tree."""
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(
+        "<robot name='r'><link name='base'><visual><geometry><box size='1 1 1'/></geometry>"
+        "</visual><visual><geometry><mesh filename='package://arm/a.stl'/></geometry></visual>"
+        "</link></robot>"
+    )
+    _, address = start_view(bus, "--urdf", str(urdf))
+    Arm(bus.node("arm"))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("base", "fresh")
+    said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
+    assert "--package-path names the folder with package 'arm'" in said.inner_text()
+
+
+def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
+    """Of the size that was asked for, after which the process ends by itself."""
+    Arm(bus.node("arm"))
+    path = tmp_path / "out.png"
+    done = bus.run(
+        "view",
+        *("--port", str(free_port())),
+        *("--screenshot", str(path), "--after", "0", "--size", "640x480"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"Wrote {path}\n"
+    picture = path.read_bytes()
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", picture[16:24]) == (640, 480)
+
+
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder for Chromium, which opens a socket in it: such a path has 107 characters at most."""
+    with TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+@pytest.mark.parametrize("is_whole_group", [False, True])
+def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path: Path) -> None:
+    """Whoever gets the signal, Chromium and its children end, and no picture is promised."""
+    pid_file = short_path / "pid"
+    chromium = short_path / "chromium"
+    chromium.write_text(f'#!/bin/sh\necho $$ > {pid_file}\nexec {find_browser()} "$@"\n')
+    chromium.chmod(0o755)
+    process = bus.start(
+        "view",
+        *("--port", str(free_port())),
+        *("--screenshot", str(short_path / "out.png"), "--after", "600"),
+        env={"PATH": f"{short_path}:{os.environ['PATH']}", "TMPDIR": str(short_path)},
+    )
+    # Its own children are there once it has written down where it listens.
+    eventually(lambda: [*short_path.glob("tmp*/DevToolsActivePort")], within_s=PATIENCE_S)
+    group = int(pid_file.read_text())
+    if is_whole_group:
+        os.killpg(process.pid, SIGINT)
+    else:
+        process.signal(SIGINT)
+    assert process.wait() == 128 + SIGINT
+    assert [line for line in process.err if "View: http://" not in line] == process.out == []
+    eventually(lambda: not living_in(group))
+    assert not [*short_path.glob("tmp*")]
+
+
+def living_in(group: int) -> list[int]:
+    """The processes of a group that have not ended; those that ended may wait for their parent."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, its_group = path.read_text().rpartition(")")[2].split()[:3]
+            if int(its_group) == group and state not in "ZX":
+                found.append(int(path.parent.name))
+    return found

@@ -1,0 +1,124 @@
+"""The page of `tfbus view` in a real Chromium that nobody sees: what people do, and see."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from tests.live_bus import Bus, eventually
+from tests.view.pages import PATIENCE_S, Arm, View, start_view
+from tfbus import StaticTransformBroadcaster, Transform
+from tfbus import TransformStamped as Stamped
+
+
+def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
+    """It waits, shows them with their states, from where one likes, and says who is gone."""
+    _, address = start_view(bus)
+    view = View(pages.new_page(), address)
+    view.headline("Waiting for transforms")
+
+    arm = bus.node("arm")
+    Arm(arm)
+    view.headline("4 frames, seen from map")
+    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("lamp", "static")
+    view.wait_for_status("map", "root")
+
+    view.choose("Fixed frame", "base")
+    view.headline("4 frames, seen from base")
+    view.select("lamp")
+    view.page.locator("#tf-in-fixed").filter(has_text="xyz  [-1.000, 2.000, 0.000]").wait_for()
+    assert view.block("tf-in-parent").startswith("xyz  [0.000, 2.000, 0.000]")
+    pages.grant_permissions(["clipboard-read", "clipboard-write"])
+    view.page.get_by_role("button", name="copy in its parent map").click()
+    copied = "() => navigator.clipboard.readText()"
+    eventually(lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"))
+    assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
+
+    other = View(pages.new_page(), address)
+    view.page.get_by_label("show tool").uncheck()
+    eventually(lambda: not other.page.get_by_label("show tool").is_checked(), within_s=PATIENCE_S)
+
+    arm.close()
+    view.wait_for_status("tool", "gone")
+    view.headline("gone")
+    view.page.reload()
+    view.wait_for_status("lamp", "gone")
+    assert not view.page.get_by_label("show tool").is_checked()
+    assert view.errors == other.errors == []
+
+
+def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
+    """Paused, numbers stand still; the slider shows what they were; Follow goes on."""
+    _, address = start_view(bus)
+    Arm(bus.node("arm"))
+    view = View(pages.new_page(), address)
+    view.wait_for_status("tool", "fresh")
+    view.select("tool")
+
+    def x_m() -> float:
+        return float(re.findall(r"xyz +\[(\S+),", view.block("tf-in-parent"))[0])
+
+    eventually(lambda: x_m() > 1.5, within_s=PATIENCE_S)
+    view.page.get_by_role("button", name="Pause").click()
+    view.headline("paused at")
+    held_m = eventually(lambda: (now := x_m()) == x_m() and now, within_s=PATIENCE_S)
+    ago = view.field("Seconds ago")
+    ago.fill("-1")
+    ago.press("Enter")
+    # Ticks are 50 ms and 50 mm apart, more or less on a busy machine.
+    eventually(lambda: held_m - 1.5 < x_m() < held_m - 0.2, within_s=PATIENCE_S)
+    view.page.get_by_role("button", name="Follow").click()
+    eventually(lambda: x_m() > held_m, within_s=PATIENCE_S)
+    assert view.errors == []
+
+
+def test_what_one_browser_chooses_all_of_them_show(bus: Bus, pages: Any) -> None:
+    """Three of them: boxes, the fixed frame, time; each stays itself when another leaves."""
+    _, address = start_view(bus)
+    Arm(bus.node("arm"))
+    views = [View(pages.new_page(), address) for _ in range(3)]
+    for view in views:
+        view.wait_for_status("tool", "fresh")
+    views[0].page.get_by_role("button", name="none").click()
+    for view in views:
+        eventually(
+            lambda view=view: not view.page.get_by_label("show tool").is_checked(),
+            within_s=PATIENCE_S,
+        )
+    views[1].choose("Fixed frame", "tool")
+    views[2].button("Pause")
+    for view in views:
+        view.headline("4 frames, seen from tool · paused at")
+    views[1].page.close()
+    views[0].button("Follow")
+    eventually(lambda: "paused" not in views[2].headline("4 frames"), within_s=PATIENCE_S)
+    assert [view.errors for view in views] == [[], [], []]
+
+
+def test_a_click_on_axes_selects_their_frame(bus: Bus, pages: Any, tmp_path: Path) -> None:
+    """In the scene as in the tree."""
+    settings = tmp_path / "view.yaml"
+    settings.write_text("scale: 10\nnames: false\n")
+    _, address = start_view(bus, "--settings", str(settings))
+    static = StaticTransformBroadcaster(bus.node("lamps"))
+    # So that the map is in the middle of the picture, with its z upwards.
+    static.send_transform(
+        [
+            Stamped(0, "map", "left", Transform((-1.0, 0.0, 0.0))),
+            Stamped(0, "map", "right", Transform((1.0, 0.0, 0.0))),
+        ]
+    )
+    view = View(pages.new_page(), address)
+    view.wait_for_status("right", "static")
+    canvas = view.page.locator("canvas[data-engine]")
+    selected = view.page.locator(".tf-selected[data-row='map']")
+
+    def clicked() -> bool:
+        box = canvas.bounding_box()
+        # A little above the middle: on the arm of z.
+        middle_x, middle_y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        view.click_at(middle_x, middle_y - 25)
+        return view.shows(selected, 3.0)
+
+    eventually(clicked, within_s=PATIENCE_S)
+    assert view.errors == []

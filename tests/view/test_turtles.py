@@ -1,0 +1,193 @@
+"""The turtles' tab of the page in a real Chromium: each button and key, and what comes of it."""
+
+import math
+import zlib
+from collections.abc import Callable
+from itertools import cycle
+from typing import Any
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tests.view.pages import PATIENCE_S, View, start_view
+from tfbus import Node
+from tfbus.messages import Field, Pose
+
+
+class Witness:
+    """What the bus says of the turtles."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._poses: dict[str, Pose] = {}
+        self._field = node.create_client(Field, "field")
+        self.watch("turtle1")
+
+    def watch(self, turtle: str) -> None:
+        """Follow a turtle's pose."""
+        self._node.create_subscription(
+            Pose, f"{turtle}/pose", lambda pose: self._poses.update({turtle: pose})
+        )
+
+    def knows(self, turtle: str) -> bool:
+        """Whether it has said where it is."""
+        return turtle in self._poses
+
+    def pose(self, turtle: str = "turtle1") -> Pose:
+        """Where it said last that it is."""
+        return self._poses[turtle]
+
+    def field(self) -> Field.Response:
+        """The field as the simulator tells it."""
+        return self._field.call(Field.Request(), timeout_s=PATIENCE_S)
+
+    def has_ink(self) -> bool:
+        """Whether something is drawn on the field."""
+        return any(zlib.decompress(self.field().ink))
+
+
+@pytest.fixture
+def witness(bus: Bus) -> Witness:
+    """Sees what the turtles of a simulator do, which runs."""
+    bus.start("simulator", "--headless")
+    witness = Witness(bus.node("witness"))
+    eventually(lambda: witness.knows("turtle1"), within_s=PATIENCE_S)
+    return witness
+
+
+@pytest.fixture
+def view(bus: Bus, pages: Any, witness: Witness) -> View:
+    """The turtles' tab of a page."""
+    _, address = start_view(bus)
+    view = View(pages.new_page(), address)
+    view.tab("Turtles")
+    view.page.get_by_text("No simulator is on this bus").wait_for(state="detached")
+    return view
+
+
+def reply(view: View, text: str) -> None:
+    """Wait for this reply."""
+    view.page.get_by_role("log").filter(has_text=text).wait_for()
+
+
+def ask(view: View, button: str, text: str) -> None:
+    """Click on a button until this is the reply.
+
+    What a hurried hand typed just before reaches the view a moment after the click.
+    """
+    answered = view.page.get_by_role("log").filter(has_text=text)
+
+    def replied() -> bool:
+        view.button(button)
+        return view.shows(answered, 3.0)
+
+    eventually(replied, within_s=PATIENCE_S)
+
+
+def is_at(witness: Witness, turtle: str, x: float, y: float, theta: float) -> bool:
+    """Whether a turtle says that it is there."""
+    if not witness.knows(turtle):
+        return False
+    pose = witness.pose(turtle)
+    return (pose.x, pose.y, pose.theta) == pytest.approx((x, y, theta), abs=1e-3)
+
+
+def fill(view: View, label: str, *values: str) -> None:
+    """Write into the fields beside a label."""
+    inputs = view.page.locator(
+        f"xpath=//label[normalize-space()='{label}']/ancestor::div[.//input][1]//input"
+    )
+    for at, value in enumerate(values):
+        inputs.nth(at).fill(value)
+        inputs.nth(at).press("Tab")
+
+
+def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) -> None:
+    """An arrow drives it, a key of the teleop turns it, F cancels that: read from the bus."""
+    view.page.get_by_label("drive forward").click()
+    eventually(lambda: witness.pose().x > 5.6, within_s=PATIENCE_S)
+    view.page.get_by_label("rotate to 90°").click()
+    reply(view, "rotation of turtle1 succeeded: turned by")
+    assert witness.pose().theta == pytest.approx(math.pi / 2, abs=0.1)
+
+    view.page.get_by_label("drive by keyboard").focus()
+    start_m = witness.pose().y
+    eventually(
+        lambda: view.page.keyboard.press("ArrowUp") or witness.pose().y > start_m + 0.1,
+        within_s=PATIENCE_S,
+    )
+    # Half a turn takes three seconds, and on a busy machine a key may take longer: then the next.
+    half_turns = cycle([("v", -math.pi / 2), ("r", math.pi / 2)])
+    told = view.page.get_by_role("log").filter(has_text="rotation of turtle1 canceled")
+
+    def is_ended_by(cancel: Callable[[], object]) -> bool:
+        view.page.get_by_label("drive by keyboard").focus()
+        key, theta = next(half_turns)
+        start = witness.pose().theta
+        view.page.keyboard.press(key)
+        eventually(lambda: witness.pose().theta != start, within_s=PATIENCE_S)
+        cancel()
+        is_told = view.shows(told, 3.0)
+        eventually(lambda: witness.pose().angular_velocity == 0.0, within_s=PATIENCE_S)
+        return is_told and abs(witness.pose().theta - theta) > 0.1
+
+    for cancel in (
+        lambda: view.page.keyboard.press("f"),
+        lambda: view.page.get_by_label("cancel the rotation").click(),
+    ):
+        eventually(lambda cancel=cancel: is_ended_by(cancel), within_s=PATIENCE_S)
+    assert view.errors == []
+
+
+def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View) -> None:
+    """Each with its reply, the refusal too, and seen on the bus."""
+    fill(view, "x, y, °", "2", "3", "90")
+    ask(view, "Teleport", "teleported turtle1 to (2, 3), 90°")
+    eventually(lambda: is_at(witness, "turtle1", 2.0, 3.0, math.pi / 2), within_s=PATIENCE_S)
+
+    fill(view, "New name", "leo")
+    ask(view, "Spawn", "spawned leo")
+    witness.watch("leo")
+    eventually(lambda: is_at(witness, "leo", 2.0, 3.0, math.pi / 2), within_s=PATIENCE_S)
+    ask(view, "Spawn", "spawn: A turtle named [leo] already exists")
+
+    eventually(lambda: view.choose("Turtle", "leo") is None, within_s=PATIENCE_S)
+    fill(view, "x, y, °", "8", "1", "-90")
+    ask(view, "Teleport", "teleported leo to (8, 1), -90°")
+    eventually(lambda: is_at(witness, "leo", 8.0, 1.0, -math.pi / 2), within_s=PATIENCE_S)
+
+    view.button("Kill")
+    reply(view, "killed leo")
+    assert "leo" not in witness.field().turtles
+    assert view.errors == []
+
+
+def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
+    """What was drawn is gone; after a reset the turtle is back in the middle."""
+    view.page.get_by_label("drive forward").click()
+    eventually(witness.has_ink, within_s=PATIENCE_S)
+    view.button("Clear")
+    reply(view, "cleared the field")
+    eventually(lambda: not witness.has_ink() or view.button("Clear"), within_s=PATIENCE_S)
+    moved_m = witness.pose().x
+    assert moved_m > 5.6
+
+    view.button("Reset")
+    reply(view, "reset the field")
+    eventually(lambda: witness.pose().x < moved_m, within_s=PATIENCE_S)
+    assert witness.pose().x == pytest.approx(5.544, abs=1e-3)
+    assert view.errors == []
+
+
+def test_what_lies_between_two_frames_is_printed_as_echo_does(
+    bus: Bus, witness: Witness, view: View
+) -> None:
+    """The drone is behind its turtle and above."""
+    bus.start("broadcaster")
+    view.tab("Measure")
+    eventually(lambda: view.choose("Seen from", "turtle1") is None, within_s=PATIENCE_S)
+    view.choose("Frame", "drone")
+    echo = view.page.locator("#tf-echo").filter(has_text="Translation: [-0.500, 0.000, 1.000]")
+    echo.wait_for()
+    view.page.get_by_text("1.118 m apart").wait_for()
+    assert view.errors == []

@@ -1,6 +1,54 @@
-"""Words in the sentences that people read."""
+"""Words in the sentences that people read: counts, lists, near names, durations."""
+
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
+
+# Of a longer list only the first are named.
+_NAMED = 8
 
 
 def counted(count: int, noun: str) -> str:
     """A number of things: `1 frame`, `2 frames`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def listed(words: Collection[str], *, most: int = _NAMED) -> str:
+    """The words with commas, at most `most` of them: `a, b and 3 more`."""
+    named = ", ".join(list(words)[:most])
+    rest = len(words) - most
+    return f"{named} and {rest} more" if rest > 0 else named
+
+
+def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
+    """The end of a sentence about a name that is not known.
+
+    `; did you mean 'sim'?` where one is near, else `; there are: a, b and 3 more`; `none` where
+    no name is known at all.
+    """
+    names = sorted(known)
+    if not names:
+        return none
+    near = near_names(name, names, most=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; there are: {listed(names, most=20)}"
+
+
+def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
+    """The known names that are spelt most like this one, best first; () where none is near."""
+    return tuple(get_close_matches(name, known, n=most))
+
+
+def duration(seconds: float | None) -> str:
+    """A time as people say it: `0.3 ms`, `4.2 s`, `3 min`, `2 h`, `5 days`; `?` for None."""
+    if seconds is None:
+        return "?"
+    size = abs(seconds)
+    if size < 0.01:
+        return f"{seconds * 1e3:.1f} ms"
+    if size < 1.0:
+        return f"{seconds * 1e3:.0f} ms"
+    if size < 100.0:
+        return f"{seconds:.1f} s"
+    for most_s, unit_s, unit in ((6e3, 60, "min"), (2e5, 3600, "h")):
+        if size < most_s:
+            return f"{seconds / unit_s:.0f} {unit}"
+    return f"{seconds / 86_400:.0f} days"

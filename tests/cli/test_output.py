@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.cli.messages.nearest import nearest
 from tfbus.cli.output import paint, table, yaml_text
 from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.window import Reading, Window, spread_of
+from tfbus.wording import did_you_mean
 
 
 class TestTables:
@@ -67,10 +67,10 @@ class TestText:
 
     def test_a_wrong_name_ends_with_what_there_is(self) -> None:
         """The name that may be meant, or some of those there are, or that there is none."""
-        assert nearest("pse", ["pose", "color"], none="") == "; did you mean 'pose'?"
-        assert nearest("x", ["pose", "color"], none="") == "; there are: color, pose"
-        assert nearest("x", [], none=", nor any other") == ", nor any other"
-        assert nearest("x", map("n{}".format, range(25)), none="").endswith(" and 5 more")
+        assert did_you_mean("pse", ["pose", "color"], none="") == "; did you mean 'pose'?"
+        assert did_you_mean("x", ["pose", "color"], none="") == "; there are: color, pose"
+        assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
+        assert did_you_mean("x", map("n{}".format, range(25)), none="").endswith(" and 5 more")
 
 
 class TestNumbers:

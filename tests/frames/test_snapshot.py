@@ -11,9 +11,9 @@ from tfbus import Buffer, Transform, TransformStamped
 from tfbus.frames import document
 from tfbus.frames.layout import Size, outline, tidy
 from tfbus.frames.snapshot import FrameTree, frame_tree
-from tfbus.frames.state import duration
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.listen.info import StreamInfo
+from tfbus.wording import duration
 
 NS = 1_000_000_000
 NOW_NS = 1_670_400_300 * NS

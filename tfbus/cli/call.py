@@ -11,7 +11,6 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.message import checked_map, encode_values
-from tfbus.cli.messages.nearest import nearest
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
 from tfbus.command.numbers import POSITIVE
@@ -20,6 +19,7 @@ from tfbus.command.types import ServiceName
 from tfbus.errors import ServiceError
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
+from tfbus.wording import did_you_mean
 
 # However long a goal takes: what ends the waiting is silence.
 _LONGEST_GOAL_S = 1e6
@@ -104,4 +104,4 @@ def _silence(service: str, timeout_s: float) -> str:
 
 def _nobody(session: Session, service: str) -> str:
     served = [name for name, info in look(session).services.items() if info.servers]
-    return f"nobody serves {service!r}{nearest(service, served, none=', nor anything else')}"
+    return f"nobody serves {service!r}{did_you_mean(service, served, none=', nor anything else')}"

@@ -10,7 +10,6 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.call import TIMEOUT, follow
 from tfbus.cli.messages.message import checked_map, encode_values, read_map
-from tfbus.cli.messages.nearest import nearest
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
@@ -19,6 +18,7 @@ from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName
 from tfbus.discover.graph import ServiceInfo
 from tfbus.errors import ServiceError
+from tfbus.wording import did_you_mean
 
 
 @click.group(cls=Verbs)
@@ -118,7 +118,7 @@ def _served(session: Session) -> list[ServiceInfo]:
 def _find(session: Session, service: str) -> ServiceInfo:
     services = look(session).services
     if service not in services:
-        hint = nearest(service, services, none=", nor any other: is a node running?")
+        hint = did_you_mean(service, services, none=", nor any other: is a node running?")
         raise ServiceError(f"there is no service {service!r}{hint}")
     return services[service]
 

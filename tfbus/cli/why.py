@@ -12,9 +12,9 @@ from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName
 from tfbus.discover.other_namespaces import frames_elsewhere
 from tfbus.frames.listening import listening
-from tfbus.frames.state import duration
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
+from tfbus.wording import duration
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 

@@ -6,8 +6,8 @@ from tfbus.doctor.clock_checks import of_our_time, of_system_time
 from tfbus.doctor.examination import Examination, Flow
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.snapshot import who
-from tfbus.frames.state import ASK_IF_SIMULATED, duration, is_another_time
-from tfbus.wording import counted
+from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
+from tfbus.wording import counted, duration
 
 # Above this a lookup at one's own "now" fails, or is a guess.
 _MOST_SKEW_S = 0.1

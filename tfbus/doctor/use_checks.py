@@ -2,8 +2,7 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
-from tfbus.frames.state import duration
-from tfbus.wording import counted
+from tfbus.wording import counted, duration
 
 # What nobody reads yet is how most begin; of many somebody has forgotten what they were for.
 _FEW_UNREAD = 10

@@ -4,6 +4,7 @@ from typing import Literal
 
 from tfbus.buffer.frame import FrameInfo
 from tfbus.frames.snapshot import FrameTree
+from tfbus.wording import duration
 
 State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]
 
@@ -58,20 +59,3 @@ def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")
     return words
-
-
-def duration(seconds: float | None) -> str:
-    """A time as people say it: `0.3 ms`, `21 ms`, `4.2 s`, `3 min`, `2 h`, `5 days`."""
-    if seconds is None:
-        return "?"
-    size = abs(seconds)
-    if size < 0.01:
-        return f"{seconds * 1e3:.1f} ms"
-    if size < 1.0:
-        return f"{seconds * 1e3:.0f} ms"
-    if size < 100.0:
-        return f"{seconds:.1f} s"
-    for most_s, unit_s, unit in ((6e3, 60, "min"), (2e5, 3600, "h")):
-        if size < most_s:
-            return f"{seconds / unit_s:.0f} {unit}"
-    return f"{seconds / 86_400:.0f} days"

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 
 from tfbus.buffer.frame import FrameInfo
 from tfbus.frames.snapshot import FrameTree, who
-from tfbus.frames.state import State, duration, facts, state
-from tfbus.wording import counted
+from tfbus.frames.state import State, facts, state
+from tfbus.wording import counted, duration
 
 Paint = Callable[[str, State], str]
 

@@ -8,11 +8,12 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.frame import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
 from tfbus.frames.snapshot import FrameTree, Problem, who
-from tfbus.frames.state import duration, facts, is_stale
+from tfbus.frames.state import facts, is_stale
 from tfbus.frames.text import conflicting
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
+from tfbus.wording import duration
 
 Verdict = Literal["ok", "warn", "fail"]
 

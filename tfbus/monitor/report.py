@@ -8,11 +8,11 @@ from tfbus.cli.output import paint, table
 from tfbus.errors import TransformException
 from tfbus.frames.listening import Listening
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import State, duration, state
+from tfbus.frames.state import State, state
 from tfbus.frames.text import conflicting
 from tfbus.monitor.meter import EdgeFlow, TransformMeter
 from tfbus.monitor.window import Spread, Window, spread_of
-from tfbus.wording import counted
+from tfbus.wording import counted, duration
 
 _MOST_SAMPLES = 1_000
 _ROLES: dict[State, str] = {

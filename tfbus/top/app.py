@@ -20,10 +20,10 @@ from textual.widgets import (
     TabPane,
 )
 
-from tfbus.frames.state import State, duration
+from tfbus.frames.state import State
 from tfbus.top.rows import Row, Table, chosen, is_service
 from tfbus.top.source import Source
-from tfbus.wording import counted
+from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
 _ASK_EVERY_S = 2.0

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.discover.graph import Graph
-from tfbus.frames.state import State, duration, state
+from tfbus.frames.state import State, state
 from tfbus.frames.text import conflicting
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
+from tfbus.wording import duration
 
 _SERVICE = "service"
 

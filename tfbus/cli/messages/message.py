@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
-from tfbus.cli.messages.nearest import nearest
 from tfbus.cli.messages.of_type import bare
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
 from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, from_map, type_name
+from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.geometry.batch import TransformBatch
@@ -47,7 +47,7 @@ def find_type(text: str) -> type:
         return _imported(module, name)
     found = supplied_type(bare(text))
     if found is None:
-        hint = nearest(text, _supplied(), none="")
+        hint = did_you_mean(text, _supplied(), none="")
         raise click.UsageError(
             f"tfbus.messages has no message {text!r}{hint}{'' if hint.endswith('?') else '.'} "
             "A type of your own is given as package.module:Name"
@@ -138,7 +138,7 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
     names = [entry.name for entry in fields(message_type)]
     for name, value in values.items():
         if name not in names:
-            hint = nearest(str(name), names, none="; it has none")
+            hint = did_you_mean(str(name), names, none="; it has none")
             raise click.UsageError(
                 f"{type_name(message_type)} has no field {path + str(name)!r}{hint}"
             )

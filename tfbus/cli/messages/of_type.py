@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Protocol
 
-from tfbus.cli.messages.nearest import nearest
 from tfbus.errors import BusError
+from tfbus.wording import did_you_mean
 
 
 class _Typed(Protocol):
@@ -26,6 +26,6 @@ def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> lis
     found = sorted(name for name, info in known.items() if wanted in info.types)
     if not found:
         types = {each for info in known.values() for each in info.types}
-        hint = nearest(wanted, types, none=f", nor any other {kind}: is a node running?")
+        hint = did_you_mean(wanted, types, none=f", nor any other {kind}: is a node running?")
         raise BusError(f"there is no {kind} of type {wanted!r}{hint}")
     return found

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tfbus.cli.messages.nearest import nearest
+from tfbus.wording import did_you_mean
 
 _PART = re.compile(r"[^.\[\]]+")
 
@@ -70,7 +70,7 @@ def _missing(at: Any, name: str) -> str:
     if isinstance(at, list):
         return f"{name!r} is not an index of a list of {len(at)}"
     if isinstance(at, dict):
-        return f"no {name!r} there{nearest(name, map(str, at), none=', nor any other')}"
+        return f"no {name!r} there{did_you_mean(name, map(str, at), none=', nor any other')}"
     return f"{name!r} is asked of a value that has no fields"
 
 
@@ -121,7 +121,7 @@ class _Fields:
 
     def __getattr__(self, name: str) -> Any:
         if name not in self._values:
-            raise AttributeError(f"no field {name!r}{nearest(name, self._values, none='')}")
+            raise AttributeError(f"no field {name!r}{did_you_mean(name, self._values, none='')}")
         return _as_fields(self._values[name])
 
 

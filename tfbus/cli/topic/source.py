@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.nearest import nearest
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
+from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
@@ -64,7 +64,7 @@ def find_topic(graph: Graph, name: str) -> TopicInfo:
         publishers = {end for topic in ends for end in topic.publishers}
         return TopicInfo(name, tuple(sorted(publishers)), None)
     if name not in graph.topics:
-        hint = nearest(name, graph.topics, none=", nor any other: is a node running?")
+        hint = did_you_mean(name, graph.topics, none=", nor any other: is a node running?")
         raise BusError(f"there is no topic {name!r}{hint}")
     return graph.topics[name]
 
@@ -87,7 +87,7 @@ def why_silent(node: "Node", topic: str) -> str:
         senders = []
     if senders:
         return f"Waiting for a message on {topic!r}: {', '.join(senders)} sends none"
-    hint = nearest(topic, published, none=", nor any other topic")
+    hint = did_you_mean(topic, published, none=", nor any other topic")
     return f"Waiting for a message on {topic!r}: nobody publishes it{hint}"
 
 

@@ -1,0 +1,40 @@
+"""Words in the sentences that people read."""
+
+import pytest
+
+from tfbus.wording import counted, did_you_mean, duration, listed, near_names
+
+
+def test_one_thing_is_singular() -> None:
+    """1 frame, 2 frames, 0 frames."""
+    assert [counted(n, "frame") for n in (1, 2, 0)] == ["1 frame", "2 frames", "0 frames"]
+
+
+def test_a_long_list_is_cut() -> None:
+    """Names beyond the limit are counted."""
+    assert listed(["a", "b"], most=2) == "a, b"
+    assert listed(["a", "b", "c", "d"], most=2) == "a, b and 2 more"
+
+
+def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
+    """A near name is suggested; where none is near the known ones are listed."""
+    assert did_you_mean("pse", ["pose", "color"]) == "; did you mean 'pose'?"
+    assert did_you_mean("x", ["pose", "color"]) == "; there are: color, pose"
+    assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
+    assert near_names("turtle", ["turtle1", "turtle2", "world"]) == ("turtle2", "turtle1")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (None, "?"),
+        (3e-4, "0.3 ms"),
+        (-0.021, "-21 ms"),
+        (4.2, "4.2 s"),
+        (200, "3 min"),
+        (8e3, "2 h"),
+    ],
+)
+def test_durations_have_the_unit_people_would_use(seconds: float | None, text: str) -> None:
+    """A duration has at most three digits and one unit."""
+    assert duration(seconds) == text

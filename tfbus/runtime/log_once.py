@@ -1,0 +1,31 @@
+"""Log lines that could repeat without end: the first of a kind is logged, the rest counted."""
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Hashable
+
+# Kinds may hold names from the bus: of further kinds nothing is logged.
+_MOST_KINDS = 1000
+
+
+class LogOnce:
+    """Logs the first event of each kind as a warning; `counts` has how many there were.
+
+    Safe from any thread.
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self.counts: Counter[Hashable] = Counter()
+        self._log = log
+        self._lock = threading.Lock()
+
+    def warning(self, kind: Hashable, text: str, *values: object) -> None:
+        """Log the text if it is the first of its kind, its values filled in by logging."""
+        with self._lock:
+            if kind not in self.counts and len(self.counts) >= _MOST_KINDS:
+                return
+            self.counts[kind] += 1
+            is_first = self.counts[kind] == 1
+        if is_first:
+            self._log.warning(f"{text}. Further ones are counted, not logged", *values)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import InvalidNameError
-from tfbus.wire.transforms import keys
+from tfbus.wire import keys
 
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1)
 awkward = st.text("%*$?#/@ \t\n\x00%2Fab", min_size=1)

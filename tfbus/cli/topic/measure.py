@@ -11,7 +11,7 @@ from tfbus.cli.bus import look
 from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option
-from tfbus.cli.topic.group import reports as reports
+from tfbus.cli.topic import reports
 from tfbus.cli.topic.meter import Meter, measure
 from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.numbers import POSITIVE

@@ -18,12 +18,8 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
 	$(MAKE) --no-print-directory types
 
-# mypy finds `tfbus.nodes` where it is installed to, so it is shown the package laid out like that.
-types: TREE := build/types
 types: $(VENV)/dev.stamp
-	rm -rf $(TREE) && mkdir -p $(TREE)/tfbus
-	ln -s $(CURDIR)/tfbus/* $(CURDIR)/nodes $(CURDIR)/configs $(TREE)/tfbus/
-	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml -p tfbus
+	$(BIN)/mypy -p tfbus -p nodes
 
 # The peers have an environment of their own, of the newest Python there is: schiebung wants 3.12.
 bench: $(VENV)-bench/bench.stamp

@@ -6,6 +6,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from tests import needs
 from tests.live_bus import Bus
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
@@ -19,6 +20,14 @@ pytest_plugins = [
 # A machine that is busy with other tests takes its time over any example.
 hypothesis.settings.register_profile("patient", deadline=None)
 hypothesis.settings.load_profile("patient")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line what was skipped for want of what."""
+    skipped = terminalreporter.getreports("skipped")
+    told = needs.summary(report.longrepr[2] for report in skipped if report.longrepr)
+    if told:
+        terminalreporter.write_line(told)
 
 
 @pytest.fixture

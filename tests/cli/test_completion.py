@@ -13,6 +13,7 @@ import click
 import pytest
 from click.shell_completion import CompletionItem
 
+from tests import needs
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Node,
@@ -157,8 +158,7 @@ def terminal(
     """Each of the shells that are installed, with the script of completion taken."""
     shell = request.param
     for program in (shell, "tmux"):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
+        needs.program(program)
     script = subprocess.run(
         ["tfbus", "completion", shell], env=env, capture_output=True, text=True, check=True
     )

@@ -94,10 +94,10 @@ def test_files_are_what_their_endings_say(robot: Bus, tmp_path: Path) -> None:
     assert '"base" -> "camera"' in files["dot"].read_text()
     assert files["mmd"].read_text().startswith("flowchart TD")
     assert files["txt"].read_text().startswith("world\n└─ base")
-    image = pytest.importorskip("matplotlib.image").imread(files["png"])
+    image = pytest.importorskip("matplotlib.image", reason="needs matplotlib").imread(files["png"])
     assert image.shape[1] > 500
     assert image.std() > 0.0
-    reader = pytest.importorskip("pypdf").PdfReader(files["pdf"])
+    reader = pytest.importorskip("pypdf", reason="needs pypdf").PdfReader(files["pdf"])
     assert all(name in reader.pages[0].extract_text() for name in names)
 
 

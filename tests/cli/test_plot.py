@@ -58,7 +58,9 @@ def test_it_plots_what_publishers_have_kept(moving: Bus, tmp_path: Path) -> None
     file = tmp_path / "turtle1.png"
     done = moving.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
     assert (done.returncode, done.stderr) == (0, "")
-    assert pytest.importorskip("matplotlib.image").imread(file).std() > 0.0
+    assert (
+        pytest.importorskip("matplotlib.image", reason="needs matplotlib").imread(file).std() > 0.0
+    )
 
 
 def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
@@ -78,7 +80,7 @@ def test_what_stands_still_is_a_straight_line() -> None:
     """Where a frame moves by less than can be, axes still span a millimetre, or a tenth of a
     degree, and a millimetre a second.
     """
-    pytest.importorskip("matplotlib")
+    pytest.importorskip("matplotlib", reason="needs matplotlib")
     count = 50
     noise = 1e-14 * np.sin(np.arange(3 * count)).reshape(count, 3)
     poses = TransformArray(

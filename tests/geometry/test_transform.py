@@ -165,7 +165,7 @@ def test_values_cannot_be_changed():
 
 def test_scipy_goes_in_and_out():
     """Rotations and rigid transforms of scipy convert both ways, where scipy is there."""
-    spatial = pytest.importorskip("scipy.spatial.transform")
+    spatial = pytest.importorskip("scipy.spatial.transform", reason="needs scipy")
     a = Transform.from_rpy(0.1, 0.2, 0.3, (1, 2, 3))
     assert Transform.from_scipy(a.as_scipy_rotation(), (1, 2, 3)).is_close(a, TINY)
     assert np.allclose(a.as_scipy_rotation().as_euler("xyz"), (0.1, 0.2, 0.3))

@@ -136,7 +136,7 @@ def test_what_cannot_be_is_refused(make, says):
 
 def test_scipy_goes_in_and_out_as_arrays():
     """Rotations and rigid transforms of scipy convert both ways, where scipy is there."""
-    spatial = pytest.importorskip("scipy.spatial.transform")
+    spatial = pytest.importorskip("scipy.spatial.transform", reason="needs scipy")
     array = TransformArray.from_rpy([(0.1, 0.2, 0.3), (1.0, -1.0, 2.0)], xyz=[(1, 2, 3), (4, 5, 6)])
     singles = [array.row(0), array.row(1)]
     assert same(TransformArray.from_scipy(array.as_scipy_rotation(), array.xyz), singles)

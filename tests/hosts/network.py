@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,21 +14,6 @@ BRIDGE = "tfbr"
 ROUTER_HOST = "hub"
 
 _TESTS = Path(__file__).parents[1]
-
-
-def why_not() -> str:
-    """Why hosts cannot be made here; "" where they can."""
-    if os.geteuid() != 0:
-        return "network namespaces need root"
-    if shutil.which("ip") is None:
-        return "network namespaces need the command ip (apt-get install iproute2)"
-    probe = f"tfbus-{os.getpid()}-probe"
-    try:
-        _ip("netns", "add", probe)
-        _ip("netns", "del", probe)
-    except subprocess.CalledProcessError as error:
-        return f"network namespaces cannot be made here: {error.stderr.strip()}"
-    return ""
 
 
 class Hosts:

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.hosts import network as hosts
+from tests import needs
 from tests.hosts.faults import MOST_GROWTH_KB, WITNESSES, InjuredHosts, wait_until_well
 from tests.live_bus import Bus
 
-REASON = hosts.why_not()
+REASON = needs.why_no_hosts()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 

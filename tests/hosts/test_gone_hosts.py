@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.hosts.network import Network, frames, why_not
+from tests import needs
+from tests.hosts.network import Network, frames
 from tests.live_bus import Bus, Process, eventually
 
-REASON = why_not()
+REASON = needs.why_no_hosts()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 FRAMES = ["--moving", "robot", "--static", "camera", "--static", "lamp"]

@@ -14,14 +14,15 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.hosts.network import ROUTER_HOST, Network, frames, why_not
+from tests import needs
+from tests.hosts.network import ROUTER_HOST, Network, frames
 from tests.live_bus import DEADLINE_S, Bus, eventually, free_port
 from tfbus import NodeSettings
 from tfbus.bus import lost_links
 from tfbus.bus.lost_links import LostLinks, addresses, who_answers
 from tfbus.bus.session import Session
 
-REASON = why_not()
+REASON = needs.why_no_hosts()
 needs_hosts = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 # The link is silent for 1.5 s, tokens are lost, and all of it on a busy machine.

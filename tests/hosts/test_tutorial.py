@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.hosts.network import Network, why_not
+from tests import needs
+from tests.hosts.network import Network
 from tests.live_bus import Bus, Process, eventually
 
-REASON = why_not()
+REASON = needs.why_no_hosts()
 pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 COMMANDS = {

@@ -3,7 +3,6 @@
 import math
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus import Node
 from tfbus.messages import Pose, Twist, Vector3
@@ -215,9 +215,9 @@ def test_it_drives_the_turtle_it_is_told_to(bus: Bus) -> None:
     terminal.close()
 
 
-@pytest.mark.skipif(shutil.which("tmux") is None, reason="tmux is not installed")
 def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
     """In tmux, which sends arrows its own way, keys drive and Q gives the shell back."""
+    needs.program("tmux")
     heard: list[Twist] = []
     bus.node("listener").create_subscription(Twist, "turtle1/cmd_vel", heard.append)
     env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color"}

@@ -1,7 +1,6 @@
 """The simulator's window, looked at on a virtual screen (Xvfb), and its picture without one."""
 
 import os
-import shutil
 import struct
 import subprocess
 from collections.abc import Iterator
@@ -13,13 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests import needs
 from tests.live_bus import Bus, eventually
 from tfbus.messages import Color, SetPen, TeleportAbsolute
 from tfbus.nodes.turtle.field import SIZE_M, to_pixels
 from tfbus.nodes.turtle.window import DisplayError, Window, save_picture
 from tfbus.nodes.turtle.world import World
 
-pygame = pytest.importorskip("pygame", reason="pygame-ce is not installed (extra sim)")
+pygame = pytest.importorskip("pygame", reason="needs pygame-ce: the extra sim")
 
 BACKGROUND = (69, 86, 255)
 PEN = (179, 184, 255)
@@ -67,8 +67,7 @@ def read_picture(path: Path) -> NDArray[np.uint8]:
 
 @pytest.fixture
 def screen(tmp_path: Path) -> Iterator[Screen]:
-    if shutil.which("Xvfb") is None:
-        pytest.skip("Xvfb is not installed (apt-get install xvfb)")
+    needs.program("Xvfb")
     number_in, number_out = os.pipe()
     command = ["Xvfb", "-displayfd", str(number_out), "-screen", "0", "500x500x24"]
     server = subprocess.Popen(
@@ -80,7 +79,7 @@ def screen(tmp_path: Path) -> Iterator[Screen]:
     with open(number_in) as number:
         display = number.readline().strip()
     if not display:
-        pytest.skip(f"Xvfb does not start here (exit code {server.wait()})")
+        needs.skip("Xvfb", f"it does not start here (exit code {server.wait()})")
     yield Screen(f":{display}", tmp_path / "Xvfb_screen0")
     server.terminate()
     server.wait()

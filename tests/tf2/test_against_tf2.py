@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests import needs
 from tests.tf2.cases import random_case
 from tests.tf2.steps import Clear, Frames, Insert, LatestCommonTime, Lookup, Step
 from tests.tf2.versus import CACHE_TIME_S, Oracle, first_mismatch, shrunk
@@ -77,7 +78,7 @@ def test_recorded_messages_are_taken_as_ros_2_takes_them(name: str) -> None:
 def _columns(name: str) -> dict[str, NDArray[Any]]:
     folder = os.environ.get("TFBUS_RECORDINGS")
     if not folder:
-        pytest.skip("TFBUS_RECORDINGS names no folder of recordings")
+        needs.skip("recordings", "TFBUS_RECORDINGS names no folder of them")
     with np.load(Path(folder) / f"{name}.npz") as columns:
         return dict(columns)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import needs
 from tests.tf2.steps import (
     Answer,
     CanTransform,
@@ -29,7 +30,6 @@ TOLERANCE = 1e-9
 CACHE_TIME_S = 10.0
 NS_PER_S = 1_000_000_000
 
-_DEBIANS_PYTHON = "/usr/bin/python3"
 _ORACLE = Path(__file__).parent / "oracle.py"
 
 
@@ -44,20 +44,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session")
 def tf2() -> Iterator["Oracle"]:
     """The real tf2; a test that asks for it is skipped where it is not installed."""
-    # Debian's Python is to see Debian's packages, whatever environment the tests run in.
+    # That Python must see its own packages, whatever environment the tests run in.
     env = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
-    try:
-        found = subprocess.run(
-            [_DEBIANS_PYTHON, "-c", "import rospy, tf2_py"], env=env, capture_output=True
-        )
-    except OSError:
-        pytest.skip(f"there is no {_DEBIANS_PYTHON}, so no tf2 to compare with")
-    if found.returncode:
-        pytest.skip(
-            "tf2 is not installed: apt-get install python3-tf2 python3-tf2-ros (Debian, Ubuntu)"
-        )
     with subprocess.Popen(
-        [_DEBIANS_PYTHON, _ORACLE],
+        [needs.python_of_tf2(), str(_ORACLE)],
         env=env,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,

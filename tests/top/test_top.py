@@ -1,6 +1,5 @@
 """`tfbus top`: its rows, and the screen in a real terminal."""
 
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import needs
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Node,
@@ -19,7 +19,7 @@ from tfbus import (
 from tfbus.messages import Empty
 from tfbus.top.rows import Cell, Row, Table, chosen
 
-pytest.importorskip("textual", reason="the extra 'top' is not installed")
+pytest.importorskip("textual", reason="needs textual: the extra top")
 
 
 def table(*frames: tuple[str, float | None]) -> Table:
@@ -61,8 +61,7 @@ Tmux = Callable[..., str]
 @pytest.fixture
 def tmux(bus: Bus, tmp_path: Path) -> Iterator[Tmux]:
     """`tmux(...)` on a server of the test's own; `tmux("capture-pane", "-p")` is the screen."""
-    if shutil.which("tmux") is None:
-        pytest.skip("tmux is not installed")
+    needs.program("tmux")
     env = {**bus.env, "TMUX_TMPDIR": str(tmp_path), "TERM": "xterm-256color", "LANG": "C.UTF-8"}
 
     def run(*arguments: str) -> str:

@@ -1,11 +1,11 @@
 """A running `tfbus view` and its page in a real Chromium that nobody sees, for tests."""
 
-import shutil
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, Process, free_port
 from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcaster
 from tfbus import TransformStamped as Stamped
@@ -18,10 +18,11 @@ PATIENCE_S = 3 * DEADLINE_S
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """One Chromium for all tests of a file; each has pages of its own."""
-    pytest.importorskip("viser", reason="the extra view is not installed")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if not (chromium := shutil.which("chromium")):
-        pytest.skip("there is no chromium (apt-get install chromium)")
+    pytest.importorskip("viser", reason="needs viser: the extra view")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright: the extra dev"
+    )
+    chromium = needs.program("chromium")
     with playwright.sync_playwright() as driver:
         flags = [flag for flag in FLAGS if not flag.startswith("--headless")]
         browser = driver.chromium.launch(executable_path=chromium, args=[*flags, "--no-sandbox"])

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from tests import needs
 from tests.live_bus import Bus, eventually, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
-from tfbus.view.screenshot import find_browser
 
 
 def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
@@ -60,6 +60,7 @@ def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path:
 
 def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
     """Of the size that was asked for, after which the process ends by itself."""
+    needs.program("chromium")
     Arm(bus.node("arm"))
     path = tmp_path / "out.png"
     done = bus.run(
@@ -86,7 +87,7 @@ def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path:
     """Whoever gets the signal, Chromium and its children end, and no picture is promised."""
     pid_file = short_path / "pid"
     chromium = short_path / "chromium"
-    chromium.write_text(f'#!/bin/sh\necho $$ > {pid_file}\nexec {find_browser()} "$@"\n')
+    chromium.write_text(f'#!/bin/sh\necho $$ > {pid_file}\nexec {needs.program("chromium")} "$@"\n')
     chromium.chmod(0o755)
     process = bus.start(
         "view",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tfbus import FrameInfo
 
-pytest.importorskip("viser", reason="the extra view is not installed")
+pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.status import FrameState, Status

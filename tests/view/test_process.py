@@ -8,7 +8,7 @@ import pytest
 
 from tests.live_bus import DEADLINE_S, Bus, free_port
 
-pytest.importorskip("viser", reason="the extra view is not installed")
+pytest.importorskip("viser", reason="needs viser: the extra view")
 
 import viser
 

@@ -131,9 +131,9 @@ def test_a_mesh_is_read_and_scaled(tmp_path: Path) -> None:
 
 def test_a_mesh_of_collada_is_read_in_its_unit(tmp_path: Path) -> None:
     """Where pycollada is installed: centimetres become metres."""
-    pytest.importorskip("collada", reason="pycollada is not installed")
+    pytest.importorskip("collada", reason="needs pycollada")
     robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = pytest.importorskip("trimesh", reason="needs trimesh")
     box = trimesh.exchange.dae.export_collada(trimesh.creation.box((100.0, 200.0, 300.0)))
     file = tmp_path / "box.dae"
     file.write_bytes(box.replace(b"<asset>", b'<asset><unit name="cm" meter="0.01"/>', 1))

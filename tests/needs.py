@@ -1,0 +1,86 @@
+"""What some tests need of the machine: where it is not there, they skip and say what for.
+
+Every such reason reads `needs X` or `needs X: how to get it`; the summary of a run counts the
+skipped tests by X.
+"""
+
+import os
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+# The program, what people call it, and how Debian has it.
+_PROGRAMS = {
+    "chromium": ("Chromium", "chromium"),
+    "fish": ("fish", "fish"),
+    "ip": ("network namespaces", "iproute2"),
+    "tmux": ("tmux", "tmux"),
+    "Xvfb": ("Xvfb", "xvfb"),
+    "zsh": ("zsh", "zsh"),
+}
+
+
+def skip(need: str, how: str = "") -> NoReturn:
+    """Skip the test that runs, which needs this."""
+    pytest.skip(f"needs {need}: {how}" if how else f"needs {need}")
+
+
+def program(name: str) -> str:
+    """The path of a program; the test is skipped where it is not on PATH."""
+    path = shutil.which(name)
+    if path is None:
+        need, package = _PROGRAMS.get(name, (name, name))
+        skip(need, f"apt-get install {package}")
+    return path
+
+
+@cache
+def _python_of_tf2() -> str | None:
+    env = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    for folder in os.environ["PATH"].split(os.pathsep):
+        python = Path(folder) / "python3"
+        if python.exists():
+            imports = [str(python), "-c", "import rospy, tf2_py"]
+            if subprocess.run(imports, env=env, capture_output=True).returncode == 0:
+                return str(python)
+    return None
+
+
+def python_of_tf2() -> str:
+    """A Python on PATH that has the real tf2; the test is skipped where there is none."""
+    python = _python_of_tf2()
+    if python is None:
+        skip("tf2", "apt-get install python3-tf2 python3-tf2-ros (Debian, Ubuntu)")
+    return python
+
+
+@cache
+def why_no_hosts() -> str:
+    """Why network namespaces cannot be made here; "" where they can."""
+    if os.geteuid() != 0:
+        return "needs network namespaces: run as root"
+    if shutil.which("ip") is None:
+        return "needs network namespaces: apt-get install iproute2"
+    probe = f"tfbus-{os.getpid()}-probe"
+    for verb in ("add", "del"):
+        done = subprocess.run(["ip", "netns", verb, probe], capture_output=True, text=True)
+        if done.returncode:
+            return f"needs network namespaces: {done.stderr.strip()}"
+    return ""
+
+
+def summary(reasons: Iterable[str]) -> str:
+    """One line on the tests that were skipped for want of something; "" where none was."""
+    wanted = Counter(
+        reason.partition("needs ")[2].partition(":")[0] for reason in reasons if "needs " in reason
+    )
+    if not wanted:
+        return ""
+    counts = ", ".join(f"{need} {count}" for need, count in sorted(wanted.items()))
+    return f"skipped for want of: {counts}"

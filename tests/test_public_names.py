@@ -1,0 +1,53 @@
+"""The public names: what other packages may rely on."""
+
+import inspect
+
+import pytest
+
+import tfbus
+from tfbus import messages
+
+NAMES = """
+Buffer BusError Change ConnectivityException DecodeError ExtrapolationException Fleet FrameInfo
+FrameName FutureExtrapolationException GoalHandle GoalResult InvalidArgumentException
+InvalidNameError LookupException LoopException NoDataException Node NodeName NodeSettings Number
+Parameter ParameterError PastExtrapolationException Sampling ServiceError ServiceName
+SettingsError SimulatedClock SingleSampleException StaleException StaticTransformBroadcaster
+SystemClock TfbusError TimeoutException TopicName Transform TransformArray TransformBatch
+TransformBroadcaster TransformException TransformListener TransformStamped TwistStamped
+fleet_options node_options
+""".split()
+
+MESSAGES = """
+Clock Color Empty Field Kill Pose RotateAbsolute SetClock SetPen Spawn TeleportAbsolute
+TeleportRelative Twist Vector3
+""".split()
+
+
+def test_the_public_names_are_these() -> None:
+    """A name is added to or taken from `tfbus` here and nowhere by accident."""
+    assert sorted(NAMES) == tfbus.__all__ == dir(tfbus)
+
+
+def test_the_messages_are_these() -> None:
+    """A message, service or action is added to or taken from `tfbus.messages` here too."""
+    defined = [
+        name
+        for name, value in vars(messages).items()
+        if inspect.isclass(value) and value.__module__ == messages.__name__
+    ]
+    assert sorted(MESSAGES) == sorted(name for name in defined if not name.startswith("_"))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_name_is_there(name: str) -> None:
+    """Each name can be imported, is what it says, and has a docstring."""
+    value = getattr(tfbus, name)
+    assert value.__name__ == name
+    assert inspect.getdoc(value)
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    """As of any module."""
+    with pytest.raises(AttributeError, match="module 'tfbus' has no attribute 'nonsense'"):
+        tfbus.nonsense  # noqa: B018  # the access is the test

@@ -25,7 +25,7 @@ types: $(VENV)/dev.stamp
 bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python -m benchmarks $(ARGS)
 
-$(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard setup.py tfbus/*.p*)
+$(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard setup.py tfbus/*/*.p*)
 	for python in python3.13 ~/.pyenv/versions/3.13.*/bin/python python3.12 \
 	  ~/.pyenv/versions/3.12.*/bin/python $(PYTHON); do \
 	  $$python -c '' 2>/dev/null && break; done; $$python -m venv $(VENV)-bench

@@ -14,7 +14,6 @@ from tfbus import NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
-from tfbus.errors import BusError
 
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
@@ -71,28 +70,6 @@ def test_two_peers_that_another_introduces_have_one_link(bus: Bus) -> None:
     for peer in peers:
         eventually(lambda peer=peer: len(list(peer.info.peers_zid())) == 4)
     assert [len(peer.info.links()) for peer in peers] == [4, 4, 4, 4]
-
-
-def test_a_session_that_cannot_watch_its_links_is_closed(
-    bus: Bus, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where Zenoh opens a session and then fails it, the reason is said, and nothing stays open."""
-    opened: list[zenoh.Session] = []
-    zenohs_open = zenoh.open
-
-    def open_and_keep(config: zenoh.Config) -> zenoh.Session:
-        opened.append(zenohs_open(config))
-        return opened[-1]
-
-    def fail(*_: object) -> None:
-        raise zenoh.ZError("no links today")
-
-    monkeypatch.setattr(zenoh, "open", open_and_keep)
-    monkeypatch.setattr("tfbus.bus.session.LostLinks", fail)
-    settings = NodeSettings("sim", config=str(bus.config), connect=(bus.endpoint,))
-    with pytest.raises(BusError, match=r"could not join the bus through .*: no links today"):
-        Session(settings, logging.getLogger("sim"))
-    assert [session.is_closed() for session in opened] == [True]
 
 
 def test_a_bus_that_does_not_let_go_is_told_in_the_log(

@@ -20,10 +20,9 @@ import zenoh
 from tfbus.bus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
 from tfbus.bus.callbacks import kept
 from tfbus.bus.handles import Declaration, HeardWatch, ServedWatch, direct
-from tfbus.bus.lost_links import LostLinks
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import is_peer, zenoh_config
+from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
 from tfbus.errors import BusError
 from tfbus.runtime.workers import Workers
@@ -62,8 +61,6 @@ class Session:
         config = zenoh_config(settings, scouting_s)
         with bus_errors(f"join the bus{_towards(settings)}"):
             self.zenoh = self._open(config, patience_s)
-            if is_peer(config):
-                self._look_for_lost_links(config)
         self.id = str(self.zenoh.zid())
         self._process = os.getpid()
         atexit.register(self._end_with_process)
@@ -125,16 +122,6 @@ class Session:
                 told = True
                 self._log.warning("Waiting for a router%s", _at(self.settings))
             time.sleep(_RETRY_S)
-
-    def _look_for_lost_links(self, config: zenoh.Config) -> None:
-        try:
-            lost = LostLinks(self.zenoh.info, config, self._log)
-            on_link = direct(self._guarded("lost link", lost.on_link))
-            listener = Declaration(self.zenoh.info.declare_link_events_listener(on_link))
-        except zenoh.ZError:
-            self.zenoh.close()
-            raise
-        self._ending += [listener.close, lost.close]
 
     def publisher(self, key: str, *, urgent: bool = False) -> BytesPublisher:
         """A publisher of messages or dynamic transforms; what is urgent goes before the rest.

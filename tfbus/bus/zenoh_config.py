@@ -60,11 +60,6 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     return config
 
 
-def is_peer(config: zenoh.Config) -> bool:
-    """Whether a session of this configuration is a peer, as it is where nothing is said."""
-    return json.loads(config.get_json("mode")) in (None, "peer")
-
-
 def has_scouting(settings: NodeSettings) -> bool:
     """Whether a session with these settings looks for others by multicast."""
     enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))

@@ -4,7 +4,7 @@ import difflib
 import threading
 from collections.abc import Callable, Mapping
 
-from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime.executor import Executor

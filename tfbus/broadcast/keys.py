@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch

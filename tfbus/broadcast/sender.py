@@ -12,8 +12,8 @@ from tfbus.broadcast.history import KeptMessages, without_removed
 from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.broadcast.newest_stamps import NewestStamps, Rows
 from tfbus.broadcast.options import StreamOptions
-from tfbus.bus.query import Query
-from tfbus.bus.session import Session, within
+from tfbus.bus.query import Query, within
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.bus.query import Query
-from tfbus.bus.session import Session, within
+from tfbus.bus.query import Query, within
+from tfbus.bus.session import Session
 from tfbus.errors import ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor

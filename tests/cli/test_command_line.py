@@ -99,11 +99,11 @@ class TestTools:
         )
         assert run(bus, "param", "get", "sim", "holonomic") == (0, ["Boolean value is: true"], [])
         for arguments, sentence in (
-            (("set", "sim", "background_r", "300"), "'background_r' is at most 255, not 300"),
-            (("set", "sim", "background_r", "red"), "'background_r' is an integer, not 'red'"),
+            (("set", "sim", "background_r", "300"), "'background_r' must be at most 255, not 300"),
+            (("set", "sim", "background_r", "red"), "'background_r' must be an integer, not 'red'"),
             (
                 ("get", "sim", "speed"),
-                "sim has no parameter 'speed'; it has: background_r, holonomic, title",
+                "sim has no parameter 'speed'; there are: background_r, holonomic, title",
             ),
             (("get", "sin", "x"), "there is no node 'sin'; did you mean '/sim'?"),
         ):

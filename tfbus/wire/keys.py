@@ -22,6 +22,8 @@ ALL_STATIC_TRANSFORMS_EVERYWHERE = f"**/{ALL_STATIC_TRANSFORMS}"
 ALL_NODES = "@tfbus/node/*"
 ALL_NODES_EVERYWHERE = f"**/{ALL_NODES}"
 
+CLOCK_TOPIC = "clock"
+
 # Of how many chunks what a key is for consists, by the first of them.
 _CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}
 

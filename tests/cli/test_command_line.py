@@ -192,15 +192,15 @@ class TestOthers:
         """Where a foreign node answers in a shape of its own, the others are listed."""
         serve(bus)
         token = self.serve_evil(bus)
-        told = "what node '/evil' tells about itself cannot be read: field 'name' is an integer"
+        told = "the description of node '/evil' is unreadable: field 'name' must be a text"
         code, out, err = run(bus, "node", "list")
         assert (code, out) == (0, ["/evil", "/looker", "/robot7/sim", "/sim"])
-        assert err == [f"Warning: {told}, a text is wanted"]
+        assert err == [f"Warning: {told}, not an integer"]
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
         assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
-        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
+        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, not an integer"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 2)

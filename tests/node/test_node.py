@@ -178,7 +178,7 @@ class TestTopics:
         for value in range(3):
             publisher.publish(Number(value))
         eventually(lambda: len(heard) == 3)
-        assert log.lines == ["ERROR: A callback failed, 1 times so far (topic count)"]
+        assert log.lines == ["ERROR: A callback failed, 1 time so far (topic count)"]
 
     def test_a_topic_can_be_remapped(self, bus: Bus) -> None:
         """A remapping puts another name in the place of a topic or service."""
@@ -240,7 +240,7 @@ class TestServices:
         with pytest.raises(ServiceError, match=r"the service failed \(ZeroDivisionError: division"):
             other.create_client(Spawn, "spawn").call(Spawn.Request(0, 0))
         eventually(lambda: log.lines)
-        assert log.lines == ["ERROR: A callback failed, 1 times so far (service spawn)"]
+        assert log.lines == ["ERROR: A callback failed, 1 time so far (service spawn)"]
 
     def test_a_request_of_the_wrong_shape_is_refused(self, node: Node, other: Node) -> None:
         """A request with an unknown, missing or wrong field is refused with the field's name."""
@@ -249,7 +249,7 @@ class TestServices:
         for request, reason in (
             ({"x": 1.0, "y": 1.0, "z": 1.0}, "there is no field 'z'; Spawn.Request has x, y, "),
             ({"x": 1.0}, "field 'y' is missing"),
-            ({"x": 1.0, "y": "2"}, "field 'y' is a text, a number is wanted"),
+            ({"x": 1.0, "y": "2"}, "field 'y' must be a number, not a text"),
         ):
             (answer,) = other.session.ask("spawn", encode_map(request))
             assert answer.refusal is not None

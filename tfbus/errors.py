@@ -1,27 +1,27 @@
-"""The errors of tfbus: one family, and a class for each different remedy.
+"""The errors of tfbus: one family, with a class for each different remedy.
 
     TfbusError
-      TransformException              a lookup or an insert that could not be done
-        LookupException                 a frame that the buffer has never heard of
-        ConnectivityException           two frames in trees that are not joined
+      TransformException              a lookup or an insert failed
+        LookupException                 a frame is unknown to the buffer
+        ConnectivityException           the two frames are in separate trees
         ExtrapolationException          an edge of the path has no data for that time
-          PastExtrapolationException      older than its oldest sample: waiting will not help
-          FutureExtrapolationException    newer than its newest sample: wait, or ask for latest
-          NoDataException                 it has no sample at all
-          SingleSampleException           it has one sample, of another time
-        StaleException                  an edge older than was asked for, or without a publisher
-        InvalidArgumentException        a name, number or shape that can never be right
-          LoopException                   an edge that would close a loop in the tree
-        TimeoutException                waited as long as asked; `reason` is what was missing
-      DecodeError                     bytes that are not a message
-      BusError                        trouble with Zenoh, or a session that is closed
-      ServiceError                    a service that refused, or did not answer
-      ParameterError                  an unknown parameter, or a value that it refuses
-      InvalidNameError                a name of a node, topic or service that cannot be
-      SettingsError                   a setting or option that cannot be
+          PastExtrapolationException      it is before the oldest sample: waiting does not help
+          FutureExtrapolationException    it is after the newest sample: wait, or ask for the latest
+          NoDataException                 the edge has no sample at all
+          SingleSampleException           the edge has one sample, of another time
+        StaleException                  an edge is too old, or its publisher is gone
+        InvalidArgumentException        a name, number or shape is invalid
+          LoopException                   an edge would close a loop in the tree
+        TimeoutException                the wait ended; `reason` is what was missing
+      DecodeError                     bytes are not a message
+      BusError                        Zenoh failed, or the session is closed
+      ServiceError                    a service or action refused, or did not answer
+      ParameterError                  a parameter is unknown, or its value invalid
+      InvalidNameError                a name of a node, topic, service or action is invalid
+      SettingsError                   a setting or command-line option is invalid
 
-The names of the transform errors are tf2's. Each says in one sentence what was wrong and what to
-do about it, and carries the facts as fields.
+The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
+what to do; the facts are fields.
 """
 
 
@@ -34,9 +34,9 @@ class TransformException(TfbusError):
 
 
 class LookupException(TransformException):
-    """A frame that the buffer has never heard of.
+    """A frame is unknown to the buffer.
 
-    `frame` is the name asked for; `nearest` are up to three known names that look like it.
+    `frame` is the unknown name; `nearest` are up to three similar names that are known.
     """
 
     def __init__(self, message: str, *, frame: str = "", nearest: tuple[str, ...] = ()) -> None:
@@ -46,7 +46,7 @@ class LookupException(TransformException):
 
 
 class ConnectivityException(TransformException):
-    """Both frames are known, but no common ancestor joins them.
+    """Both frames are known, but have no common ancestor.
 
     `target_root` and `source_root` are the topmost frames of the two trees.
     """
@@ -68,12 +68,12 @@ class ConnectivityException(TransformException):
 
 
 class ExtrapolationException(TransformException):
-    """An edge of the path has no data for the time asked for, and tfbus does not invent any.
+    """An edge of the path has no data for the requested time, and tfbus does not extrapolate.
 
-    The edge is `frame_id` (parent) and `child_frame_id`; `authority` is who published its newest
-    sample. Stamps are nanoseconds since the Unix epoch; `oldest_ns` and `newest_ns` are None
-    where the edge has no sample. `retry_after_s` is in how many seconds the data is likely to be
-    there, judged by the edge's own rate; None where waiting will not help or nobody can tell.
+    The edge is `frame_id` (parent) and `child_frame_id`; `authority` published its newest sample.
+    Stamps are nanoseconds since the Unix epoch; `oldest_ns` and `newest_ns` are None where the edge
+    has no sample. In `retry_after_s` seconds the data is likely to be there, by the edge's rate;
+    None where waiting does not help, or the rate is unknown.
     """
 
     def __init__(
@@ -99,30 +99,30 @@ class ExtrapolationException(TransformException):
 
 
 class PastExtrapolationException(ExtrapolationException):
-    """The time asked for is older than the oldest sample of an edge; waiting will not help."""
+    """The requested time is before the oldest sample of an edge; waiting does not help."""
 
 
 class FutureExtrapolationException(ExtrapolationException):
-    """The time asked for is newer than the newest sample of an edge."""
+    """The requested time is after the newest sample of an edge."""
 
 
 class NoDataException(ExtrapolationException):
-    """An edge of the path is known, but holds no sample."""
+    """An edge of the path is known, but has no sample."""
 
 
 class SingleSampleException(ExtrapolationException):
-    """An edge of the path holds exactly one sample, and it is of another time.
+    """An edge of the path has exactly one sample, of another time.
 
-    Of a time before it, waiting will not help.
+    For a time before it, waiting does not help.
     """
 
 
 class StaleException(TransformException):
-    """An edge of the path is older than `max_age_s`, or its publisher is gone and `living` asked.
+    """An edge of the path is older than `max_age_s`, or with `living=True` its publisher is gone.
 
-    The edge is `frame_id` (parent) and `child_frame_id`; `authority` is who published its newest
-    sample. `age_s` is how old that sample is, None of a static edge, which has no age. `gone` is
-    whether its publisher is gone.
+    The edge is `frame_id` (parent) and `child_frame_id`; `authority` published its newest sample.
+    `age_s` is the age of that sample, None for a static edge. `gone` is whether its publisher is
+    gone.
     """
 
     def __init__(
@@ -144,14 +144,14 @@ class StaleException(TransformException):
 
 
 class InvalidArgumentException(TransformException):
-    """A name, number or shape that can never be right."""
+    """A name, number or shape is invalid."""
 
 
 class LoopException(InvalidArgumentException):
-    """An edge that would close a loop in the tree of frames.
+    """An edge would close a loop in the tree of frames.
 
-    `path` is the chain of frames that already leads from the new parent up to the new child;
-    `authority` sent the refused edge, and `other_authority` the edge above the new parent.
+    `path` is the chain of frames from the new parent up to the new child; `authority` sent the
+    refused edge, `other_authority` the edge above the new parent.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class LoopException(InvalidArgumentException):
 
 
 class TimeoutException(TransformException):
-    """The transform did not become available in time; `reason` is the error without waiting."""
+    """The transform did not become available in time; `reason` is the error without a wait."""
 
     def __init__(self, message: str, *, reason: TransformException | None = None) -> None:
         super().__init__(message)
@@ -177,24 +177,24 @@ class TimeoutException(TransformException):
 
 
 class DecodeError(TfbusError):
-    """Bytes that are not a message."""
+    """Bytes are not a message of the expected type."""
 
 
 class BusError(TfbusError):
-    """Trouble with Zenoh, or a session that is closed."""
+    """Zenoh failed, or the session is closed."""
 
 
 class ServiceError(TfbusError):
-    """A service that refused the request, or did not answer."""
+    """A service or action refused, or did not answer."""
 
 
 class ParameterError(TfbusError):
-    """An unknown parameter, or a value of the wrong type or out of its range."""
+    """A parameter is unknown, or its value of the wrong type or out of range."""
 
 
 class InvalidNameError(TfbusError):
-    """A name of a node, topic or service that cannot be."""
+    """A name of a node, topic, service or action is invalid."""
 
 
 class SettingsError(TfbusError):
-    """A setting or a command-line option that cannot be."""
+    """A setting or command-line option is invalid."""

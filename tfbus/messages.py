@@ -1,8 +1,8 @@
-"""Topics, services and goals of the supplied nodes; meanings and names are turtlesim's.
+"""Topics, services and actions of the supplied nodes; meanings and names are turtlesim's.
 
 Lengths are metres, angles radians (counter-clockwise, zero along x), times nanoseconds since the
-Unix epoch. A value that no node could use (not finite, out of range) cannot be made: ValueError,
-and on the bus a message that is counted and dropped.
+Unix epoch. A value that is not finite or out of range raises ValueError; on the bus such a message
+is dropped and counted.
 """
 
 from dataclasses import dataclass, field
@@ -86,7 +86,7 @@ class SetClock:
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """The time it is to be."""
+        """The new time."""
 
         stamp_ns: int
 
@@ -95,11 +95,11 @@ class SetClock:
 
     @dataclass(frozen=True, slots=True)
     class Response:
-        """Done, and told to all who follow the clock."""
+        """Done, and published on the topic clock."""
 
 
 class Field:
-    """What the turtles' field looks like: a service for those who show it."""
+    """What the turtles' field looks like, for programs that show it."""
 
     @dataclass(frozen=True, slots=True)
     class Request:
@@ -124,11 +124,11 @@ class Field:
 
 
 class Empty:
-    """A service that is only asked to act: clear, reset."""
+    """A service without values: clear, reset."""
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """Nothing to say."""
+        """No values."""
 
     @dataclass(frozen=True, slots=True)
     class Response:
@@ -140,7 +140,7 @@ class Spawn:
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """Where it starts, in m and rad; an empty name asks for the next free turtleN."""
+        """Where it starts, in m and rad; an empty name means the next free turtleN."""
 
         x: float
         y: float
@@ -241,11 +241,11 @@ class TeleportRelative:
 
 
 class RotateAbsolute:
-    """A goal: turn on the spot to a heading, by the shorter way, at 1 rad/s."""
+    """An action: turn on the spot to a heading, by the shorter way, at 1 rad/s."""
 
     @dataclass(frozen=True, slots=True)
     class Goal:
-        """The heading wanted, in rad."""
+        """The new heading, in rad."""
 
         theta: float
 
@@ -267,14 +267,14 @@ class RotateAbsolute:
 
 def _check_finite(name: str, value: float) -> None:
     if not isfinite(value):
-        raise ValueError(f"{name} is {value}; a finite number is wanted")
+        raise ValueError(f"{name} must be finite, not {value}")
 
 
 def _check_stamp(name: str, value: int) -> None:
     if not 0 <= value < 2**63:
-        raise ValueError(f"{name} is {value}; nanoseconds from 0 to 2^63 - 1 are wanted")
+        raise ValueError(f"{name} must be nanoseconds from 0 to 2^63 - 1, not {value}")
 
 
 def _check_byte(name: str, value: int) -> None:
     if not 0 <= value <= 255:
-        raise ValueError(f"{name} is {value}; a number from 0 to 255 is wanted")
+        raise ValueError(f"{name} must be from 0 to 255, not {value}")

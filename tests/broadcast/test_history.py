@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformBatch, TransformStamped
-from tfbus.broadcast.history import KeptMessages, without_removed
+from tfbus.broadcast.history import SentHistory, without_removed
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 S = 1_000_000_000
@@ -33,7 +33,7 @@ def test_what_was_sent_in_the_last_seconds_is_kept(
     first, as far back as the history goes.
     """
     clock = Clock()
-    kept = KeptMessages(history_s, clock_ns=clock)
+    kept = SentHistory(history_s, clock_ns=clock)
     sent: list[tuple[int, bytes]] = []
     for number, pause_ns in enumerate(pauses_ns):
         clock.now_ns += pause_ns
@@ -48,7 +48,7 @@ def test_what_was_sent_in_the_last_seconds_is_kept(
 
 def test_what_is_kept_is_bounded() -> None:
     """However much is sent, what is kept stays within its bytes: the oldest goes first."""
-    kept = KeptMessages(10.0, most_bytes=3000, clock_ns=Clock())
+    kept = SentHistory(10.0, most_bytes=3000, clock_ns=Clock())
     for number in range(100):
         kept.append("tf/sim", b"%2d" % number * 250)
     assert [payload[:2] for _, payload in kept.last(10.0)] == [b"96", b"97", b"98", b"99"]
@@ -61,7 +61,7 @@ def test_what_was_sent_of_a_removed_frame_is_kept_no_more(
     steps: list[tuple[bool, set[str]]],
 ) -> None:
     """Of each frame comes back what was sent since it was last removed, and nothing else."""
-    kept = KeptMessages(10.0, clock_ns=Clock())
+    kept = SentHistory(10.0, clock_ns=Clock())
     wanted: dict[str, list[int]] = {}
     for number, (is_sent, children) in enumerate(steps):
         for child in children if not is_sent else ():

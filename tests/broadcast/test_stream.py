@@ -24,7 +24,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.broadcast.announcer import StreamFrames
+from tfbus.broadcast.announcer import FrameAnnouncer
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
@@ -78,9 +78,9 @@ class Sent:
     def sender(self, **options: Any) -> TransformSender:
         """A sender of stream `sim`."""
         here: Any = self
-        frames = StreamFrames("sim", _Publisher(lambda payload: None), lambda rows: b"", here)
+        frames = FrameAnnouncer("sim", _Publisher(lambda payload: None), lambda rows: b"", here)
         return TransformSender(
-            "sim", StreamOptions(**options), 0, here, frames, frames.note, self.begin_epoch
+            "sim", StreamOptions(**options), 0, here, frames, frames.add, self.begin_epoch
         )
 
 
@@ -346,7 +346,7 @@ def test_a_history_of_no_number_of_seconds_is_refused(
     TransformBroadcaster(sender).send_transform(at())
     refused = eventually(lambda: list(receiver.session.ask(f"tf/sender?last_s={last_s}")))
     assert [answer.refusal for answer in refused] == [
-        f"last_s is {last_s!r}; it is a number of seconds, 0 or more"
+        f"last_s must be a number of seconds, 0 or more, not {last_s!r}"
     ]
 
 
@@ -446,8 +446,8 @@ def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
     for seconds in (100, 97, 94):
         broadcaster.send_transform(at(stamp_ns=seconds * S))
     assert lines == [
-        "The stamps of frame 'turtle1' went back by 3.000 s: stream 'sender' begins anew, what was "
-        "sent before counts no more, static transforms stay"
+        "Stream 'sender' restarted: the stamps of frame 'turtle1' went back by 3.000 s. Listeners "
+        "forget what it sent before, except static transforms"
     ]
 
 
@@ -463,9 +463,9 @@ def test_a_stream_of_two_clocks_is_told_of_once(sender: Node) -> None:
         broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
     (line,) = lines
     assert line.startswith(
-        "Stream 'sender' began anew 10 times, each within 5 s of the last, now for frame 'arm': "
+        "Stream 'sender' restarted 10 times, each within 5 s of the last, now for frame 'arm': "
     )
-    assert line.endswith("has a clock of its own, send it from a stream of its own (stream=...)")
+    assert line.endswith("has a clock of its own, send it in a stream of its own (stream=...)")
 
 
 def describe_to(node: Node) -> list[StreamDescription]:
@@ -636,17 +636,17 @@ def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
         TransformBroadcaster(sender)
     assert str(caught.value) == (
         "stream 'sender' is sent with split=True, priority=1, history_s=10, not with split=False, "
-        "priority=0, history_s=10: ask for the same, or name another stream (stream=...)"
+        "priority=0, history_s=10: use the same options, or another stream (stream=...)"
     )
 
 
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"history_s": -1}, "history_s is -1; it is a number of seconds, 0 or more"),
-        ({"history_s": float("inf")}, "history_s is inf; it is a number of seconds, 0 or more"),
-        ({"history_s": float("nan")}, "history_s is nan; it is a number of seconds, 0 or more"),
-        ({"priority": 2**31}, "priority is 2147483648; it is an integer of 32 bits"),
+        ({"history_s": -1}, "history_s must be a number of seconds, 0 or more, not -1"),
+        ({"history_s": float("inf")}, "history_s must be a number of seconds, 0 or more, not inf"),
+        ({"history_s": float("nan")}, "history_s must be a number of seconds, 0 or more, not nan"),
+        ({"priority": 2**31}, "priority must be a 32-bit integer, not 2147483648"),
     ],
 )
 def test_impossible_options_are_refused(options: dict[str, Any], reason: str, sender: Node) -> None:

@@ -1,4 +1,4 @@
-"""Threads that are not Python's own, kept from one callback to the next."""
+"""Zenoh's threads, whose Python state is kept: processes end, and may fork, in spite of them."""
 
 import sys
 
@@ -7,7 +7,7 @@ import pytest
 from tests.live_bus import Bus
 from tests.processes.publishers import launch
 
-# Ends in the middle of what comes in, without closing anything.
+# Ends while messages arrive, without closing anything.
 NO_CLOSE = """
 import tfbus
 buffer = tfbus.Buffer()
@@ -17,7 +17,7 @@ buffer.lookup_transform("map", "base", timeout_s=20.0)
 print("ends", flush=True)
 """
 
-# A child of a fork has no threads of Zenoh's, and must not need them to end.
+# A child of a fork has no threads of Zenoh's, and must end without them.
 FORK = """
 import multiprocessing, os, sys, tfbus
 buffer = tfbus.Buffer()
@@ -39,16 +39,16 @@ with tfbus.Node("listener") as node, tfbus.TransformListener(buffer, node):
 
 @pytest.fixture
 def busy(bus: Bus) -> Bus:
-    """A bus on which something moves all the time."""
-    moving = [argument for child in "abcdefgh" for argument in ("--moving", f"base:{child}")]
+    """A bus with dynamic transforms all the time."""
+    dynamic = [argument for child in "abcdefgh" for argument in ("--moving", f"base:{child}")]
     for name in ("one", "two"):
-        edges = ("--moving", "map:base") if name == "one" else moving
+        edges = ("--moving", "map:base") if name == "one" else dynamic
         launch(bus, name, *edges)
     return bus
 
 
-def test_a_process_ends_in_the_middle_of_what_it_hears(busy: Bus) -> None:
-    """A program that closes nothing ends all the same, with 0 and in silence."""
+def test_a_process_ends_while_messages_arrive(busy: Bus) -> None:
+    """A program that closes nothing ends with 0 and prints nothing."""
     for _ in range(3):
         process = busy.start_command([sys.executable, "-c", NO_CLOSE])
         process.wait_for_line("ends")
@@ -56,8 +56,8 @@ def test_a_process_ends_in_the_middle_of_what_it_hears(busy: Bus) -> None:
         assert process.err == []
 
 
-def test_a_process_that_hears_may_fork(busy: Bus) -> None:
-    """A child of a fork ends as it should, and its parent hears on."""
+def test_a_process_may_fork_while_messages_arrive(busy: Bus) -> None:
+    """A child of a fork ends with its own exit code, and its parent goes on receiving."""
     process = busy.start_command([sys.executable, "-c", FORK])
     process.wait_for_line("exit")
     assert process.wait() == 0

@@ -1,4 +1,4 @@
-"""Sessions: how Zenoh is set where nobody says otherwise."""
+"""Sessions: Zenoh's configuration, links, the end, and long answers."""
 
 import logging
 import threading
@@ -14,11 +14,10 @@ from tfbus import NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
-from tfbus.errors import BusError
 
 
 def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
-    """What Zenoh is told of a key with this configuration file, "" for none."""
+    """Zenoh's setting of a key with this configuration file ("" for none)."""
     path = folder / f"zenoh.{suffix}"
     path.write_text(config)
     settings = NodeSettings("sim", config=str(path) if config else "")
@@ -26,25 +25,25 @@ def setting(key: str, config: str, folder: Path, suffix: str = "json5") -> str:
 
 
 def lease_ms(config: str, folder: Path) -> str:
-    """The lease of a session with this configuration file, "" for none."""
+    """The lease of a session with this configuration file ("" for none)."""
     return setting("transport/link/tx/lease", config, folder)
 
 
 @pytest.mark.parametrize("config", ["", "{}", "{mode: 'client'}"])
-def test_a_silent_link_is_given_up_within_two_seconds(config: str, tmp_path: Path) -> None:
+def test_a_silent_link_is_lost_within_two_seconds(config: str, tmp_path: Path) -> None:
     """An unplugged host is noticed after a lease of 1.5 s, without a configuration and with one."""
     assert lease_ms(config, tmp_path) == "1500"
 
 
 @pytest.mark.parametrize("lease", ["4000", "10000"])
 def test_a_configuration_file_may_set_another_lease(lease: str, tmp_path: Path) -> None:
-    """The lease of the configuration file is taken, even where it is Zenoh's own of 10 s."""
+    """The lease in the configuration file counts, even where it is Zenoh's default of 10 s."""
     config = f"{{transport: {{link: {{tx: {{lease: {lease}}}}}}}}} // a slow network"
     assert lease_ms(config, tmp_path) == lease
 
 
-def test_a_configuration_file_may_be_of_yaml(tmp_path: Path) -> None:
-    """What a file in YAML says is taken as well."""
+def test_a_configuration_file_may_be_yaml(tmp_path: Path) -> None:
+    """A file in YAML counts as one in JSON5 does."""
     config = "transport:\n  link:\n    tx:\n      lease: 10000\n"
     assert setting("transport/link/tx/lease", config, tmp_path, "yaml") == "10000"
 
@@ -61,44 +60,22 @@ def test_a_configuration_file_may_be_of_yaml(tmp_path: Path) -> None:
 def test_memory_is_shared_between_processes_where_a_configuration_file_asks_for_it(
     config: str, enabled: str, tmp_path: Path
 ) -> None:
-    """Zenoh's shared memory costs an idle process CPU, so it is off unless a file sets it up."""
+    """Zenoh's shared memory costs an idle process CPU: it is off unless a file enables it."""
     assert setting("transport/shared_memory/enabled", config, tmp_path) == enabled
 
 
-def test_two_peers_that_another_introduces_have_one_link(bus: Bus) -> None:
-    """Of two peers that learn of each other by another one only one calls, and not both."""
+def test_two_introduced_peers_have_one_link(bus: Bus) -> None:
+    """Of two peers that learn of each other from a third, only one connects."""
     peers = [bus.node(f"peer{number}").session.zenoh for number in range(4)]
     for peer in peers:
         eventually(lambda peer=peer: len(list(peer.info.peers_zid())) == 4)
     assert [len(peer.info.links()) for peer in peers] == [4, 4, 4, 4]
 
 
-def test_a_session_that_cannot_watch_its_links_is_closed(
-    bus: Bus, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where Zenoh opens a session and then fails it, the reason is said, and nothing stays open."""
-    opened: list[zenoh.Session] = []
-    zenohs_open = zenoh.open
-
-    def open_and_keep(config: zenoh.Config) -> zenoh.Session:
-        opened.append(zenohs_open(config))
-        return opened[-1]
-
-    def fail(*_: object) -> None:
-        raise zenoh.ZError("no links today")
-
-    monkeypatch.setattr(zenoh, "open", open_and_keep)
-    monkeypatch.setattr("tfbus.bus.session.LostLinks", fail)
-    settings = NodeSettings("sim", config=str(bus.config), connect=(bus.endpoint,))
-    with pytest.raises(BusError, match=r"could not join the bus through .*: no links today"):
-        Session(settings, logging.getLogger("sim"))
-    assert [session.is_closed() for session in opened] == [True]
-
-
-def test_a_bus_that_does_not_let_go_is_told_in_the_log(
+def test_a_session_that_does_not_close_in_time_is_logged(
     bus: Bus, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Where Zenoh cannot close in time, as a peer has stopped, the node goes on to its end."""
+    """Where Zenoh cannot close in time, as a peer has stopped, the node still ends."""
 
     def close() -> None:
         raise zenoh.ZError("close operation timed out! at /root/zenoh/close.rs:135.")
@@ -108,11 +85,11 @@ def test_a_bus_that_does_not_let_go_is_told_in_the_log(
     real, session.zenoh = session.zenoh, SimpleNamespace(close=close)
     session.close()
     real.close()
-    assert caplog.messages == ["Left the bus untidily: close operation timed out!"]
+    assert caplog.messages == ["Session did not close cleanly: close operation timed out!"]
 
 
-def test_who_asks_for_something_long_while_many_others_do_is_refused(bus: Bus) -> None:
-    """Four long answers are on their way at a time, 64 questions wait, and more are refused."""
+def test_queries_beyond_the_limit_of_long_answers_are_refused(bus: Bus) -> None:
+    """Four long answers are sent at a time, 64 queries wait, and further ones are refused."""
     session = bus.node("asked").session
     go_on = threading.Event()
 

@@ -65,12 +65,12 @@ def test_whether_time_is_simulated_is_a_word_for_true_or_false(
     with pytest.raises(SettingsError) as caught:
         NodeSettings("sim")
     assert str(caught.value) == (
-        "TFBUS_SIM_TIME is 'perhaps'; it is one of 1, true, yes, on, 0, false, no, off"
+        "TFBUS_SIM_TIME must be one of 1, true, yes, on, 0, false, no, off, not 'perhaps'"
     )
 
 
-def test_what_is_given_goes_before_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A setting that is given, even as nothing, is not taken from the environment."""
+def test_given_settings_override_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A given setting, even an empty one, is not taken from the environment."""
     monkeypatch.setenv("TFBUS_NAMESPACE", "robot7")
     monkeypatch.setenv("TFBUS_CONNECT", "tcp/hub:7447")
     settings = NodeSettings("sim", namespace="", connect=())
@@ -113,7 +113,7 @@ def test_settings_can_be_used_for_another_name() -> None:
         ),
         (
             {"connect": ("http/hub:1",)},
-            "endpoint 'http/hub:1' has no protocol of Zenoh's: use one of tcp, udp, tls, quic, ws, "
+            "endpoint 'http/hub:1' has an unknown protocol: use one of tcp, udp, tls, quic, ws, "
             "serial, unixpipe, unixsock-stream, vsock",
         ),
         ({"connect": ("tcp/hub",)}, "endpoint 'tcp/hub' has no port: write tcp/hub:7447"),
@@ -124,8 +124,8 @@ def test_settings_can_be_used_for_another_name() -> None:
         ({"config": "/nowhere.json5"}, "there is no configuration file '/nowhere.json5'"),
     ],
 )
-def test_a_setting_that_cannot_be_is_refused(given: dict[str, object], reason: str) -> None:
-    """An impossible setting is refused in one sentence that says what is possible."""
+def test_an_invalid_setting_is_refused(given: dict[str, object], reason: str) -> None:
+    """An invalid setting is refused in one sentence that says what is valid."""
     with pytest.raises(SettingsError) as caught:
         NodeSettings("sim", **given)  # type: ignore[arg-type]  # that is the test
     assert str(caught.value) == reason
@@ -141,7 +141,7 @@ def test_a_setting_that_cannot_be_is_refused(given: dict[str, object], reason: s
         "tcp/h:1?rel=1",
     ],
 )
-def test_endpoints_of_zenoh(endpoint: str) -> None:
+def test_endpoints_are_those_of_zenoh(endpoint: str) -> None:
     """Zenoh's endpoints pass, with what Zenoh allows behind them."""
     assert NodeSettings("sim", connect=(endpoint,)).connect == (endpoint,)
 
@@ -155,7 +155,7 @@ def test_endpoints_of_zenoh(endpoint: str) -> None:
         {"remappings": {"a//b": "pose"}},
     ],
 )
-def test_a_name_that_cannot_be_is_refused(given: dict[str, object]) -> None:
+def test_an_invalid_name_is_refused(given: dict[str, object]) -> None:
     """Names in the settings follow the rules of names on the bus."""
     with pytest.raises(InvalidNameError):
         NodeSettings(**({"name": "sim"} | given))  # type: ignore[arg-type]  # that is the test
@@ -165,7 +165,7 @@ def test_a_name_that_cannot_be_is_refused(given: dict[str, object]) -> None:
 def test_a_mistake_in_the_environment_is_refused_too(
     monkeypatch: pytest.MonkeyPatch, variable: str
 ) -> None:
-    """A value from the environment is checked as one that is given."""
+    """A value from the environment is checked like a given one."""
     monkeypatch.setenv(f"TFBUS_{variable}", "nonsense")
     with pytest.raises(SettingsError, match="nonsense"):
         NodeSettings("sim")

@@ -99,11 +99,11 @@ class TestTools:
         )
         assert run(bus, "param", "get", "sim", "holonomic") == (0, ["Boolean value is: true"], [])
         for arguments, sentence in (
-            (("set", "sim", "background_r", "300"), "'background_r' is at most 255, not 300"),
-            (("set", "sim", "background_r", "red"), "'background_r' is an integer, not 'red'"),
+            (("set", "sim", "background_r", "300"), "'background_r' must be at most 255, not 300"),
+            (("set", "sim", "background_r", "red"), "'background_r' must be an integer, not 'red'"),
             (
                 ("get", "sim", "speed"),
-                "sim has no parameter 'speed'; it has: background_r, holonomic, title",
+                "sim has no parameter 'speed'; there are: background_r, holonomic, title",
             ),
             (("get", "sin", "x"), "there is no node 'sin'; did you mean '/sim'?"),
         ):
@@ -192,15 +192,15 @@ class TestOthers:
         """Where a foreign node answers in a shape of its own, the others are listed."""
         serve(bus)
         token = self.serve_evil(bus)
-        told = "what node '/evil' tells about itself cannot be read: field 'name' is an integer"
+        told = "the description of node '/evil' is unreadable: field 'name' must be a text"
         code, out, err = run(bus, "node", "list")
         assert (code, out) == (0, ["/evil", "/looker", "/robot7/sim", "/sim"])
-        assert err == [f"Warning: {told}, a text is wanted"]
+        assert err == [f"Warning: {told}, not an integer"]
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
         assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
-        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
+        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, not an integer"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 2)

@@ -110,12 +110,12 @@ def test_fields_that_are_not_given_take_their_defaults() -> None:
     [
         ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),
         ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; there are: x, y, z"),
-        ({"linear": 2}, Twist, "this is no Twist: field 'linear' is an integer, a map is wanted"),
+        ({"linear": 2}, Twist, "this is no Twist: field 'linear' must be a map, not an integer"),
         ({"r": 1, "g": 2}, Color, "this is no Color: field 'b' is missing"),
         (
             {"r": 300, "g": 0, "b": 0},
             Color,
-            "this is no Color: r is 300; a number from 0 to 255 is wanted",
+            "this is no Color: r must be from 0 to 255, not 300",
         ),
     ],
 )

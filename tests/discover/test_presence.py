@@ -138,5 +138,5 @@ def test_a_node_outside_of_the_namespace_cannot_be_reached() -> None:
     with pytest.raises(BusError) as caught:
         relative_name("/robot8/sim", "robot7")
     assert str(caught.value) == (
-        "node '/robot8/sim' lies outside of the namespace 'robot7': leave --namespace away"
+        "node '/robot8/sim' is outside of namespace 'robot7': omit --namespace"
     )

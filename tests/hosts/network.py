@@ -45,12 +45,6 @@ class Hosts:
         """Plug the host's cable in, or pull it out."""
         _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
 
-    def set_way(self, one: str, other: str, *, up: bool) -> None:
-        """Open or close the way between two hosts; the others reach both."""
-        for host, far in ((one, other), (other, one)):
-            way = ("blackhole", f"{self.address[far]}/32")
-            _ip("-n", self._space[host], "route", "del" if up else "add", *way)
-
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():

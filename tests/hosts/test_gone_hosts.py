@@ -2,11 +2,12 @@
 
 import signal
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 from tests import needs
-from tests.hosts.network import Network, frames
+from tests.hosts.network import ROUTER_HOST, Network, frames
 from tests.live_bus import Bus, Process, eventually
 
 REASON = needs.why_no_hosts()
@@ -71,3 +72,53 @@ def test_statics_come_back_after_the_routers_restart(network: Network) -> None:
     late = network.start("desk", "fault_witness.py", "late", client=True)
     for each in (witness, late):
         eventually(knows(each, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)
+
+
+class Introduced:
+    """A publisher and a listener without multicast, on two hosts; a process that both name with
+    `--connect` introduces them.
+    """
+
+    def __init__(self, network: Network, folder: Path) -> None:
+        config = folder / "no_multicast.json5"
+        config.write_text("{scouting: {multicast: {enabled: false}}}")
+        env = {"TFBUS_CONFIG": str(config)}
+        listening = env | {"TFBUS_LISTEN": "tcp/0.0.0.0:7447"}
+        network.start(ROUTER_HOST, "fault_witness.py", "named", env=listening)
+        calling = env | {"TFBUS_CONNECT": network.router}
+        self.listener = network.start("desk", "fault_witness.py", "listener", env=calling)
+        self.publisher = network.start(
+            "robot", "stream_publisher.py", "sim", "--moving", "robot", env=calling
+        )
+
+    def robot_is(self, *, gone: bool) -> Callable[[], bool]:
+        """Whether the listener has the frame marked so and, where it is not gone, fresh."""
+
+        def known() -> bool:
+            robot = frames(self.listener).get("robot", {})
+            return robot.get("gone") is gone and (gone or robot["age_s"] < 1.0)
+
+        return known
+
+
+def test_an_unplugged_host_is_met_again_without_multicast(network: Network, tmp_path: Path) -> None:
+    """A host that was cut off connects to the named process again, which introduces it to all."""
+    peers = Introduced(network, tmp_path)
+    for host in ("robot", "desk"):
+        eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)
+        network.hosts.set_link(host, up=False)
+        eventually(peers.robot_is(gone=True), within_s=NOTICED_WITHIN_S)
+        network.hosts.set_link(host, up=True)
+    eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)
+
+
+def test_a_process_that_stood_still_is_met_again_without_multicast(
+    network: Network, tmp_path: Path
+) -> None:
+    """A process that did not run for longer than the lease is back after it runs again."""
+    peers = Introduced(network, tmp_path)
+    eventually(peers.robot_is(gone=False))
+    peers.publisher.signal(signal.SIGSTOP)
+    eventually(peers.robot_is(gone=True), within_s=NOTICED_WITHIN_S)
+    peers.publisher.signal(signal.SIGCONT)
+    eventually(peers.robot_is(gone=False), within_s=HEALED_WITHIN_S)

@@ -13,7 +13,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
-from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session

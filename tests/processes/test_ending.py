@@ -116,7 +116,7 @@ def test_a_callback_that_waits_does_not_hold_up_the_end(bus: Bus, number: int) -
     process = bus.start_command([sys.executable, "-c", WAITS_IN_A_CALLBACK])
     process.wait_for_line("looking")
     assert process.stop(number) == 0
-    process.wait_for_line("Did not wait for a callback that goes on")
+    process.wait_for_line("Closed while a callback still runs")
 
 
 def test_another_signal_interrupts_what_waits_after_the_first(bus: Bus) -> None:

@@ -1,4 +1,4 @@
-"""Clocks: a simulated one stands still until it is told the time, and wakes who waits by it."""
+"""Clocks: a simulated one stands still between calls of `set`, which end waits by it."""
 
 import itertools
 import threading
@@ -12,28 +12,28 @@ from tfbus.runtime.clock import SYSTEM_CLOCK, SimulatedClock, limit_by
 S = 1_000_000_000
 
 
-def nobody() -> None:
-    """Wake nobody."""
+def wake_nothing() -> None:
+    """A wake that does nothing."""
 
 
-def test_it_is_0_before_the_first_time() -> None:
-    """Before a simulated clock is told the time it is 0, and not known what time it is."""
+def test_the_time_is_0_before_the_first_set() -> None:
+    """A simulated clock that was never set is at 0 and does not run."""
     clock = SimulatedClock()
     assert (clock.now_ns(), clock.is_running) == (0, False)
     clock.set(0)
     assert (clock.now_ns(), clock.is_running) == (0, True)
 
 
-def test_a_simulated_clock_says_what_it_was_told() -> None:
-    """The time is what was told last, forward or back; a clock is called for it, too."""
+def test_the_time_is_that_of_the_last_set() -> None:
+    """The time is what was set last, forward or back; a call of the clock returns it too."""
     clock = SimulatedClock()
     for now_ns in (5 * S, 7 * S, 2 * S):
         clock.set(now_ns)
         assert clock.now_ns() == clock() == now_ns
 
 
-def test_a_jump_back_is_told() -> None:
-    """Setting a clock back answers by how much, and calls those who asked for that."""
+def test_a_jump_back_is_reported() -> None:
+    """Setting a clock back returns by how much, and calls the jump callbacks."""
     clock = SimulatedClock()
     jumps: list[int] = []
     clock.add_jump_callback(jumps.append)
@@ -50,8 +50,8 @@ def test_a_jump_back_is_told() -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 2**63 - 1), min_size=1))
-def test_what_has_elapsed_never_goes_back(times: list[int]) -> None:
-    """What has elapsed is the sum of all steps forward since the first time."""
+def test_elapsed_time_never_goes_back(times: list[int]) -> None:
+    """Elapsed time is the sum of all steps forward since the first `set`."""
     clock = SimulatedClock()
     elapsed = []
     for now_ns in times:
@@ -64,7 +64,7 @@ def test_what_has_elapsed_never_goes_back(times: list[int]) -> None:
 
 
 def test_a_limit_counts_simulated_seconds() -> None:
-    """A limit passes with the tick that brings its time, which wakes who waits, once."""
+    """A limit passes with the `set` that reaches its time, which calls its wake once."""
     clock = SimulatedClock()
     clock.set(100 * S)
     woken: list[int] = []
@@ -82,7 +82,7 @@ def test_a_jump_back_leaves_as_much_to_wait_as_before() -> None:
     """After a jump back a limit has as much left as before it."""
     clock = SimulatedClock()
     clock.set(100 * S)
-    with clock.limit(5.0, nobody) as limit:
+    with clock.limit(5.0, wake_nothing) as limit:
         clock.set(102 * S)  # 3 s are left
         clock.set(10 * S)
         clock.set(13 * S - 1)
@@ -92,18 +92,18 @@ def test_a_jump_back_leaves_as_much_to_wait_as_before() -> None:
 
 
 def test_a_jump_forward_is_time_that_has_passed() -> None:
-    """A jump forward ends every wait whose time it brings."""
+    """A jump forward ends every wait whose time it reaches."""
     clock = SimulatedClock()
     clock.set(0)
-    with clock.limit(5.0, nobody) as limit:
+    with clock.limit(5.0, wake_nothing) as limit:
         clock.set(3600 * S)
         assert limit.passed
 
 
-def test_the_first_time_is_no_jump() -> None:
-    """Who waits since before the first time begins to wait with it, whatever time it is."""
+def test_the_first_set_is_no_jump() -> None:
+    """A wait that started before the first `set` counts from it, whatever time it is."""
     clock = SimulatedClock()
-    with clock.limit(5.0, nobody) as limit:
+    with clock.limit(5.0, wake_nothing) as limit:
         clock.set(1_700_000_000 * S)
         assert not limit.passed
         clock.set(1_700_000_005 * S)
@@ -112,16 +112,16 @@ def test_the_first_time_is_no_jump() -> None:
 
 @pytest.mark.parametrize("timeout_s", [None, float("inf"), 1e30])
 def test_without_a_limit_nothing_passes(timeout_s: float | None) -> None:
-    """None, and more seconds than stamps can tell, are no limit."""
+    """None, and more seconds than any stamp, are no limit."""
     clock = SimulatedClock()
     clock.set(0)
-    with clock.limit(timeout_s, nobody) as limit:
+    with clock.limit(timeout_s, wake_nothing) as limit:
         clock.set(2**63 - 1)
         assert not limit.passed
 
 
 def test_a_closed_clock_ends_all_waits() -> None:
-    """Closing a clock wakes everybody who waits by it, and who comes later waits no more."""
+    """Closing a clock ends all waits by it, and later waits end at once."""
     clock = SimulatedClock()
     woken: list[str] = []
     with clock.limit(None, lambda: woken.append("first")) as limit:
@@ -132,17 +132,17 @@ def test_a_closed_clock_ends_all_waits() -> None:
     assert woken == ["first", "second"]
 
 
-def test_who_has_stopped_waiting_is_not_kept() -> None:
+def test_ended_limits_are_not_kept() -> None:
     """A limit that has ended leaves nothing in a clock that stands still for ever."""
     clock = SimulatedClock()
     for _ in range(100):
-        with clock.limit(10.0, nobody):
+        with clock.limit(10.0, wake_nothing):
             pass
     assert len(clock._alarms) == 0
 
 
 def test_alarms_are_woken_in_the_order_of_their_times() -> None:
-    """Who waits for an earlier time is woken first, whoever came first."""
+    """The alarm of an earlier time wakes first, whichever was set first."""
     clock = SimulatedClock()
     woken: list[int] = []
     for second in (3, 1, 2, 9):
@@ -156,8 +156,8 @@ def test_alarms_are_woken_in_the_order_of_their_times() -> None:
     assert woken == [0, 1, 2, 3, -2]
 
 
-def test_one_may_wait_for_another_time_when_woken() -> None:
-    """Who is woken may ask at once to be woken again."""
+def test_a_wake_may_set_another_alarm() -> None:
+    """A wake may set an alarm at once."""
     clock = SimulatedClock()
     woken: list[int] = []
 
@@ -172,21 +172,21 @@ def test_one_may_wait_for_another_time_when_woken() -> None:
 
 
 def test_limits_of_the_system_clock_are_real_seconds() -> None:
-    """With the system's clock a limit tells how many real seconds are left."""
+    """A limit of the system's clock has the real seconds that are left."""
     assert SYSTEM_CLOCK.is_running
-    with SYSTEM_CLOCK.limit(1000.0, nobody) as limit:
+    with SYSTEM_CLOCK.limit(1000.0, wake_nothing) as limit:
         assert not limit.passed
         assert limit.left_s is not None
         assert 900.0 < limit.left_s <= 1000.0
-    with SYSTEM_CLOCK.limit(0.0, nobody) as limit:
+    with SYSTEM_CLOCK.limit(0.0, wake_nothing) as limit:
         assert limit.passed
-    with SYSTEM_CLOCK.limit(None, nobody) as limit:
+    with SYSTEM_CLOCK.limit(None, wake_nothing) as limit:
         assert (limit.passed, limit.left_s) == (False, None)
-    with SYSTEM_CLOCK.limit(float("inf"), nobody) as limit:
+    with SYSTEM_CLOCK.limit(float("inf"), wake_nothing) as limit:
         assert limit.left_s == threading.TIMEOUT_MAX
 
 
 def test_any_function_of_time_has_real_limits() -> None:
-    """A clock that is a plain function tells the time, and waits are in real seconds."""
-    with limit_by(lambda: 0, 1000.0, nobody) as limit:
+    """With a plain function as the clock, waits are in real seconds."""
+    with limit_by(lambda: 0, 1000.0, wake_nothing) as limit:
         assert limit.left_s is not None

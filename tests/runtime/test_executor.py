@@ -1,4 +1,4 @@
-"""A node's callbacks: one thread, in order, whatever happens in them."""
+"""Executors: one thread, callbacks in order, whatever happens in them."""
 
 import logging
 import threading
@@ -28,8 +28,8 @@ def finish(executor: Executor) -> None:
     assert done.wait(DEADLINE_S)
 
 
-def test_callbacks_run_in_the_order_in_which_they_came(executor: Executor) -> None:
-    """What comes first runs first."""
+def test_callbacks_run_in_the_order_of_their_submission(executor: Executor) -> None:
+    """What is submitted first runs first."""
     ran: list[int] = []
     for number in range(100):
         executor.submit("number", lambda number=number: ran.append(number))
@@ -63,7 +63,7 @@ def test_callbacks_run_one_at_a_time_on_one_thread(executor: Executor) -> None:
 
 
 def test_a_timer_runs_until_it_is_cancelled(executor: Executor) -> None:
-    """A timer runs again and again, and no more once it is cancelled."""
+    """A timer runs again and again until it is cancelled."""
     ticks: list[int] = []
     timer = executor.every(0.001, lambda: ticks.append(1))
     eventually(lambda: len(ticks) >= 3)
@@ -94,7 +94,7 @@ def test_a_timer_may_cancel_itself(executor: Executor) -> None:
 
 
 def test_after_runs_once(executor: Executor) -> None:
-    """What is put off runs once."""
+    """A callback put off by `after` runs once."""
     ran: list[int] = []
     executor.after(0.001, lambda: ran.append(1))
     others: list[int] = []
@@ -103,8 +103,8 @@ def test_after_runs_once(executor: Executor) -> None:
     assert ran == [1]
 
 
-def test_timers_that_are_slower_than_their_period_hold_up_nobody(executor: Executor) -> None:
-    """Where timers cannot keep their periods, other callbacks have their turn between them."""
+def test_slow_timers_do_not_hold_up_other_callbacks(executor: Executor) -> None:
+    """Where timers take longer than their periods, other callbacks still run between them."""
     started = threading.Event()
     busy = threading.Event()
     for _ in range(2):
@@ -114,7 +114,7 @@ def test_timers_that_are_slower_than_their_period_hold_up_nobody(executor: Execu
         finish(executor)
 
 
-def test_a_late_timer_does_not_make_up_for_what_it_missed(executor: Executor) -> None:
+def test_missed_ticks_are_not_made_up_for(executor: Executor) -> None:
     """Ticks that were missed while another callback took long are not made up for."""
     ticks: list[int] = []
     blocked = threading.Event()
@@ -125,9 +125,9 @@ def test_a_late_timer_does_not_make_up_for_what_it_missed(executor: Executor) ->
 
 
 @pytest.mark.parametrize("period_s", [0, -1, float("nan"), float("inf")])
-def test_a_period_that_cannot_be_is_refused(executor: Executor, period_s: float) -> None:
-    """A timer's period is more than nothing and less than for ever."""
-    with pytest.raises(ValueError, match="a timer's period is more than 0 s and less than"):
+def test_an_invalid_period_is_refused(executor: Executor, period_s: float) -> None:
+    """A timer's period is more than 0 s and finite."""
+    with pytest.raises(ValueError, match="a timer's period must be more than 0 s and less than"):
         executor.every(period_s, lambda: None)
 
 
@@ -143,8 +143,8 @@ def test_a_failure_is_logged_once_and_the_thread_goes_on(
     finish(executor)
     assert ran == [1, 1, 1]
     assert [record.getMessage() for record in caplog.records] == [
-        "A callback failed, 1 times so far (bad callback)",
-        "A callback failed, 1 times so far (another bad one)",
+        "A callback failed, 1 time so far (bad callback)",
+        "A callback failed, 1 time so far (another bad one)",
     ]
     assert "ZeroDivisionError" in caplog.text
 
@@ -223,7 +223,7 @@ def test_a_simulated_timer_ticks_with_its_clock(executor: Executor) -> None:
     assert ticks == [11, 12, 13]
 
 
-def test_a_simulated_timer_does_not_make_up_for_what_it_missed(executor: Executor) -> None:
+def test_missed_simulated_ticks_are_not_made_up_for(executor: Executor) -> None:
     """A jump forward is one tick; after a jump back the timer goes on a period later at most."""
     clock = SimulatedClock()
     ticks: list[int] = []

@@ -1,4 +1,4 @@
-"""Jobs on a few threads."""
+"""Workers: jobs on a few threads."""
 
 import threading
 
@@ -7,7 +7,7 @@ from tfbus.runtime.workers import Workers
 
 
 def test_jobs_beyond_what_can_wait_are_refused() -> None:
-    """So many run at a time, so many wait, and more are refused; those taken all run."""
+    """At most `threads` run and `waiting` wait; further ones are refused, accepted ones all run."""
     workers = Workers("test", threads=2, waiting=3)
     go_on = threading.Event()
     running: list[int] = []
@@ -18,8 +18,8 @@ def test_jobs_beyond_what_can_wait_are_refused() -> None:
         go_on.wait()
         done.append(number)
 
-    taken = [workers.do(lambda number=number: job(number)) for number in range(7)]
-    assert taken == [True] * 5 + [False] * 2
+    accepted = [workers.do(lambda number=number: job(number)) for number in range(7)]
+    assert accepted == [True] * 5 + [False] * 2
     eventually(lambda: len(running) == 2)
     go_on.set()
     eventually(lambda: sorted(done) == [0, 1, 2, 3, 4])
@@ -28,7 +28,7 @@ def test_jobs_beyond_what_can_wait_are_refused() -> None:
 
 
 def test_threads_end_when_there_is_nothing_to_do() -> None:
-    """Nothing of it is left where there is no job."""
+    """Without jobs no thread is left."""
     workers = Workers("a worker of this test", threads=2, waiting=3)
     assert workers.do(lambda: None)
     eventually(lambda: all(each.name != "a worker of this test" for each in threading.enumerate()))

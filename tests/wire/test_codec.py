@@ -114,22 +114,22 @@ def test_unknown_fields_of_a_request_are_refused() -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"whole": 1.0}, "field 'whole' is a number, an integer is wanted"),
-        ({"whole": True}, "field 'whole' is a boolean, an integer is wanted"),
-        ({"number": True}, "field 'number' is a boolean, a number is wanted"),
-        ({"number": "2.5"}, "field 'number' is a text, a number is wanted"),
-        ({"yes": 2}, "field 'yes' is an integer, a boolean is wanted"),
-        ({"yes": 1.0}, "field 'yes' is a number, a boolean is wanted"),
-        ({"text": b"t"}, "field 'text' is bytes, a text is wanted"),
-        ({"text": None}, "field 'text' is nothing, a text is wanted"),
-        ({"raw": "r"}, "field 'raw' is a text, bytes is wanted"),
-        ({"point": [1.0]}, "field 'point' is a list, a map is wanted"),
+        ({"whole": 1.0}, "field 'whole' must be an integer, not a number"),
+        ({"whole": True}, "field 'whole' must be an integer, not a boolean"),
+        ({"number": True}, "field 'number' must be a number, not a boolean"),
+        ({"number": "2.5"}, "field 'number' must be a number, not a text"),
+        ({"yes": 2}, "field 'yes' must be a boolean, not an integer"),
+        ({"yes": 1.0}, "field 'yes' must be a boolean, not a number"),
+        ({"text": b"t"}, "field 'text' must be a text, not bytes"),
+        ({"text": None}, "field 'text' must be a text, not nothing"),
+        ({"raw": "r"}, "field 'raw' must be bytes, not a text"),
+        ({"point": [1.0]}, "field 'point' must be a map, not a list"),
         ({"point": {}}, "field 'point.x' is missing"),
-        ({"point": {"x": "1"}}, "field 'point.x' is a text, a number is wanted"),
-        ({"points": {"x": 1.0}}, "field 'points' is a map, a list is wanted"),
-        ({"points": [{"x": 1.0}, 7]}, "field 'points[1]' is an integer, a map is wanted"),
-        ({"points": [{"x": None}]}, "field 'points[0].x' is nothing, a number is wanted"),
-        ({"table": [[1], [2, "3"]]}, "field 'table[1][1]' is a text, an integer is wanted"),
+        ({"point": {"x": "1"}}, "field 'point.x' must be a number, not a text"),
+        ({"points": {"x": 1.0}}, "field 'points' must be a list, not a map"),
+        ({"points": [{"x": 1.0}, 7]}, "field 'points[1]' must be a map, not an integer"),
+        ({"points": [{"x": None}]}, "field 'points[0].x' must be a number, not nothing"),
+        ({"table": [[1], [2, "3"]]}, "field 'table[1][1]' must be an integer, not a text"),
     ],
 )
 def test_a_field_of_the_wrong_type_is_named(change: dict[str, object], reason: str) -> None:
@@ -147,9 +147,9 @@ def test_a_map_by_texts_and_anything_at_all_are_fields_too() -> None:
     """A dict keeps its keys and reads its values; a field of any type is read as it comes."""
     catalogue = Catalogue({"tea": 2.5, "water": 0.0}, [1, {"a": b"b"}])
     assert decode_message(Catalogue, encode_message(catalogue)) == catalogue
-    assert refusal({"prices": [1]}, Catalogue) == "field 'prices' is a list, a map is wanted"
+    assert refusal({"prices": [1]}, Catalogue) == "field 'prices' must be a map, not a list"
     assert refusal({"prices": {"tea": "2"}}, Catalogue) == (
-        "field 'prices.tea' is a text, a number is wanted"
+        "field 'prices.tea' must be a number, not a text"
     )
     assert refusal({"prices": {b"tea": 2}}, Catalogue) == (
         "field 'prices' has a key that is not a text"
@@ -163,16 +163,14 @@ def test_a_missing_field_is_named() -> None:
 
 def test_a_value_that_the_message_refuses_is_no_message() -> None:
     """What the dataclass itself refuses is refused as bytes too, in its own words."""
-    assert refusal({"r": 256, "g": 0, "b": 0}, Color) == (
-        "r is 256; a number from 0 to 255 is wanted"
-    )
+    assert refusal({"r": 256, "g": 0, "b": 0}, Color) == ("r must be from 0 to 255, not 256")
 
 
 @pytest.mark.parametrize(
     ("payload", "reason"),
     [
         (b"", "not msgpack (ValueError: Unpack failed: incomplete input)"),
-        (b"\x01", "a msgpack map is wanted, this is an integer"),
+        (b"\x01", "a message must be a msgpack map, not an integer"),
         (b"\x80\x80", "not msgpack (ExtraData: unpack(b) received extra data.)"),
         (b"\x91" * 5000, "not msgpack (StackError: )"),
     ],
@@ -232,8 +230,8 @@ class Row:
 def test_a_tuple_of_several_types_is_a_list_of_so_many() -> None:
     """A field of `tuple[str, int]` is a list of a text and an integer, and nothing else."""
     assert decode_message(Row, encode_message(Row(("world", 1)))) == Row(("world", 1))
-    assert refusal({"edge": ["world"]}, Row) == "field 'edge' is not a list of 2"
-    assert refusal({"edge": "wo"}, Row) == "field 'edge' is not a list of 2"
+    assert refusal({"edge": ["world"]}, Row) == "field 'edge' must be a list of 2"
+    assert refusal({"edge": "wo"}, Row) == "field 'edge' must be a list of 2"
     assert refusal({"edge": ["world", "1"]}, Row) == (
-        "field 'edge[1]' is a text, an integer is wanted"
+        "field 'edge[1]' must be an integer, not a text"
     )

@@ -1,1 +1,1 @@
-"""Transforms out."""
+"""Transforms out: broadcasters, and the streams that they send in."""

@@ -1,35 +1,36 @@
-"""Which frames a stream has; others are told in the stream's description."""
+"""Announces which frames a stream has, by the stream's description."""
 
-import difflib
 import threading
 from collections.abc import Callable, Mapping
 
-from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import BytesPublisher
 from tfbus.errors import InvalidArgumentException, LookupException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.runtime.executor import Executor
+from tfbus.wording import listed, near_names
 
-# Of each child frame: its parent, and whether the transform is static.
+# For each child frame its parent, and whether the transform is static.
 Edges = Mapping[str, tuple[str, bool]]
 FrameRows = tuple[tuple[str, str, bool], ...]
 
-# New frames often come in a burst: one description tells of all of them. One of many frames is
-# sent less often, so that frames that come one by one do not cost more than this.
-_DESCRIBE_AFTER_S = 0.02
+# New frames often come in a burst: one description has all of them. A long description is sent less
+# often, so that frames that come one by one do not cost more than this.
+_ANNOUNCE_AFTER_S = 0.02
 _MOST_BYTES_A_SECOND = 1e6
-_DESCRIBE_WITHIN_S = 1.0
+_ANNOUNCE_WITHIN_S = 1.0
 
 _FRAMES_NAMED = 5
 _KINDS = {
-    False: "moves: remove it by a TransformBroadcaster",
+    False: "is dynamic: remove it by a TransformBroadcaster",
     True: "is static: remove it by a StaticTransformBroadcaster",
 }
 
 
-class StreamFrames:
-    """The frames of a stream. Each change is told soon, on the node's thread: `publisher` sends
-    `describe(rows)` of all rows (parent, child, static). `moves` counts how often a frame that was
-    there already got another parent.
+class FrameAnnouncer:
+    """Holds the frames of a stream and announces each change soon, on the node's thread.
+
+    `publisher` sends `describe(rows)` of all rows (parent, child, static). `reparented` counts how
+    often a known frame got another parent, or became static or dynamic.
     """
 
     def __init__(
@@ -43,34 +44,36 @@ class StreamFrames:
         self._publisher = publisher
         self._describe = describe
         self._executor = executor
-        # Held while one is sent, so that descriptions leave in their order.
-        self._telling = threading.Lock()
+        # Held while one is sent: descriptions leave in their order.
+        self._announcing = threading.Lock()
         self._lock = threading.Lock()
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._described_bytes = 0
-        self.moves = 0
+        self.reparented = 0
 
-    def note(self, edges: Edges) -> None:
-        """The stream sends these edges too.
+    def add(self, edges: Edges) -> None:
+        """Add edges that the stream is about to send.
 
-        Raises InvalidArgumentException where a name can be no frame's, or parent and child are
-        the same: no buffer would take them.
+        Raises InvalidArgumentException where a frame name is invalid, or parent and child are the
+        same: no buffer would take them.
         """
         with self._lock:
             if edges.items() <= self._edges.items():
                 return
             for child, (parent, _) in edges.items():
                 _check(parent, child)
-            self.moves += any(self._edges.get(child, edge) != edge for child, edge in edges.items())
+            self.reparented += any(
+                self._edges.get(child, edge) != edge for child, edge in edges.items()
+            )
             self._edges |= edges
-        self.describe_soon()
+        self.announce_soon()
 
     def remove(self, child: str, *, static: bool) -> None:
-        """The stream does not send this frame any more.
+        """Take a frame out.
 
-        Raises LookupException where it never did, InvalidArgumentException where it is of the
-        other kind.
+        Raises LookupException where the stream does not send it, InvalidArgumentException where it
+        is of the other kind, static or dynamic.
         """
         with self._lock:
             if child not in self._edges:
@@ -79,23 +82,23 @@ class StreamFrames:
                 raise InvalidArgumentException(
                     f"frame {child!r} of stream {self._stream!r} {_KINDS[not static]}"
                 )
-        # Others know that it was removed by its being in one description, and not in the next.
-        self._describe_now()
+        # Listeners remove a frame that is in one description and not in the next.
+        self._announce()
         with self._lock:
             self._edges.pop(child, None)
-        self.describe_soon()
+        self.announce_soon()
 
-    def describe_soon(self) -> None:
-        """Tell others what the stream is now."""
+    def announce_soon(self) -> None:
+        """Send the description soon, once for all changes until then."""
         with self._lock:
             if self._is_due:
                 return
             self._is_due = True
-            spared_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _DESCRIBE_WITHIN_S)
-        self._executor.after(max(_DESCRIBE_AFTER_S, spared_s), self._describe_now)
+            pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
+        self._executor.after(max(_ANNOUNCE_AFTER_S, pause_s), self._announce)
 
-    def _describe_now(self) -> None:
-        with self._telling:
+    def _announce(self) -> None:
+        with self._announcing:
             with self._lock:
                 if not self._is_due:
                     return
@@ -107,14 +110,12 @@ class StreamFrames:
 
     def _unknown(self, child: str, static: bool) -> LookupException:
         sent = [other for other, (_, other_static) in self._edges.items() if other_static is static]
-        nearest = tuple(difflib.get_close_matches(child, sent, n=3))
         kind = "static frame" if static else "frame"
-        more = f" and {len(sent) - _FRAMES_NAMED} more" if len(sent) > _FRAMES_NAMED else ""
-        named = ", ".join(map(repr, sent[:_FRAMES_NAMED])) or "none"
+        named = listed([repr(frame) for frame in sent], most=_FRAMES_NAMED) or "none"
         return LookupException(
-            f"stream {self._stream!r} sends no {kind} {child!r}; it sends {named}{more}",
+            f"stream {self._stream!r} sends no {kind} {child!r}; it sends {named}",
             frame=child,
-            nearest=nearest,
+            nearest=near_names(child, sent),
         )
 
 

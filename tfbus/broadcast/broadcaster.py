@@ -1,7 +1,8 @@
-"""Broadcasters: a node sends transforms to everyone."""
+"""Broadcasters: a node sends transforms to all listeners."""
 
 from collections.abc import Iterable
 
+from tfbus.broadcast.node_streams import stream_of_node
 from tfbus.broadcast.options import StreamOptions
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
@@ -12,20 +13,20 @@ Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 
 
 class TransformBroadcaster:
-    """Sends transforms that change with time.
+    """Sends dynamic transforms: those that change with time.
 
-    All broadcasters of a node belong to the stream of the node's name, unless they are given a
-    `stream` of their own; those of one stream agree on the rest. What is sent in one call goes in
-    one message, or, with `split`, in one a frame on a key of its own, so that others need not
-    receive all. Of two publishers of one frame that of higher `priority` wins in the listeners
-    that go by it. The messages of the last `history_s` seconds are kept for listeners that start
-    later and ask for them, in at most 16 MiB.
+    All broadcasters of a node send in the stream of the node's name, unless they have a `stream` of
+    their own; those of one stream have the same options. Each call sends one message, or with
+    `split` one for each frame, on a key of its own, so that others need not receive all. Of two
+    publishers of one frame, listeners with `conflicts="priority"` accept the one of higher
+    `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for listeners
+    that join later and ask for them.
 
-    Where the stamps of a frame go back by more than a second, as of a simulator that was reset,
-    all listeners forget what the stream sent before, but for its static transforms.
+    Where the stamps of a frame go back by more than 1 s, as of a simulator that was reset, all
+    listeners forget what the stream sent before, except its static transforms.
 
-    Raises InvalidArgumentException where `history_s` or `priority` cannot be, or where the stream
-    has a broadcaster that sends otherwise.
+    Raises InvalidArgumentException where `history_s` or `priority` is invalid, or where the stream
+    has other options already.
     """
 
     def __init__(
@@ -38,14 +39,14 @@ class TransformBroadcaster:
         history_s: float = 10.0,
     ):
         options = StreamOptions(split=split, priority=priority, history_s=history_s)
-        self._sender = node.stream(stream).sender(options)
+        self._sender = stream_of_node(node, stream).sender(options)
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch of columns.
 
         Each takes points of its child frame into its frame_id, the parent. Raises
-        InvalidArgumentException where parent and child are the same frame, or a name in a batch
-        can be no frame's.
+        InvalidArgumentException where parent and child are the same frame, or a frame name in a
+        batch is invalid.
         """
         if isinstance(transforms, TransformStamped):
             self._sender.send_one(transforms)
@@ -56,20 +57,20 @@ class TransformBroadcaster:
         """Take a child frame out of the stream, and so out of every listener's buffer.
 
         Raises LookupException where the stream does not send it, InvalidArgumentException where
-        it is static. Sent again, it is there again.
+        it is static. Send it again to have it back.
         """
         self._sender.remove(frame)
 
 
 class StaticTransformBroadcaster:
-    """Sends transforms that hold at all times.
+    """Sends static transforms: those that hold at all times.
 
     They are added to the static transforms of the stream, or replace those of the same child
-    frame, and reach listeners that start later as long as the node lives.
+    frame. As long as the node lives they reach listeners that join later too.
     """
 
     def __init__(self, node: Node, *, stream: str | None = None):
-        self._stream = node.stream(stream)
+        self._stream = stream_of_node(node, stream)
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch, as `TransformBroadcaster.send_transform`."""

@@ -1,4 +1,4 @@
-"""What a stream sent in the last seconds, kept for those who join."""
+"""The messages of a stream's last seconds, kept for listeners that ask for them."""
 
 import time
 from collections import deque
@@ -8,20 +8,19 @@ from dataclasses import replace
 from tfbus.wire.transforms import decode_transforms, encode_transforms
 
 # Key and payload of a message; or None and the name of a frame that was removed then.
-Kept = tuple[str | None, bytes]
+Entry = tuple[str | None, bytes]
 
-# At most so much memory a stream, whatever its seconds are.
+# At most this much memory a stream, whatever its seconds are.
 MOST_BYTES = 16 * 2**20
 
-# What a message takes besides its payload: Python's own objects for it.
+# What Python's objects of a message take, besides its payload.
 _OVERHEAD_BYTES = 200
 
 
-class KeptMessages:
-    """The messages of the last `history_s` seconds, as they were sent, oldest first.
+class SentHistory:
+    """The messages of the last `history_s` seconds as they were sent, at most `most_bytes`.
 
-    The oldest go earlier where all together would take more than `most_bytes`. Used by one
-    thread at a time.
+    The oldest go first. Used by one thread at a time.
     """
 
     def __init__(
@@ -48,24 +47,22 @@ class KeptMessages:
             self._bytes -= len(messages.popleft()[2]) + _OVERHEAD_BYTES
 
     def remove(self, frame: str) -> None:
-        """What was sent of a child frame so far shall not come back."""
+        """Keep nothing that was sent of a child frame so far."""
         self.append(None, frame.encode())
 
-    def last(self, last_s: float) -> list[Kept]:
-        """What there is of the last `last_s` seconds, oldest first: `without_removed` makes the
-        messages of it.
-        """
+    def last(self, last_s: float) -> list[Entry]:
+        """The entries of the last `last_s` seconds, oldest first, for `without_removed`."""
         since_ns = self._clock_ns() - min(_ns(last_s), self._history_ns)
         return [(key, payload) for sent_ns, key, payload in self._messages if sent_ns >= since_ns]
 
     def clear(self) -> None:
-        """Keep none of them."""
+        """Keep nothing of what was sent so far."""
         self._messages.clear()
         self._bytes = 0
 
 
-def without_removed(kept: Sequence[Kept]) -> list[tuple[str, bytes]]:
-    """Key and payload of each message, oldest first, without the frames that were removed later."""
+def without_removed(kept: Sequence[Entry]) -> list[tuple[str, bytes]]:
+    """Key and payload of each message, oldest first, without frames that were removed later."""
     removed: set[bytes] = set()
     messages = []
     for key, payload in reversed(kept):
@@ -79,8 +76,8 @@ def without_removed(kept: Sequence[Kept]) -> list[tuple[str, bytes]]:
 
 
 def _without(payload: bytes, removed: set[bytes]) -> bytes:
-    """The message without these child frames; empty where nothing is left of it."""
-    # Names stand in it as they are; to decode all that was kept would take long.
+    """The message without these child frames; b"" where nothing is left of it."""
+    # Names are in it as they are: only messages that may have one are decoded, which is slow.
     named = {frame.decode() for frame in removed if frame in payload}
     if not named:
         return payload

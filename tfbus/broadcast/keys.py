@@ -1,4 +1,4 @@
-"""On which keys a stream sends what moves: all on one, or each frame on its own."""
+"""The keys on which a stream sends its dynamic transforms: one for all, or one for each frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tfbus.bus.bytes_publisher import BytesPublisher
+from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.batch import TransformBatch
@@ -14,7 +14,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.wire.keys import escape, transforms_key
 from tfbus.wire.transforms import TransformEncoder
 
-# Nearly always a frame has one row in a send: the first name is its parent, the second itself.
+# A frame nearly always has one row in a send: the first name is its parent, the second itself.
 _ONE_EDGE = np.array([[0, 1]], dtype=np.uint32)
 
 
@@ -46,26 +46,26 @@ class RowsOfKey:
 
 
 class StreamKeys(Protocol):
-    """The keys of a stream; `expression` is the key expression of all of them."""
+    """The keys of a stream; `expression` is a key expression that matches all of them."""
 
     expression: str
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes to any of them now."""
+        """Whether a process subscribes to any of them now."""
 
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """Which rows of this batch, and others with the same edges, go on which key."""
+        """Which rows go on which key, for this batch and all with the same edges."""
 
     def restart(self) -> None:
         """Number messages from 0 again."""
 
     def forget(self, child: str) -> None:
-        """Know nothing of this frame any more."""
+        """Forget the key of this frame."""
 
 
 class OneKey:
-    """Everything goes on the stream's own key."""
+    """All rows go on the stream's own key."""
 
     def __init__(self, stream: str, session: Session) -> None:
         self.expression = transforms_key(stream)
@@ -73,7 +73,7 @@ class OneKey:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes to it now."""
+        """Whether a process subscribes to it now."""
         return self._key.publisher.heard
 
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
@@ -86,11 +86,11 @@ class OneKey:
         self._key.sent = 0
 
     def forget(self, child: str) -> None:
-        """There is nothing known of one frame."""
+        """It has no key of its own."""
 
 
 class KeyPerFrame:
-    """Each child frame has a key below the stream's, so that others can subscribe to it alone."""
+    """Each child frame has a key below the stream's: others can subscribe to it alone."""
 
     def __init__(self, stream: str, session: Session) -> None:
         self._own_key = transforms_key(stream)
@@ -100,7 +100,7 @@ class KeyPerFrame:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes to any of them now."""
+        """Whether a process subscribes to any of them now."""
         return self._publishers.heard
 
     def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
@@ -116,7 +116,7 @@ class KeyPerFrame:
             key.sent = 0
 
     def forget(self, child: str) -> None:
-        """Know nothing of this frame any more; should it come again, its messages begin at 0."""
+        """Forget the key of this frame; sent again, its messages are numbered from 0."""
         self._keys.pop(child, None)
 
     def _rows(self, batch: TransformBatch, child: str, rows: list[int], epoch_ns: int) -> RowsOfKey:

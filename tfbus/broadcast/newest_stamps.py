@@ -1,23 +1,23 @@
-"""The newest stamps that a stream has sent: by them it knows when its clock has gone back."""
+"""The newest stamps that a stream has sent: they show that its clock went back."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Stamps may go back by so much, as when a sensor's data comes in twice or in bursts; by more, and
-# the clock itself was set back: a simulator was reset, or a recording begins again.
+# Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the
+# clock itself was set back: a simulator was reset, or a recording starts again.
 MOST_BACK_NS = 1_000_000_000
 
-# Older than any stamp, and nothing is too far before it.
+# No stamp is more than MOST_BACK_NS before it.
 _NEVER = -(2**63) + MOST_BACK_NS
 
 Rows = NDArray[np.intp]
 
 
 class NewestStamps:
-    """Of each child frame the newest stamp sent. The rows of its children are how a caller names
-    them, since many are then looked up in one step. Used by one thread at a time.
+    """The newest stamp sent of each child frame. A caller names frames by rows, which are looked
+    up together. Used by one thread at a time.
     """
 
     def __init__(self) -> None:
@@ -32,33 +32,33 @@ class NewestStamps:
         return np.array([self._row(child) for child in children], dtype=np.intp)
 
     def note(self, rows: Rows, stamps_ns: NDArray[np.int64]) -> int | None:
-        """Note the stamps that are sent now, one a row.
+        """Note the stamps that are sent now, one a row; None where all are noted.
 
-        Where one is more than a second older than one noted before, its position is answered and
-        none of them is noted.
+        Where one is more than 1 s older than the newest of its row, nothing is noted, and its
+        position returned.
         """
         if len(rows) == 1:
             return self.note_one(int(rows[0]), int(stamps_ns[0]))
         too_old = stamps_ns < self._newest[rows] - MOST_BACK_NS
         if np.count_nonzero(too_old):
             return int(too_old.argmax())
-        # A row may be there more than once.
+        # A row may come more than once.
         np.maximum.at(self._newest, rows, stamps_ns)
         return None
 
     def newest_ns(self, row: int) -> int:
-        """The newest stamp noted of a row."""
+        """The newest stamp of a row."""
         return int(self._one[row])
 
     def forget(self, child: str) -> None:
-        """Know no stamp of this frame."""
+        """Forget the stamp and the row of this frame."""
         row = self._row_of.pop(child, None)
         if row is not None:
             self._one[row] = _NEVER
             self._free.append(row)
 
     def clear(self) -> None:
-        """Know no stamps; the rows stay what they are."""
+        """Forget all stamps; the rows stay valid."""
         self._newest[:] = _NEVER
 
     def note_one(self, row: int, stamp_ns: int) -> int | None:

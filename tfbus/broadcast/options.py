@@ -8,11 +8,12 @@ from tfbus.errors import InvalidArgumentException
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """How a stream sends what moves; its broadcasters agree on it.
+    """How a stream sends its dynamic transforms; all its broadcasters have the same options.
 
-    With `split` each frame has a key of its own. Of two publishers of one frame that of higher
-    `priority` wins where the listener goes by it. `history_s` is how many seconds of messages are
-    kept for those who join. Raises InvalidArgumentException where one of them cannot be.
+    With `split` each frame has a key of its own. Of two publishers of one frame, listeners with
+    `conflicts="priority"` accept the one of higher `priority`, a 32-bit integer. Messages of the
+    last `history_s` seconds are kept for listeners that join later. Raises
+    InvalidArgumentException where one is invalid.
     """
 
     split: bool = False
@@ -22,11 +23,11 @@ class StreamOptions:
     def __post_init__(self) -> None:
         if not 0.0 <= self.history_s < math.inf:
             raise InvalidArgumentException(
-                f"history_s is {self.history_s!r}; it is a number of seconds, 0 or more"
+                f"history_s must be a number of seconds, 0 or more, not {self.history_s!r}"
             )
         if not -(2**31) <= self.priority < 2**31:
             raise InvalidArgumentException(
-                f"priority is {self.priority!r}; it is an integer of 32 bits"
+                f"priority must be a 32-bit integer, not {self.priority!r}"
             )
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""Sends what moves in a stream, and keeps it for a while for those who join."""
+"""Sends the dynamic transforms of a stream, and keeps those of the last seconds."""
 
 import math
 import sys
@@ -7,23 +7,23 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from tfbus.broadcast.announcer import Edges, StreamFrames
-from tfbus.broadcast.history import KeptMessages, without_removed
+from tfbus.broadcast.announcer import Edges, FrameAnnouncer
+from tfbus.broadcast.history import SentHistory, without_removed
 from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.broadcast.newest_stamps import NewestStamps, Rows
 from tfbus.broadcast.options import StreamOptions
-from tfbus.bus.query import Query
-from tfbus.bus.session import Session, within
+from tfbus.bus.query import Query, within
+from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.wire.one_message import OneMessage
 
-# What sends have in common is remembered for tables of so many edges in all.
+# What sends have in common is cached for tables of at most this many edges in all.
 _MOST_EDGES = 50_000
 
-# Whether columns stand on this machine as they do in a message.
+# Whether columns have the byte order of messages on this machine.
 _AS_ON_THE_WIRE = sys.byteorder == "little"
 
 
@@ -31,7 +31,7 @@ _AS_ON_THE_WIRE = sys.byteorder == "little"
 class _Table:
     """What sends of the same frames and edges have in common.
 
-    `noted` is how often frames of the stream had moved when these edges were last noted.
+    `noted` is the announcer's count of `reparented` when these edges were last noted.
     """
 
     frames: tuple[str, ...]
@@ -45,9 +45,9 @@ class _Table:
 
 @dataclass(slots=True, eq=False)
 class _Single:
-    """What sends of one transform alone, of the same frames, have in common; `noted` as above.
+    """What sends of one transform alone, of the same frames, have in common.
 
-    `sent_ns` is the newest stamp that the frame was sent with.
+    `noted` is as in _Table. `sent_ns` is the newest stamp that was sent of the frame.
     """
 
     message: OneMessage
@@ -58,12 +58,11 @@ class _Single:
 
 
 class TransformSender:
-    """Sends the dynamic transforms of one stream, and answers who asks for the last of them; safe
+    """Sends the dynamic transforms of one stream, and answers queries for the last of them; safe
     from any thread.
 
-    `note(edges)` is told which edges are about to be sent. `begin_epoch(child, back_ns)` is called
-    where the stamps of a frame go back by more than a second: it answers the epoch that begins with
-    this send.
+    It calls `note(edges)` before it sends new edges, and `begin_epoch(child, back_ns)` where the
+    stamps of a frame go back by more than 1 s: that returns the epoch of this send, in ns.
     """
 
     def __init__(
@@ -72,7 +71,7 @@ class TransformSender:
         options: StreamOptions,
         epoch_ns: int,
         session: Session,
-        frames: StreamFrames,
+        frames: FrameAnnouncer,
         note: Callable[[Edges], None],
         begin_epoch: Callable[[str, int], int],
     ) -> None:
@@ -88,21 +87,21 @@ class TransformSender:
         # By their child frame.
         self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
-        self._kept = KeptMessages(options.history_s) if options.history_s else None
+        self._history = SentHistory(options.history_s) if options.history_s else None
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
-        if self._kept is not None:
+        if self._history is not None:
             session.queryable(self._keys.expression, self._on_query, long=True)
 
     @property
     def heard(self) -> bool:
-        """Whether somebody hears any of it now."""
+        """Whether a process subscribes to any of it now."""
         return self._keys.heard
 
     def send(self, columns: Columns) -> None:
         """Send transforms: one message a key.
 
-        Raises InvalidArgumentException where a name can be no frame's, or parent and child are
-        the same.
+        Raises InvalidArgumentException where a frame name is invalid, or parent and child are the
+        same.
         """
         with self._lock:
             self._send(columns)
@@ -116,12 +115,12 @@ class TransformSender:
                 self._remember_single(transform, self._send(columns))
 
     def _send_again(self, single: _Single, transform: TransformStamped) -> bool:
-        """Send a transform of the same frames as the last; False where it is not as usual.
+        """Send a transform of the same frames as the last one; False where that takes `send`.
 
-        What can be done after the put, is: whoever listens need not wait for it.
+        The put comes first and the rest after it: listeners need not wait for that.
         """
         stamp_ns = transform.stamp_ns
-        if stamp_ns < single.sent_ns or single.noted != self._frames.moves:
+        if stamp_ns < single.sent_ns or single.noted != self._frames.reparented:
             return False
         key = single.key
         payload = single.message.encode(key.sent, transform)
@@ -130,8 +129,8 @@ class TransformSender:
         key.publisher.put(payload)
         key.sent += 1
         single.sent_ns = stamp_ns
-        if self._kept is not None:
-            self._kept.append(key.key, payload)
+        if self._history is not None:
+            self._history.append(key.key, payload)
         self._newest.note_one(single.stamp_row, stamp_ns)
         return True
 
@@ -148,8 +147,8 @@ class TransformSender:
         for part in table.parts:
             payload = part.encode(columns)
             part.key.publisher.put(payload)
-            if self._kept is not None:
-                self._kept.append(part.key.key, payload)
+            if self._history is not None:
+                self._history.append(part.key.key, payload)
         return table
 
     def _remember_single(self, transform: TransformStamped, table: _Table) -> None:
@@ -165,22 +164,22 @@ class TransformSender:
             )
 
     def wait_sent(self) -> None:
-        """Wait for the end of the send that another thread is at."""
+        """Wait for the end of a send on another thread."""
         with self._lock:
             pass
 
     def remove(self, child: str) -> None:
-        """Send this frame no more, until it is in a batch again. Errors as StreamFrames.remove."""
+        """Take a frame out until it is sent again. Errors as FrameAnnouncer.remove."""
         with self._lock:
             self._frames.remove(child, static=False)
             self._newest.forget(child)
             self._keys.forget(child)
             self._forget_tables()
-            if self._kept is not None:
-                self._kept.remove(child)
+            if self._history is not None:
+                self._history.remove(child)
 
     def _note(self, table: _Table, columns: Columns) -> int | None:
-        """Note the stamps; where one is too far back, its row is answered, and none is noted."""
+        """Note the stamps; where one is too far back, note none and return its row."""
         if columns.count == 1:
             return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
         return self._newest.note(table.stamp_rows, columns.stamps_ns())
@@ -191,9 +190,9 @@ class TransformSender:
         if last is None or last.edges != edges or last.frames != frames:
             known = self._tables.get((frames, edges))
             last = self._last_table = known or self._remember(columns.as_batch(), edges)
-        if last.noted != self._frames.moves:
+        if last.noted != self._frames.reparented:
             self._note_edges(last.by_child)
-            last.noted = self._frames.moves
+            last.noted = self._frames.reparented
         return last
 
     def _remember(self, batch: TransformBatch, edges: bytes) -> _Table:
@@ -210,7 +209,7 @@ class TransformSender:
             batch.frames,
             edges,
             by_child,
-            self._frames.moves,
+            self._frames.reparented,
             stamp_rows,
             int(stamp_rows[0]) if rows else 0,
             self._keys.divide(batch, self._epoch_ns),
@@ -231,29 +230,31 @@ class TransformSender:
         self._newest.clear()
         self._keys.restart()
         self._forget_tables()
-        if self._kept is not None:
-            self._kept.clear()
+        if self._history is not None:
+            self._history.clear()
 
     def _on_query(self, query: Query) -> None:
-        # The session may be closed meanwhile, and then there is nobody to tell.
-        with suppress(BusError), query.answering("what was kept"):
+        # The session may be closed meanwhile.
+        with suppress(BusError), query.answering("the stream's history"):
             for key, payload in self._last(query):
                 query.answer(key, payload)
 
     def _last(self, query: Query) -> list[tuple[str, bytes]]:
         last_s = _seconds(query.parameter("last_s"))
         with self._lock:
-            kept = self._kept.last(last_s) if self._kept is not None else []
+            kept = self._history.last(last_s) if self._history is not None else []
         messages = without_removed(kept)
-        wanted = {key for key in {key for key, _ in messages} if within(key, query.key)}
-        return [message for message in messages if message[0] in wanted]
+        asked = {key for key in {key for key, _ in messages} if within(key, query.key)}
+        return [message for message in messages if message[0] in asked]
 
 
 def _seconds(text: str | None) -> float:
-    """How many seconds are asked for; all that there are where nothing is said."""
+    """The seconds in the text; all that there are for None."""
     if text is None:
         return math.inf
     with suppress(ValueError):
         if (seconds := float(text)) >= 0.0:
             return seconds
-    raise InvalidArgumentException(f"last_s is {text!r:.40}; it is a number of seconds, 0 or more")
+    raise InvalidArgumentException(
+        f"last_s must be a number of seconds, 0 or more, not {text!r:.40}"
+    )

@@ -1,42 +1,105 @@
-"""Python's knowledge of a thread that is not Python's own, kept from one callback to the next.
+"""What Zenoh calls: our callbacks, their exceptions logged, on threads whose state Python keeps.
 
-Python makes a state for such a thread when it calls in, and throws it away when the call ends.
+Python makes a thread state when a foreign thread calls in, and throws it away when the call ends.
 That takes several times as long as all the rest: of a message received from Zenoh 11.1 us of CPU,
 against 2.7 us where the state is kept.
 """
 
 import ctypes
 import itertools
+import logging
 import threading
 from collections.abc import Callable
 from typing import Any
 
-# So many threads are kept; Zenoh has a few that live as long as the process.
+import zenoh
+
+# At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64
 
 
-def on_kept_thread(callback: Callable[[Any], None]) -> Callable[[Any], None]:
-    """The callback, so wrapped that the threads that call it are kept."""
+class Callbacks:
+    """The callbacks of one session, as Zenoh takes them.
 
-    def called(event: Any) -> None:
+    Zenoh swallows the exceptions of its callbacks: here the first of each callback is logged.
+    After `mute()` none is.
+    """
+
+    def __init__(self, log: logging.Logger) -> None:
+        self._log = log
+        self._is_muted = False
+
+    def mute(self) -> None:
+        """Log no further exceptions: the session ends, and what callbacks use with it."""
+        self._is_muted = True
+
+    def of_samples(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
+        """A handler of Zenoh's that calls `callback(key, payload)` for each sample."""
+        report = self._reporter(f"message of {key}")
+
+        # What `direct` and `guarded` do, in one call instead of three: where messages come one
+        # by one, the calls take their time.
+        def on_sample(sample: zenoh.Sample) -> None:
+            kept.known = True
+            try:
+                callback(str(sample.key_expr), sample.payload.to_bytes())
+            except Exception:
+                report()
+
+        return zenoh.handlers.Callback(on_sample, None, indirect=False)
+
+    def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The callback, which raises nothing: its first exception is logged, with `what` it is."""
+        report = self._reporter(what)
+
+        def call(event: Any) -> None:
+            try:
+                callback(event)
+            except Exception:
+                report()
+
+        return call
+
+    def _reporter(self, what: str) -> Callable[[], None]:
+        failures = 0
+
+        def report() -> None:
+            nonlocal failures
+            failures += 1
+            if failures == 1 and not self._is_muted:
+                self._log.exception(
+                    "Could not handle the %s. Further failures are not logged", what
+                )
+
+        return report
+
+
+def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """A handler of Zenoh's that calls back on Zenoh's own thread.
+
+    By default zenoh-python starts a thread for each callback, which now and then outlives its
+    session and then keeps the process from ending. Ours only decode and store, or hand over to
+    the node's thread, so one that falls behind holds up its own link, not the memory.
+    """
+
+    def call(event: Any) -> None:
         kept.known = True
         callback(event)
 
-    return called
+    return zenoh.handlers.Callback(call, drop, indirect=False)
 
 
 class _Thread(threading.local):
-    """Keeps the thread that makes it."""
+    """Keeps the Python state of the thread that makes it."""
 
     known = False
     _kept = itertools.count()
 
     def __init__(self) -> None:
         if next(self._kept) < _MOST_KEPT:
-            # Python drops a thread's state at the release of what was ensured: this never is.
+            # Python drops a thread's state when what was ensured is released: this never is.
             ctypes.pythonapi.PyGILState_Ensure()
 
 
-# To set `kept.known` in a callback keeps the thread that it is called on: the first time in a
-# thread, that makes its _Thread.
+# Setting `kept.known` makes the _Thread of the current thread, the first time in each thread.
 kept = _Thread()

@@ -1,27 +1,17 @@
-"""What a session has declared, and whether it has a counterpart."""
+"""What a session has declared: publishers, and watches of who is at the other end."""
 
 import threading
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 import zenoh
 
-from tfbus.bus.callbacks import on_kept_thread
-
-
-def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
-    """The callback as Zenoh wants it: called on Zenoh's own thread.
-
-    By default zenoh-python starts a thread for each callback, which now and then outlives its
-    session and then keeps the process from ending. Ours only decode and store, or hand over to
-    the node's thread, and so one that falls behind holds up its own link, not the memory.
-    """
-    return zenoh.handlers.Callback(on_kept_thread(callback), drop, indirect=False)
+from tfbus.bus.callbacks import direct
+from tfbus.bus.zenoh_errors import as_bus_error
 
 
 class Declaration:
-    """Something that a session has declared; it ends with the session, or before."""
+    """Something that a session has declared; it ends with the session, or by `close()` before."""
 
     def __init__(self, declared: Any):
         self._declared = declared
@@ -33,7 +23,7 @@ class Declaration:
 
 
 class _MatchWatch:
-    """Knows at any time whether what a session declared has a counterpart; closed by `close`."""
+    """Knows at any time whether a declaration has a counterpart."""
 
     def __init__(self, declared: zenoh.Querier | zenoh.Publisher):
         self._matched = threading.Event()
@@ -41,16 +31,15 @@ class _MatchWatch:
         self._listener = Declaration(
             declared.declare_matching_listener(direct(lambda status: self._set(status.matching)))
         )
-        status: Any = declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
-        if status.matching:
+        if _is_matched(declared):
             self._set(True)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Whether there is one, waited for at most `timeout_s` (None: for ever)."""
+        """Wait for a counterpart, at most `timeout_s` (None: for ever); whether there is one."""
         return self._matched.wait(timeout_s)
 
     def close(self) -> None:
-        """Watch no more."""
+        """End the watch; twice is fine."""
         self._listener.close()
         self._declared.close()
 
@@ -62,18 +51,90 @@ class _MatchWatch:
 
 
 class ServedWatch(_MatchWatch):
-    """Knows at any time whether somebody serves a key; closed when nobody asks any more."""
+    """Knows at any time whether a process serves a key."""
 
     @property
     def served(self) -> bool:
-        """Whether somebody serves it now."""
+        """Whether a process serves it now."""
         return self._matched.is_set()
 
 
 class HeardWatch(_MatchWatch):
-    """Knows at any time whether somebody subscribes to a key."""
+    """Knows at any time whether a process subscribes to a key."""
 
     @property
     def heard(self) -> bool:
-        """Whether somebody subscribes to it now."""
+        """Whether a process subscribes to it now."""
         return self._matched.is_set()
+
+
+class BytesPublisher(Declaration):
+    """Sends payloads on one key."""
+
+    def __init__(self, key: str, publisher: Any):
+        super().__init__(publisher)
+        self._key = key
+
+    @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to its key now."""
+        return _is_matched(self._declared)
+
+    def put(self, payload: bytes) -> None:
+        """Send one payload. Raises BusError where the session is closed."""
+        try:
+            self._declared.put(payload)
+        except zenoh.ZError as error:
+            raise as_bus_error(f"publish {self._key}", error) from error
+
+
+class PublishersWithin:
+    """Makes publishers by the thousand.
+
+    Zenoh's own take a time that grows with the square of their number: 10,000 took 3 s. These
+    share one watch, which knows whether any of their keys has a subscriber.
+    """
+
+    def __init__(self, session: zenoh.Session, watch: HeardWatch, priority: zenoh.Priority):
+        self._session = session
+        self._watch = watch
+        self._priority = priority
+
+    @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to any of the keys now."""
+        return self._watch.heard
+
+    def publisher(self, key: str) -> BytesPublisher:
+        """A publisher of one key."""
+        return BytesPublisher(key, _OneOfMany(self._session, self._watch, key, self._priority))
+
+
+class _OneOfMany:
+    """Stands in for a publisher of Zenoh's."""
+
+    def __init__(
+        self, session: zenoh.Session, watch: HeardWatch, key: str, priority: zenoh.Priority
+    ):
+        self._session = session
+        self._watch = watch
+        self._key = zenoh.KeyExpr(key)
+        self._priority = priority
+
+    def put(self, payload: bytes) -> None:
+        # Where the session is closed, its put raises.
+        if self._watch.heard or self._session.is_closed():
+            self._session.put(
+                self._key,
+                payload,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=self._priority,
+            )
+
+    def undeclare(self) -> None:
+        """It has declared nothing of its own."""
+
+
+def _is_matched(declared: Any) -> bool:
+    status: Any = declared.matching_status  # a bool in Zenoh's stubs, but not in Zenoh
+    return bool(status.matching)

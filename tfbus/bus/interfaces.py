@@ -1,11 +1,11 @@
-"""How the processes of one machine find each other where the machine has no network."""
+"""The network interfaces of this host, and which of them scouting needs."""
 
 import socket
 import struct
 import sys
 from dataclasses import dataclass
 
-# Of Linux's <linux/sockios.h> and <net/if.h>.
+# From Linux's <linux/sockios.h> and <net/if.h>.
 _GET_FLAGS = 0x8913
 _UP = 0x1
 _LOOPBACK = 0x8
@@ -23,7 +23,7 @@ class Interface:
 
 
 def interfaces() -> list[Interface]:
-    """The network interfaces of this host; none where it is not Linux."""
+    """The network interfaces of this host; [] where it is not Linux."""
     if sys.platform != "linux":
         return []
     return [_interface(name) for _, name in socket.if_nameindex()]
@@ -32,8 +32,8 @@ def interfaces() -> list[Interface]:
 def loopback_where_alone() -> str:
     """The loopback interface where no other can carry multicast, "" otherwise.
 
-    Zenoh scouts on every interface but loopback, so that without a network it finds nobody, not
-    even on the same machine. Known on Linux only; "" elsewhere.
+    Zenoh scouts on every interface but loopback: without a network it finds no process, not even
+    on the same machine. Always "" where the host is not Linux.
     """
     known = interfaces()
     if any(each.is_up and each.has_multicast and not each.is_loopback for each in known):
@@ -42,7 +42,7 @@ def loopback_where_alone() -> str:
 
 
 def _interface(name: str) -> Interface:
-    import fcntl  # not there on Windows
+    import fcntl  # Windows has none
 
     request = struct.pack("16sh14x", name.encode(), 0)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:

@@ -1,4 +1,4 @@
-"""Questions of other processes, and the answers to ours."""
+"""Queries: what other processes ask, and what they answer."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,14 +9,15 @@ import zenoh
 from tfbus.bus.zenoh_errors import bus_errors
 from tfbus.errors import TfbusError
 
-# What Zenoh itself puts in the place of an answer that has not come in time.
+# What Zenoh puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One answer to a query: its key and payload, or the text of a refusal, "" where it has not
-    come in time.
+    """One answer to a query: its key and payload, or a refusal with its text.
+
+    `refusal` is "" where the answer has not come in time, None where it is no refusal.
     """
 
     key: str
@@ -25,7 +26,7 @@ class Answer:
 
 
 def answer_of(reply: zenoh.Reply) -> Answer:
-    """What a reply of Zenoh's says."""
+    """The answer in a reply of Zenoh's."""
     if reply.ok is not None:
         return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
     payload = reply.err.payload.to_bytes() if reply.err is not None else b""
@@ -35,7 +36,7 @@ def answer_of(reply: zenoh.Reply) -> Answer:
 
 
 class Query:
-    """A question that another process asked; answered as often as wanted, then closed."""
+    """A query of another process: give it any number of answers, then close it."""
 
     def __init__(self, query: zenoh.Query):
         self._query = query
@@ -43,22 +44,22 @@ class Query:
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
     def parameter(self, name: str) -> str | None:
-        """What the selector `key?name=value` says of this name; None for nothing."""
+        """The value of this name in the selector `key?name=value`; None where it has none."""
         return self._query.parameters.get(name)
 
     def answer(self, key: str, payload: bytes) -> None:
-        """Send one answer; `key` lies within the key expression that was asked."""
+        """Send one answer; `key` lies within the key expression of the query."""
         with bus_errors(f"answer the query for {self.key}"):
             self._query.reply(key, payload)
 
     def refuse(self, reason: str) -> None:
-        """Answer that this cannot be done, and why."""
+        """Answer that this cannot be done, and why; the asker gets the reason."""
         with bus_errors(f"refuse the query for {self.key}"):
             self._query.reply_err(reason.encode())
 
     @contextmanager
     def answering(self, what: str) -> Iterator[None]:
-        """Close the query at the end; an error becomes a refusal that says so."""
+        """Close the query at the end; an exception becomes a refusal, `what` failed and how."""
         try:
             yield
         except TfbusError as error:
@@ -70,5 +71,10 @@ class Query:
             self.close()
 
     def close(self) -> None:
-        """Tell the asker that no more answers come."""
+        """End the answers: the asker waits for no further ones."""
         self._query.drop()
+
+
+def within(key: str, expression: str) -> bool:
+    """Whether the key lies within the key expression."""
+    return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))

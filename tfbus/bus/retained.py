@@ -1,6 +1,6 @@
-"""Retained messages: the last one of a publisher also reaches those who join later.
+"""Retained messages: the last one of a publisher also reaches subscribers that join later.
 
-All that tfbus uses of Zenoh's unstable `zenoh.ext` is in this file.
+This file has all uses of Zenoh's unstable `zenoh.ext`.
 """
 
 from collections.abc import Callable, Iterator
@@ -8,24 +8,23 @@ from collections.abc import Callable, Iterator
 import zenoh
 from zenoh import ext
 
-from tfbus.bus.bytes_publisher import BytesPublisher
-from tfbus.bus.handles import Declaration
+from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_errors import bus_errors
 
-# How soon a subscriber that lost the last message learns of it and asks for it again.
+# A subscriber that lost the last message learns of it within this, and asks for it again.
 _HEARTBEAT_S = 0.5
 
-# Below its key a publisher serves what it retains.
+# A publisher serves what it retains below its key.
 _RETAINED = "/@adv/pub/**"
 
 
 def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
-    """A publisher whose last message is kept for late joiners, and sent again where it was lost.
+    """A publisher whose last message also reaches late joiners, and is sent again where lost.
 
-    It is as urgent as dynamic transforms: at the priority of topics a put waited 0.2 s beside a
-    camera that filled the link.
+    It has the priority of dynamic transforms: at that of topics a put waited 0.2 s beside a camera
+    that filled the link.
     """
     with bus_errors(f"publish {key}"):
         publisher = ext.declare_advanced_publisher(
@@ -45,14 +44,14 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
 def declare_retained_subscriber(
     session: Session, key: str, callback: Callable[[str, bytes], None]
 ) -> Declaration:
-    """Call `callback(key, payload)` for the retained message of each publisher within `key`,
-    whoever was there first, then for each new one.
+    """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
+    of publishers that come later, then for each new message.
     """
     with bus_errors(f"subscribe to {key}"):
         subscriber = ext.declare_advanced_subscriber(
             session.zenoh,
             key,
-            session.sample_callback(key, callback),
+            session.callbacks.of_samples(key, callback),
             history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             subscriber_detection=True,
@@ -61,7 +60,7 @@ def declare_retained_subscriber(
 
 
 def ask_retained(session: Session, key: str, *, timeout_s: float = 1.0) -> Iterator[Answer]:
-    """The retained messages within `key`, each at its own key, as `Session.ask` has answers."""
+    """Iterate over the retained messages within `key`, each at its own key, as `Session.ask`."""
     return session.ask(f"{key}{_RETAINED}", timeout_s=timeout_s, at_any_key=True)
 
 

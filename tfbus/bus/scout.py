@@ -1,17 +1,17 @@
-"""Looking for others by multicast."""
+"""Which peers and routers answer multicast scouting."""
 
 import threading
 
 import zenoh
 
-from tfbus.bus.handles import direct
+from tfbus.bus.callbacks import direct
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors
 
 
 def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:
-    """The ids of the peers and routers that scouting finds, ended when `until` is among them."""
+    """The ids of the peers and routers that answer within `timeout_s`, or until `until` does."""
     found: set[str] = set()
     is_found = threading.Event()
 

@@ -1,8 +1,4 @@
-"""The one place that opens Zenoh: a session, in words that the rest of tfbus uses.
-
-Zenoh calls back on threads of its own and swallows exceptions; here they are caught, counted and
-reported once.
-"""
+"""A session: what one process declares, sends and asks on the bus. Only this file opens Zenoh."""
 
 import atexit
 import logging
@@ -13,31 +9,37 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any
 
 import zenoh
 
-from tfbus.bus.bytes_publisher import BytesPublisher, PublishersWithin, priority_of
-from tfbus.bus.callbacks import kept
-from tfbus.bus.handles import Declaration, HeardWatch, ServedWatch, direct
-from tfbus.bus.lost_links import LostLinks
+from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.handles import (
+    BytesPublisher,
+    Declaration,
+    HeardWatch,
+    PublishersWithin,
+    ServedWatch,
+)
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import is_peer, zenoh_config
-from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_nobody_there
+from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.errors import BusError
 from tfbus.runtime.workers import Workers
 
-# How soon a client looks for its router again.
+# A client tries its router again after this time.
 _RETRY_S = 0.5
 
-# So many answers that may be long are sent at a time, and so many questions wait for that.
+# At most as many long answers are sent at a time, and as many queries wait for that.
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
 
 
 class Session:
-    """One process's place on the bus; it closes by `with` or `close()`, twice is fine."""
+    """One process's place on the bus, until `close()` or the end of its `with`.
+
+    All callbacks come on threads of Zenoh's. What they raise is logged, the first of each.
+    """
 
     def __init__(
         self,
@@ -49,24 +51,38 @@ class Session:
     ):
         """Open the session.
 
-        A client's router may come later: it is waited for, at most `patience_s` seconds. Where
-        nobody is found, it opens after `scouting_s` (None: what the configuration says). Raises
-        BusError where the bus cannot be joined, and says why.
+        A client waits for its router for at most `patience_s` seconds. A peer opens alone after
+        `scouting_s` seconds without others (None: as configured). Raises BusError where it cannot
+        join the bus.
         """
         zenoh.try_init_log_from_env()
         self.settings = settings
+        self.callbacks = Callbacks(log)
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
         config = zenoh_config(settings, scouting_s)
-        with bus_errors(f"join the bus{_towards(settings)}"):
+        with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
-            if is_peer(config):
-                self._look_for_lost_links(config)
         self.id = str(self.zenoh.zid())
         self._process = os.getpid()
         atexit.register(self._end_with_process)
+
+    def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
+        """Zenoh's session; retried here, since Zenoh's own retry does not hear Ctrl-C."""
+        deadline = time.monotonic() + patience_s
+        is_waiting = False
+        while True:
+            try:
+                return zenoh.open(config)
+            except zenoh.ZError as error:
+                if not is_router_missing(error) or time.monotonic() >= deadline:
+                    raise
+            if not is_waiting:
+                is_waiting = True
+                self._log.warning("Waiting for a router%s", _at(self.settings))
+            time.sleep(_RETRY_S)
 
     def __enter__(self) -> "Session":
         return self
@@ -75,34 +91,25 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Leave the bus: every declaration of this session ends with it.
+        """Leave the bus, within 10 s: every declaration of this session ends. Twice is fine.
 
-        It is waited for 10 s at most, and then told in the log.
+        Where Zenoh does not close in that time, the log says so.
         """
         if not self._closed:
             self._closed = True
+            self.callbacks.mute()
             atexit.unregister(self._end_with_process)
             for end in list(self._ending):
                 end()
             try:
                 self.zenoh.close()
             except zenoh.ZError as error:
-                # As where a peer has stopped in the middle of a message. The end of the process
-                # ends it all the same; nobody could do anything about an error here.
-                self._log.warning("Left the bus untidily: %s", first_sentence(str(error)))
-
-    def _end_with_process(self) -> None:
-        # Threads of Zenoh's that come back from it into an interpreter that is being taken down
-        # abort the process. A child of a fork has none of them, and nothing to close.
-        if os.getpid() == self._process:
-            # From here on Ctrl-C ends the process at once, without a traceback.
-            with suppress(ValueError):  # this interpreter has no signals
-                if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
-                    signal.signal(signal.SIGINT, signal.SIG_DFL)
-            self.close()
+                # As where a peer has stopped in the middle of a message. The caller could do
+                # nothing about an error, and the end of the process ends the session too.
+                self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
 
     def at_close(self, end: Callable[[], None]) -> Callable[[], None]:
-        """Call `end()` before the session closes; call what this returns to have it not called."""
+        """Call `end()` before the session closes; the function returned takes that back."""
         self._ending.append(end)
 
         def forget() -> None:
@@ -111,69 +118,61 @@ class Session:
 
         return forget
 
-    def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
-        """Zenoh's session; tried again here, not by Zenoh, which would not hear Ctrl-C."""
-        deadline = time.monotonic() + patience_s
-        told = False
-        while True:
-            try:
-                return zenoh.open(config)
-            except zenoh.ZError as error:
-                if not is_nobody_there(error) or time.monotonic() >= deadline:
-                    raise
-            if not told:
-                told = True
-                self._log.warning("Waiting for a router%s", _at(self.settings))
-            time.sleep(_RETRY_S)
+    def _end_with_process(self) -> None:
+        # Zenoh's threads that return into an interpreter that shuts down abort the process. A
+        # child of a fork has none of them, and nothing to close.
+        if os.getpid() == self._process:
+            # From here on Ctrl-C ends the process at once, without a traceback.
+            with suppress(ValueError):  # this interpreter has no signals
+                if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
+                    signal.signal(signal.SIGINT, signal.SIG_DFL)
+            self.close()
 
-    def _look_for_lost_links(self, config: zenoh.Config) -> None:
-        try:
-            lost = LostLinks(self.zenoh.info, config, self._log)
-            on_link = direct(self._guarded("lost link", lost.on_link))
-            listener = Declaration(self.zenoh.info.declare_link_events_listener(on_link))
-        except zenoh.ZError:
-            self.zenoh.close()
-            raise
-        self._ending += [listener.close, lost.close]
+    # Publish and subscribe
 
     def publisher(self, key: str, *, urgent: bool = False) -> BytesPublisher:
-        """A publisher of messages or dynamic transforms; what is urgent goes before the rest.
+        """A publisher of messages or of dynamic transforms, which are `urgent`: they go first.
 
-        A newer message makes an old one worthless, so where a link is congested one is dropped:
-        a subscriber that has stopped must not hold up the publisher's node, and with it all
-        others. Zenoh's batching stays on: a message waits for others only while the link is busy,
-        and then they go as one.
+        A congested link drops messages. A newer one makes an old one worthless, and a subscriber
+        that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
+        batching stays on: messages wait for others only while the link is busy.
         """
         with bus_errors(f"publish {key}"):
             publisher = self.zenoh.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=priority_of(urgent),
+                priority=_priority(urgent),
             )
         return BytesPublisher(key, publisher)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
-        return PublishersWithin(self.zenoh, self.watch_heard(expression), priority_of(urgent))
+        return PublishersWithin(self.zenoh, self.watch_heard(expression), _priority(urgent))
+
+    def watch_heard(self, key: str) -> HeardWatch:
+        """A watch that knows whether a process subscribes to `key`."""
+        with bus_errors(f"watch {key}"):
+            return HeardWatch(self.zenoh.declare_publisher(key))
 
     def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
-        """Call `callback(key, payload)` for each message, on a thread of Zenoh's."""
+        """Call `callback(key, payload)` for each message."""
         with bus_errors(f"subscribe to {key}"):
-            subscriber = self.zenoh.declare_subscriber(key, self.sample_callback(key, callback))
-        return Declaration(subscriber)
+            handler = self.callbacks.of_samples(key, callback)
+            return Declaration(self.zenoh.declare_subscriber(key, handler))
+
+    # Ask and answer
 
     def queryable(
         self, key: str, callback: Callable[[Query], None], *, long: bool = False
     ) -> Declaration:
-        """Call `callback(query)` for each question on `key`, on a thread of Zenoh's.
+        """Call `callback(query)` for each query on `key`; it closes the query after its answers.
 
-        The callback closes the query when it has sent its answers. Where they may be `long` it is
-        called on another thread: were Zenoh's held up by answers that do not fit into the link,
-        and the asker's as well, by answers to us, both would wait for each other. Who asks while
-        too many others wait is refused.
+        Where answers may be `long`, more than fits into a link, the callback runs on a thread of
+        its own: if two processes sent such answers to each other on Zenoh's threads, each would
+        wait for the other. At most 4 run and 64 wait; further queries are refused.
         """
         what = f"query of {key}"
-        guarded = self._guarded(what, callback)
+        guarded = self.callbacks.guarded(what, callback)
 
         def on_query(zenoh_query: zenoh.Query) -> None:
             query = Query(zenoh_query)
@@ -184,8 +183,13 @@ class Session:
                     raise BusError("too many others ask at the same time; ask again later")
 
         with bus_errors(f"serve {key}"):
-            guarded_query = self._guarded(what, on_query)
-            return Declaration(self.zenoh.declare_queryable(key, direct(guarded_query)))
+            handler = direct(self.callbacks.guarded(what, on_query))
+            return Declaration(self.zenoh.declare_queryable(key, handler))
+
+    def watch_served(self, key: str) -> ServedWatch:
+        """A watch that knows whether a process serves `key`."""
+        with bus_errors(f"watch {key}"):
+            return ServedWatch(self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
 
     def ask(
         self,
@@ -195,10 +199,10 @@ class Session:
         timeout_s: float = 5.0,
         at_any_key: bool = False,
     ) -> Iterator[Answer]:
-        """The answers of all who serve `key`, as they come, until all have closed or
-        `timeout_s` has passed. No answer at all is an empty iteration.
+        """Query all that serve `key` and iterate over their answers as they come, until all have
+        closed the query or `timeout_s` has passed. Nothing where no process serves it.
 
-        With `at_any_key` they may answer at keys that are not within `key`.
+        With `at_any_key` the keys of answers may lie outside `key`.
         """
         # Zenoh's own channel for replies blocks when it is full, even before it can be read.
         answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
@@ -222,18 +226,16 @@ class Session:
         timeout_s: float,
         at_any_key: bool = False,
     ) -> None:
-        """Ask as `ask` does and return at once: the answers are handed to `on_answer` as they
-        come and `on_end()` is called after the last, both on threads of Zenoh's.
+        """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
+        `on_end()`.
         """
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            on_answer(answer_of(reply))
-
-        guarded_end = self._guarded(f"end of the answers of {key}", lambda _: on_end())
+        guarded = self.callbacks.guarded
+        guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
+        guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
         with bus_errors(f"ask for {key}"):
             self.zenoh.get(
                 key,
-                direct(self._guarded(f"answer of {key}", on_reply), lambda: guarded_end(None)),
+                direct(guarded_answer, lambda: guarded_end(None)),
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -243,15 +245,7 @@ class Session:
                 ),
             )
 
-    def watch_heard(self, key: str) -> HeardWatch:
-        """A watch that knows whether somebody subscribes to `key`."""
-        with bus_errors(f"watch {key}"):
-            return HeardWatch(self.zenoh.declare_publisher(key))
-
-    def watch_served(self, key: str) -> ServedWatch:
-        """A watch that knows whether somebody serves `key`."""
-        with bus_errors(f"watch {key}"):
-            return ServedWatch(self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
+    # Who is alive
 
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
@@ -261,37 +255,41 @@ class Session:
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
         keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            keys.put(answer_of(reply).key)
-
+        handler = direct(lambda reply: keys.put(answer_of(reply).key), lambda: keys.put(None))
         with bus_errors(f"list {key}"):
-            self.zenoh.liveliness().get(
-                key,
-                direct(on_reply, lambda: keys.put(None)),
-                timeout=timeout_s,
-            )
+            self.zenoh.liveliness().get(key, handler, timeout=timeout_s)
         return sorted(set(filter(None, iter(keys.get, None))))
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
-        """Call `callback(key, alive)` for each token within the key expression: first for those
-        that are alive already, then at each change.
+        """Call `callback(key, alive)` for each token within the key expression that is alive, then
+        at each change.
         """
 
         def on_sample(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         with bus_errors(f"watch {key}"):
-            guarded = self._guarded(f"token of {key}", on_sample)
-            return Declaration(
-                self.zenoh.liveliness().declare_subscriber(key, direct(guarded), history=True)
-            )
+            handler = direct(self.callbacks.guarded(f"token of {key}", on_sample))
+            liveliness = self.zenoh.liveliness()
+            return Declaration(liveliness.declare_subscriber(key, handler, history=True))
+
+    # Links
+
+    def routers(self) -> list[str]:
+        """The ids of the routers that the session is connected to."""
+        with bus_errors("list the routers"):
+            return [str(zid) for zid in self.zenoh.info.routers_zid()]
+
+    def watch_links(self, callback: Callable[[], None]) -> Declaration:
+        """Call `callback()` whenever a link to another process opens or closes."""
+        with bus_errors("watch links"):
+            handler = direct(self.callbacks.guarded("link", lambda _: callback()))
+            return Declaration(self.zenoh.info.declare_transport_events_listener(handler))
 
     def settle(self, *, quiet_s: float = 0.15, timeout_s: float = 1.0) -> None:
         """Wait until no link has opened or closed for `quiet_s` seconds, at most `timeout_s`.
 
-        A session opens with the first process that it finds; one that asks who is there, waits
-        for the others too.
+        A session opens with the first process it finds; this waits for the others.
         """
         changed = threading.Event()
         watch = self.watch_links(changed.set)
@@ -302,66 +300,14 @@ class Session:
                 break
         watch.close()
 
-    def routers(self) -> list[str]:
-        """The ids of the routers that the session is connected to."""
-        with bus_errors("list the routers"):
-            return [str(zid) for zid in self.zenoh.info.routers_zid()]
 
-    def watch_links(self, callback: Callable[[], None]) -> Declaration:
-        """Call `callback()` whenever a link to another process opens or closes."""
-        with bus_errors("watch links"):
-            guarded = self._guarded("link", lambda _: callback())
-            listener = self.zenoh.info.declare_transport_events_listener(direct(guarded))
-            return Declaration(listener)
-
-    def sample_callback(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
-        """`callback(key, payload)` as Zenoh wants it, with its exceptions caught and reported."""
-
-        report = self._reporter(f"message of {key}")
-
-        # As `direct` and `_guarded` would have it, in one call instead of three: they take their
-        # time where messages come one by one.
-        def on_sample(sample: zenoh.Sample) -> None:
-            kept.known = True
-            try:
-                callback(str(sample.key_expr), sample.payload.to_bytes())
-            except Exception:
-                report()
-
-        return zenoh.handlers.Callback(on_sample, None, indirect=False)
-
-    def _guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        report = self._reporter(what)
-
-        def guarded(event: Any) -> None:
-            try:
-                callback(event)
-            except Exception:
-                report()
-
-        return guarded
-
-    def _reporter(self, what: str) -> Callable[[], None]:
-        """What reports the first of the exceptions that it is called for."""
-        failures = 0
-
-        def report() -> None:
-            nonlocal failures
-            failures += 1
-            if failures == 1 and not self._closed:
-                self._log.exception("Could not handle the %s; this is said once", what)
-
-        return report
+def _priority(urgent: bool) -> zenoh.Priority:
+    return zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA
 
 
-def _towards(settings: NodeSettings) -> str:
+def _through(settings: NodeSettings) -> str:
     return f" through {', '.join(settings.connect)}" if settings.connect else ""
 
 
 def _at(settings: NodeSettings) -> str:
     return f" at {' or '.join(settings.connect)}" if settings.connect else " on this network"
-
-
-def within(key: str, expression: str) -> bool:
-    """Whether the key lies within the key expression."""
-    return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))

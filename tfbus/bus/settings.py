@@ -30,7 +30,8 @@ def _truth_from_environment(name: str) -> bool:
     text = _from_environment(name).lower()
     if text not in (*_TRUE, *_FALSE):
         raise SettingsError(
-            f"TFBUS_{name} is {text!r}; it is one of {', '.join(filter(None, (*_TRUE, *_FALSE)))}"
+            f"TFBUS_{name} must be one of {', '.join(filter(None, (*_TRUE, *_FALSE)))}, "
+            f"not {text!r}"
         )
     return text in _TRUE
 
@@ -41,15 +42,15 @@ def _endpoints_from_environment(name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class NodeSettings:
-    """Who a node is and how it meets the others.
+    """A node's name, and how it joins the bus.
 
-    What is not given is taken from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`,
-    `TFBUS_CONNECT`, `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`), so that
-    one setting can serve all processes of a machine. `mode` is "peer", "client", "router", or ""
-    for what the configuration file says, and "peer" without one. Endpoints are Zenoh's,
-    `tcp/host:7447`. With `sim_time` the node's time is what the topic `clock` says.
+    Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
+    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`), so one setting serves all
+    processes of a machine. `mode` is "peer", "client", "router", or "" for that of the
+    configuration file ("peer" without one). Endpoints are Zenoh's, such as `tcp/host:7447`. With
+    `sim_time` the node's time comes from the topic `clock`.
 
-    Raises InvalidNameError for a name that cannot be, SettingsError for another impossible value.
+    Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """
 
     name: str
@@ -92,7 +93,7 @@ def _check_endpoint(endpoint: str) -> None:
         )
     if protocol not in PROTOCOLS:
         raise SettingsError(
-            f"endpoint {endpoint!r} has no protocol of Zenoh's: use one of {', '.join(PROTOCOLS)}"
+            f"endpoint {endpoint!r} has an unknown protocol: use one of {', '.join(PROTOCOLS)}"
         )
     if protocol in ("tcp", "udp") and not _PORT.search(address):
         raise SettingsError(f"endpoint {endpoint!r} has no port: write {protocol}/{address}:7447")

@@ -1,4 +1,4 @@
-"""Zenoh's errors in the words of tfbus."""
+"""Zenoh's errors as errors of tfbus."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from tfbus.errors import BusError
 
 @contextmanager
 def bus_errors(doing: str) -> Iterator[None]:
-    """Zenoh's errors as BusError that says what could not be done: "publish turtle1/pose"."""
+    """Raise Zenoh's errors as BusError; `doing` is what failed: "publish turtle1/pose"."""
     try:
         yield
     except zenoh.ZError as error:
@@ -18,17 +18,17 @@ def bus_errors(doing: str) -> Iterator[None]:
 
 
 def as_bus_error(doing: str, error: zenoh.ZError) -> BusError:
-    """The error of Zenoh's as one that says what could not be done."""
+    """Zenoh's error as a BusError that says what could not be done."""
     return BusError(f"could not {doing}: {first_sentence(str(error))}")
 
 
-def is_nobody_there(error: zenoh.ZError) -> bool:
-    """Whether a client could not be opened because no router answers, at its endpoints or, where
-    it has none, to its scouting.
+def is_router_missing(error: zenoh.ZError) -> bool:
+    """Whether a client could not open because no router answers: at its endpoints or, without
+    endpoints, to its scouting.
     """
     return str(error).startswith(("Unable to connect", "timeout"))
 
 
 def first_sentence(text: str) -> str:
-    """Zenoh's reason without the places in its source."""
+    """Zenoh's reason without the position in its source."""
     return text.split(" at /", 1)[0].strip() or text

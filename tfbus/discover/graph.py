@@ -1,6 +1,6 @@
-"""The graph of nodes: which topics and services there are, and which nodes are at their ends.
+"""The graph of nodes: topics, services and actions, and which nodes are at their ends.
 
-It is put together from what nodes and streams tell about themselves; no message is read for it.
+It is made from the descriptions of nodes and streams, without reading messages.
 """
 
 from collections import defaultdict
@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from tfbus.discover.presence import relative_name
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
-# What the keys of transforms carry.
+# The type of messages on the keys of transforms.
 TRANSFORMS_TYPE = "TransformMessage"
 
 
 @dataclass(frozen=True, order=True)
 class Endpoint:
-    """One end of a topic or service: the full name of the node, and the type it tells."""
+    """One end of a topic, service or action: the full name of the node, and its type there."""
 
     node: str
     type: str
@@ -26,9 +26,9 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic by its name within the namespace of who looks, and its ends sorted by node.
+    """A topic by its name relative to the viewing namespace, and its ends sorted by node.
 
-    Who hears transforms is not told on the bus: `subscribers` is None for their topics.
+    Nodes do not list what transforms they receive: `subscribers` is None for topics of transforms.
     """
 
     name: str
@@ -37,13 +37,13 @@ class TopicInfo:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types that its ends tell, sorted: one, where they agree."""
+        """The types at its ends, sorted: one where they agree."""
         return _types(self.publishers, self.subscribers or ())
 
 
 @dataclass(frozen=True)
 class ServiceInfo:
-    """A service or goal by its name within the namespace of who looks, and its ends."""
+    """A service or action by its name relative to the viewing namespace, and its ends."""
 
     name: str
     servers: tuple[Endpoint, ...] = ()
@@ -51,7 +51,7 @@ class ServiceInfo:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """The types that its ends tell, sorted: one, where they agree."""
+        """The types at its ends, sorted: one where they agree."""
         return _types(self.servers, self.clients)
 
 
@@ -68,7 +68,7 @@ def graph_of(
     streams: Mapping[str, StreamDescription],
     namespace: str = "",
 ) -> Graph:
-    """The graph as it is seen from the namespace; `streams` is what `describe_streams` gives."""
+    """The graph as seen from the namespace; `streams` as `describe_streams` returns them."""
     ends: dict[str, dict[str, list[Endpoint]]] = defaultdict(lambda: defaultdict(list))
     for node in nodes:
         above = relative_name(node.name, namespace).rpartition("/")[0]

@@ -1,4 +1,4 @@
-"""Frames of the namespaces below ours: what to say to those who look for one here."""
+"""Frames in the namespaces below ours, and a hint where to look for one."""
 
 from collections.abc import Collection
 
@@ -7,15 +7,15 @@ from tfbus.discover.presence import describe_streams
 from tfbus.errors import DecodeError
 from tfbus.wire.keys import namespace_of
 
-# Of the namespaces that have a frame so many are named.
+# At most this many namespaces are named.
 _NAMED = 3
 
 
 def frames_elsewhere(session: Session) -> set[tuple[str, str]]:
-    """The frames that streams of the namespaces below tell of, each behind its namespace."""
+    """Namespace and name of each frame in the descriptions of streams in namespaces below."""
 
     def pass_over(error: DecodeError) -> None:
-        """Nothing is said of strangers here."""
+        """A stream of another namespace is not ours to warn of."""
 
     streams = describe_streams(session, pass_over)
     return {
@@ -28,9 +28,9 @@ def frames_elsewhere(session: Session) -> set[tuple[str, str]]:
 
 
 def where_to_look(elsewhere: Collection[tuple[str, str]], frame: str = "") -> str:
-    """Where a frame is known, or any frame at all, and how to look there; "" where it is nowhere.
+    """A hint which namespaces have this frame, or any frame, and how to look there; "" for none.
 
-    It is called by its own name, or as a fleet calls it: `robot7/base_link`.
+    The frame goes by its own name, or by that in a fleet: `robot7/base_link`.
     """
     having = {
         namespace

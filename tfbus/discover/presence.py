@@ -1,6 +1,5 @@
-"""Who is there: the nodes on the bus, and what each tells about itself."""
+"""The nodes and streams on the bus, and what each tells about itself."""
 
-import difflib
 import threading
 from collections.abc import Callable
 
@@ -11,6 +10,7 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
+from tfbus.wording import did_you_mean
 
 # The nodes of this namespace and of those below it.
 _ALL_NODES = "**/@tfbus/node/*"
@@ -23,10 +23,10 @@ def list_nodes(session: Session) -> list[str]:
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
-    """What the nodes of a full name tell about themselves: several where nodes share the name.
+    """The descriptions of the nodes of a full name: several where nodes share the name.
 
-    Raises BusError where there is none, with the nearest names; DecodeError where what one tells
-    cannot be read.
+    Raises BusError with the nearest name where there is none, DecodeError where a description is
+    unreadable.
     """
     key = _key_of(name, session.settings.namespace)
     answers = session.ask(key, timeout_s=2.0)
@@ -42,7 +42,7 @@ def describe_all(
     *,
     timeout_s: float = 1.0,
 ) -> list[NodeDescription]:
-    """What all nodes tell about themselves; `on_unreadable(error)` is called for the others."""
+    """The descriptions of all nodes; calls `on_unreadable(error)` for those it cannot read."""
     described = []
     for answer in session.ask(_ALL_NODES, timeout_s=timeout_s):
         if answer.refusal is None:
@@ -59,9 +59,8 @@ def describe_streams(
     *,
     timeout_s: float = 1.0,
 ) -> dict[str, StreamDescription]:
-    """What all streams tell about themselves, by the keys where they do.
-
-    `on_unreadable(error)` is called for those that cannot be read.
+    """The descriptions of all streams by their keys; calls `on_unreadable(error)` for those it
+    cannot read.
     """
     described = {}
     for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
@@ -69,9 +68,7 @@ def describe_streams(
             try:
                 described[answer.key] = decode_message(StreamDescription, answer.payload)
             except DecodeError as error:
-                name = stream_of(answer.key)
-                told = f"what stream {name!r} tells about itself cannot be read: {error}"
-                on_unreadable(DecodeError(told))
+                on_unreadable(_unreadable(f"stream {stream_of(answer.key)!r}", error))
     return described
 
 
@@ -80,13 +77,15 @@ def _read(session: Session, answer: Answer) -> NodeDescription:
         return decode_message(NodeDescription, answer.payload)
     except DecodeError as error:
         name = full_name(answer.key, session.settings.namespace)
-        raise DecodeError(
-            f"what node {name!r} tells about itself cannot be read: {error}"
-        ) from error
+        raise _unreadable(f"node {name!r}", error) from error
+
+
+def _unreadable(what: str, error: DecodeError) -> DecodeError:
+    return DecodeError(f"the description of {what} is unreadable: {error}")
 
 
 class NodeWatch:
-    """Knows at any time which nodes are there; closed by `close()` or the session's end."""
+    """Knows at any time which nodes are alive, until `close()` or the session's end."""
 
     def __init__(self, session: Session):
         self._namespace = session.settings.namespace
@@ -95,16 +94,16 @@ class NodeWatch:
         self._subscriber = session.watch_living(_ALL_NODES, self._on_token)
 
     def close(self) -> None:
-        """Watch no more."""
+        """End the watch."""
         self._subscriber.close()
 
     def is_present(self, name: str) -> bool:
-        """Whether the node of this full name is there."""
+        """Whether the node of this full name is alive."""
         with self._changed:
             return name in self._present
 
     def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
-        """Whether the node of this full name is there, waited for at most `timeout_s`."""
+        """Wait for the node of this full name, at most `timeout_s`; whether it is alive."""
         with self._changed:
             return self._changed.wait_for(lambda: name in self._present, timeout_s)
 
@@ -116,7 +115,7 @@ class NodeWatch:
 
 
 def relative_name(name: str, namespace: str) -> str:
-    """A node's name as it is written within the namespace: `/robot7/sim` is `sim` in robot7.
+    """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
 
     Raises BusError for a node outside the namespace: it cannot be reached from there.
     """
@@ -124,9 +123,7 @@ def relative_name(name: str, namespace: str) -> str:
     if not namespace or not name.startswith("/"):
         return path
     if not path.startswith(f"{namespace}/"):
-        raise BusError(
-            f"node {name!r} lies outside of the namespace {namespace!r}: leave --namespace away"
-        )
+        raise BusError(f"node {name!r} is outside of namespace {namespace!r}: omit --namespace")
     return path.removeprefix(f"{namespace}/")
 
 
@@ -138,6 +135,4 @@ def _key_of(name: str, namespace: str) -> str:
 def _absent(name: str, present: list[str]) -> str:
     if not present:
         return f"there is no node {name!r}, nor any other: is it running, on this network?"
-    close = difflib.get_close_matches("/" + name.strip("/"), present, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"there are: {', '.join(present)}"
-    return f"there is no node {name!r}; {hint}"
+    return f"there is no node {name!r}{did_you_mean('/' + name.strip('/'), present)}"

@@ -110,7 +110,7 @@ class TransformListener:
         # Under simulated time no stamp is made by a system's clock.
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
-        node.tell_of_buffer(self._describe_buffer)
+        node.describers.append(self._describe_buffer)
         everywhere = fleet is not None
         self._reading: Reading = (
             Interest(buffer, self._subscribe, self._forget, log=node.log)
@@ -144,16 +144,17 @@ class TransformListener:
             self._executor.close()
             self._offsets.close()
             self._node.clock.remove_jump_callback(self._on_jump_back)
-            self._node.forget_buffer(self._describe_buffer)
+            self._node.describers.remove(self._describe_buffer)
 
-    def _describe_buffer(self) -> dict[str, Any]:
+    def _describe_buffer(self) -> dict[str, list[Any]]:
         short = self.buffer.shortfall
-        return {
+        described = {
             "cache_time_s": self.buffer.cache_time_s,
             "too_old": short.count,
             "missed_by_s": short.missed_by_ns / 1e9,
             "dropped": self.dropped,
         }
+        return {"buffers": [described]}
 
     def need(self, target_frame: str, source_frame: str) -> None:
         """Read what a lookup of these frames needs, from now until the listener is closed.

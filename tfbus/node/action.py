@@ -1,9 +1,9 @@
-"""Goals: work that takes a while, with feedback on the way, a result, and a way to cancel.
+"""Actions: work that takes a while, with feedback on the way, a result, and a way to cancel.
 
-A goal type is a class that holds three dataclasses, `Goal`, `Feedback` and `Result`. On the bus
-a goal is one query: its answers are `{"accepted": id}`, any number of `{"feedback": {...}}`, and
-at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. It is cancelled
-by a query of `<name>/cancel` with `{"id": id}`, or with `{"id": ""}` for every goal under way.
+An action type is a class that holds three dataclasses, `Goal`, `Feedback` and `Result`. On the bus
+each goal is one query: its answers are `{"accepted": id}`, any number of `{"feedback": {...}}`, and
+at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. A query of
+`<name>/cancel` with `{"id": id}` cancels a goal, with `{"id": ""}` all goals of the server.
 """
 
 import logging
@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
-from tfbus.node.endpoint import Interface
+from tfbus.node.endpoint import Endpoint
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import (
@@ -34,13 +34,13 @@ GoalType = Any
 
 GoalStatus = Literal["succeeded", "canceled", "aborted"]
 
-# How long a goal may take before its sender gives up on it.
+# The client gives up on a goal after this time.
 GOAL_TIMEOUT_S = 3600.0
 
 
 @dataclass(frozen=True)
 class GoalResult:
-    """How a goal ended, and the Result that its server gave."""
+    """How a goal ended, and the Result of its server; `reason` says why where it was aborted."""
 
     status: GoalStatus
     result: Any
@@ -48,23 +48,23 @@ class GoalResult:
 
 
 class CancelGoal:
-    """Cancels one goal by its id, or all goals of a server where the id is empty."""
+    """Cancels one goal by its id, or all goals of a server by an empty id."""
 
     @dataclass(frozen=True)
     class Request:
-        """Which goal."""
+        """The goal's id; "" for all goals."""
 
         id: str = ""
 
     @dataclass(frozen=True)
     class Response:
-        """How many goals were asked to end."""
+        """How many goals it was."""
 
         canceled: int
 
 
 class GoalHandle:
-    """A goal under way, as its server sees it; exactly one of its endings is called."""
+    """The server's end of a goal: call `succeed`, `cancel` or `abort` once, from any callback."""
 
     def __init__(
         self, name: str, request: Any, query: Query, on_end: Callable[["GoalHandle"], None]
@@ -78,23 +78,23 @@ class GoalHandle:
         self._on_end = on_end
 
     def on_cancel(self, callback: Callable[[], None]) -> None:
-        """Call `callback()` when the goal is asked to end; it calls `cancel` when it has."""
+        """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`."""
         self._on_cancel = callback
 
     def feedback(self, message: Any) -> None:
-        """Tell the sender how far it is, in a Feedback."""
+        """Send the client a Feedback."""
         self._answer({"feedback": as_map(message)})
 
     def succeed(self, result: Any) -> None:
-        """End: it is done."""
+        """End it as done."""
         self._end("succeeded", result)
 
     def cancel(self, result: Any) -> None:
-        """End: it was cancelled, and this is how far it came."""
+        """End it as cancelled, with how far it came."""
         self._end("canceled", result)
 
     def abort(self, result: Any, reason: str) -> None:
-        """End: it could not be finished, and why."""
+        """End it as not finished, with how far it came and why."""
         self._end("aborted", result, reason)
 
     def _end(self, status: GoalStatus, result: Any, reason: str = "") -> None:
@@ -115,16 +115,16 @@ class GoalHandle:
         self._query.close()
 
     def _answer(self, answer: dict[str, Any]) -> None:
-        # Where the sender is gone or has given up, the goal itself goes on.
+        # Where the client is gone or has given up, the goal itself goes on.
         with suppress(BusError):
             self._query.answer(self._name, encode_map(answer))
 
 
-class GoalServer(Interface):
-    """Takes goals by calling `handler(handle)` once for each, on the node's thread.
+class GoalServer(Endpoint):
+    """Calls `handler(handle)` once for each goal, on the node's thread.
 
-    The handler raises ServiceError to refuse a goal; otherwise it returns soon, and the handle
-    is ended later, from any callback of the node.
+    The handler raises ServiceError to refuse a goal. Otherwise it returns soon, and any callback
+    of the node ends the handle later.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class GoalServer(Interface):
         ]
 
     def _on_query(self, query: Query) -> None:
-        submit_or_refuse(self._executor, f"goal {self.name}", self._accept, query)
+        submit_or_refuse(self._executor, f"action {self.name}", self._accept, query)
 
     def _accept(self, query: Query) -> None:
         try:
@@ -164,7 +164,7 @@ class GoalServer(Interface):
         except ServiceError as error:
             handle._refuse(str(error))
         except Exception as error:
-            handle._refuse(f"the goal failed ({type(error).__name__}: {error})")
+            handle._refuse(f"the action failed ({type(error).__name__}: {error})")
             raise
 
     def _forget(self, handle: GoalHandle) -> None:
@@ -178,7 +178,7 @@ class GoalServer(Interface):
 
 
 class SentGoal:
-    """A goal under way, as its sender sees it."""
+    """The client's end of a goal."""
 
     def __init__(
         self,
@@ -197,13 +197,13 @@ class SentGoal:
         self._id = ""
         self._accepted = threading.Event()
         self._ended = threading.Event()
-        self._outcome: GoalResult | ServiceError = ServiceError(f"nobody serves {name!r}")
+        self._outcome: GoalResult | ServiceError = ServiceError(f"no action {name!r}")
         session.ask_later(
             name, encode_message(goal), self._on_answer, self._on_end, timeout_s=GOAL_TIMEOUT_S
         )
 
     def cancel(self, *, timeout_s: float = 1.0) -> None:
-        """Ask the server to end this goal; its result then tells how far it came."""
+        """Ask the server to cancel this goal; its result then has how far it came."""
         if self._accepted.wait(timeout_s) and not self._ended.is_set():
             request = encode_message(CancelGoal.Request(self._id))
             for _ in self._session.ask(f"{self._name}/cancel", request, timeout_s=timeout_s):
@@ -211,17 +211,18 @@ class SentGoal:
 
     @property
     def ended(self) -> bool:
-        """Whether the goal has ended, in whatever way."""
+        """Whether the goal has ended, or was refused."""
         return self._ended.is_set()
 
     def result(self, *, timeout_s: float | None = None) -> GoalResult:
-        """How the goal ended, waited for at most `timeout_s` (None: for ever).
+        """Wait for the end of the goal, at most `timeout_s` (None: for ever); how it ended.
 
-        Raises ServiceError where it was refused, nobody serves it, its server has gone, or it
-        has not ended in time.
+        Raises ServiceError where it was refused, its server is gone, or it does not end in time.
         """
         if not self._ended.wait(timeout_s):
-            raise ServiceError(f"the goal {self._name!r} has not ended within {timeout_s:g} s")
+            raise ServiceError(
+                f"timed out after {timeout_s:g} s: action {self._name!r} has not ended"
+            )
         if isinstance(self._outcome, ServiceError):
             raise self._outcome
         return self._outcome
@@ -233,7 +234,7 @@ class SentGoal:
         values = decode_map(answer.payload)
         if "accepted" in values:
             self._id = values["accepted"]
-            self._outcome = ServiceError(f"the server of {self._name!r} has gone")
+            self._outcome = ServiceError(f"the server of action {self._name!r} is gone")
             self._accepted.set()
         elif "feedback" in values:
             self._on_feedback(from_map(self._goal_type.Feedback, values["feedback"]))
@@ -243,11 +244,11 @@ class SentGoal:
     def _read_result(self, values: dict[str, Any]) -> GoalResult | ServiceError:
         status: Any = values.get("status")
         if status not in get_args(GoalStatus):
-            return ServiceError(f"{self._name!r} ended with an unknown status {status!r}")
+            return ServiceError(f"action {self._name!r} ended with an unknown status {status!r}")
         try:
             result = from_map(self._goal_type.Result, values.get("result", {}))
         except DecodeError as error:
-            return ServiceError(f"{self._name!r} ended with a result that cannot be read: {error}")
+            return ServiceError(f"action {self._name!r} ended with an unreadable result: {error}")
         return GoalResult(status, result, str(values.get("reason", "")))
 
     def _on_end(self) -> None:
@@ -258,14 +259,16 @@ class SentGoal:
 
 
 class GoalClient(Caller):
-    """Sends goals of one type to their server."""
+    """Sends goals of one type to their action server."""
+
+    kind = "action"
 
     def __init__(self, session: Session, goal_type: type[GoalType], name: str):
         super().__init__(session, goal_type, name)
         self.goal_type = goal_type
 
     def wait_for_server(self, timeout_s: float | None = None) -> bool:
-        """Whether a server is there, waited for at most `timeout_s` (None: for ever)."""
+        """Wait for a server, at most `timeout_s` (None: for ever); whether there is one."""
         return self._wait(timeout_s)
 
     def send(
@@ -276,10 +279,10 @@ class GoalClient(Caller):
         on_result: Callable[[GoalResult], None] = lambda result: None,
         timeout_s: float = 5.0,
     ) -> SentGoal:
-        """Send a Goal; the callbacks come on a thread of the bus.
+        """Send a Goal; the callbacks run on threads of Zenoh's.
 
-        Waits for a server to be there, but not for what it does. Raises ServiceError where
-        there is none within `timeout_s`.
+        Waits for a server, at most `timeout_s`, but not for the goal. Raises ServiceError where
+        there is no server in that time.
         """
         self._require_server(timeout_s)
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

@@ -1,35 +1,35 @@
-"""The topic `clock`: who tells the simulated time, and who follows it."""
+"""The topic `clock`: nodes that publish the simulated time, and nodes that follow it."""
 
 import logging
 
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
-from tfbus.node.endpoint import Interface
+from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 
-TOPIC = "clock"
-
-# A message that was told already is told again so often: to who came late, or lost it.
+# The last message is repeated after this time, for nodes that came late or lost it.
 _REPEAT_S = 0.2
 
-# Namespaces come from the bus: no more than so many are told the time.
+# Namespaces come from the bus: at most this many get the time.
 _MOST_NAMESPACES = 1000
 
-# So many jumps back are more than somebody sets a clock by hand.
+# A clock that is set by hand jumps back less often.
 _MANY_JUMPS = 10
 
+_REJECTED = "rejected"
 
-class ClockPublisher(Interface):
-    """Tells the simulated time to all nodes of its namespace, and of each within it where it sees
-    a node.
 
-    What was told last is told again five times a second of real time, so that nodes that start
-    late know the time, too, while it stands still. So nothing has to be retained, and no
-    node that has stopped holds up the clock.
+class ClockPublisher(Endpoint):
+    """Publishes the simulated time in its namespace, and in each namespace below with a node.
+
+    The last message is repeated five times a second of real time: nodes that start while the time
+    stands still know it too. So nothing is retained, and a node that has stopped does not hold up
+    the clock.
     """
 
     def __init__(self, session: Session, executor: Executor, topic: str):
@@ -38,7 +38,7 @@ class ClockPublisher(Interface):
         self._executor = executor
         self._publishers = {"": session.publisher(topic)}
         self._last: bytes | None = None
-        self._told = False
+        self._is_fresh = False
         self._timer = executor.every(_REPEAT_S, self._repeat)
         self._parts = [
             self._publishers[""],
@@ -46,27 +46,27 @@ class ClockPublisher(Interface):
         ]
 
     def publish(self, message: Clock) -> None:
-        """Tell the time."""
+        """Publish the time."""
         self._last = encode_message(message)
-        self._told = True
+        self._is_fresh = True
         self._put(self._last)
 
     def close(self) -> None:
-        """Tell it no more. Twice is fine."""
+        """End it, also the repetitions. Twice is fine."""
         self._timer.cancel()
         super().close()
 
     def _repeat(self) -> None:
-        if self._last is not None and not self._told:
+        if self._last is not None and not self._is_fresh:
             self._put(self._last)
-        self._told = False
+        self._is_fresh = False
 
     def _put(self, payload: bytes) -> None:
         for publisher in [*self._publishers.values()]:
             publisher.put(payload)
 
     def _on_node(self, key: str, alive: bool) -> None:
-        # One publication for all namespaces, on `**/clock`, would also be one on `tf/**`.
+        # A publisher of `**/clock`, for all namespaces, would publish on `tf/**` too.
         namespace = key.partition("@tfbus/")[0]
         if alive and namespace not in self._publishers:
             self._executor.submit("the clock's namespaces", lambda: self._add(namespace))
@@ -78,49 +78,50 @@ class ClockPublisher(Interface):
             self._parts.append(publisher)
 
 
-class ClockSubscription(Interface):
-    """Sets a simulated clock by the messages of the topic, on the threads that bring them.
+class ClockSubscription(Endpoint):
+    """Sets a simulated clock by the messages of the topic, on Zenoh's threads.
 
-    A message of the wrong shape is counted in `rejected`, reported once, and dropped.
+    A message of the wrong shape is dropped and counted in `rejected`; the first is logged.
     """
 
     def __init__(
         self, session: Session, log: logging.Logger, topic: str, clock: SimulatedClock
     ) -> None:
         super().__init__(topic, Clock)
-        self.rejected = 0
         self._log = log
+        self._log_once = LogOnce(log)
         self._clock = clock
         self._jumps = 0
         self._parts = [session.subscriber(topic, self._on_message)]
+
+    @property
+    def rejected(self) -> int:
+        """How many messages were of the wrong shape."""
+        return self._log_once.counts[_REJECTED]
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
             message = decode_message(Clock, payload)
         except DecodeError as error:
-            self._reject(error)
+            self._log_once.warning(
+                _REJECTED,
+                "Dropped a message on topic %r that is not %s: %s",
+                self.name,
+                self.type_name,
+                error,
+            )
             return
         back_ns = self._clock.set(message.stamp_ns)
         if back_ns:
-            self._tell_jump(back_ns, message.stamp_ns)
+            self._log_jump(back_ns, message.stamp_ns)
 
-    def _tell_jump(self, back_ns: int, now_ns: int) -> None:
+    def _log_jump(self, back_ns: int, now_ns: int) -> None:
         self._jumps += 1
         if str(self._jumps).strip("0") == "1":  # a power of ten
-            many = f", {self._jumps} times so far; do two tell the time?"
+            many = f", {self._jumps} times so far; are there two clocks?"
             self._log.warning(
                 "The clock jumped back by %.3f s to %d.%09d s%s",
                 back_ns / 1e9,
                 *divmod(now_ns, 1_000_000_000),
                 many if self._jumps >= _MANY_JUMPS else "",
-            )
-
-    def _reject(self, error: DecodeError) -> None:
-        self.rejected += 1
-        if self.rejected == 1:
-            self._log.warning(
-                "Dropped a message on topic %r that tells no time: %s. More of them are only "
-                "counted",
-                self.name,
-                error,
             )

@@ -1,4 +1,4 @@
-"""Two nodes of one name: the one that came second says so."""
+"""Two nodes of one name: the second one warns."""
 
 import logging
 
@@ -13,12 +13,11 @@ from tfbus.wire.keys import node_key
 _CHECK_AFTER_S = 0.3
 
 
-class NamesakeWatch:
-    """Warns once of each other node that has this node's name: their parameters and services
-    are mixed up.
+class DuplicateNameWatch:
+    """Warns once of each other node of this node's name: requests may reach either of them.
 
-    Whoever is there when a node starts was there first, whatever the clocks say. One that is met
-    later, when two networks join, warns where it was started later.
+    A node that is there when this one starts was first, whatever the clocks say. Of two nodes that
+    meet later, when two networks join, the one that started later warns.
     """
 
     def __init__(
@@ -39,22 +38,25 @@ class NamesakeWatch:
         self._known = {session.id}
         self._check: Timer = executor.after(_CHECK_AFTER_S, self._ask)
         session.watch_links(self._ask_soon)
-        self._ask(first=True)
+        self._ask(at_start=True)
 
     def _ask_soon(self) -> None:
         if self._check.cancelled:
             self._check = self._executor.after(_CHECK_AFTER_S, self._ask)
 
-    def _ask(self, *, first: bool = False) -> None:
+    def _ask(self, *, at_start: bool = False) -> None:
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
-                self._judge(decode_message(NodeDescription, answer.payload), first)
+                self._compare(decode_message(NodeDescription, answer.payload), at_start)
 
         self._session.ask_later(node_key(self._name), None, on_answer, lambda: None, timeout_s=1.0)
 
-    def _judge(self, other: NodeDescription, first: bool) -> None:
-        newer = (self._started_ns, self._session.id) > (other.started_ns, other.session)
-        if other.session not in self._known and (first or newer):
+    def _compare(self, other: NodeDescription, at_start: bool) -> None:
+        is_second = at_start or (self._started_ns, self._session.id) > (
+            other.started_ns,
+            other.session,
+        )
+        if other.session not in self._known and is_second:
             self._known.add(other.session)
             self._log.warning(
                 "There is another node %s, on %s with pid %s: give this one a name of its own "

@@ -1,8 +1,8 @@
 """Parameters of a node: values with a type and bounds, changed while the node runs.
 
-A parameter is given when its node starts (`--param name=value`, or a launch file) and read and
-set on the bus at `@tfbus/param/<node>/<name>`: a query without payload reads it, one with
-`{"value": ...}` sets it, and the answer is its description after that.
+A node takes values at its start (`--param name=value`, or a launch file), and on the bus at
+`@tfbus/param/<node>/<name>`: a query without payload reads the parameter, one with
+`{"value": ...}` sets it; the answer is its description after that.
 """
 
 import logging
@@ -11,13 +11,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tfbus.bus.query import Query
-from tfbus.bus.session import Session, within
+from tfbus.bus.query import Query, within
+from tfbus.bus.session import Session
 from tfbus.errors import ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.keys import check_topic, last_name, node_parameters_key, parameter_key
+from tfbus.wording import did_you_mean
 
 Value = bool | int | float | str | list[Any]
 
@@ -32,23 +33,23 @@ _TYPE_NAMES: dict[type, str] = {
 
 @dataclass(frozen=True)
 class Bounds:
-    """The least and the greatest value that a number may have; None where there is none."""
+    """The least and the greatest value of a number, both allowed; None for no bound."""
 
     minimum: float | None = None
     maximum: float | None = None
 
     def check(self, name: str, value: object) -> None:
-        """Raise ParameterError where the value lies outside."""
+        """Raise ParameterError where the value is outside."""
         if not isinstance(value, int | float):
             return
         if self.minimum is not None and not value >= self.minimum:  # as NaN is not
-            raise ParameterError(f"{name!r} is at least {self.minimum:g}, not {value:g}")
+            raise ParameterError(f"{name!r} must be at least {self.minimum:g}, not {value:g}")
         if self.maximum is not None and not value <= self.maximum:
-            raise ParameterError(f"{name!r} is at most {self.maximum:g}, not {value:g}")
+            raise ParameterError(f"{name!r} must be at most {self.maximum:g}, not {value:g}")
 
 
 class Parameter:
-    """One parameter of a node; `value` is what it is now."""
+    """One parameter of a node; `value` is its value now."""
 
     def __init__(
         self,
@@ -68,30 +69,35 @@ class Parameter:
         self._on_change = on_change
 
     def set(self, value: object) -> None:
-        """Change the value. Raises ParameterError where its type or size is wrong, or the node
-        refuses it; then nothing has changed.
+        """Change the value.
+
+        Raises ParameterError, and changes nothing, where the type is wrong, the value out of
+        bounds, or refused by the node.
         """
         checked = self.checked(value)
         self._on_change(checked)
         self.value = checked
 
     def checked(self, value: Any) -> Any:
-        """The value as this parameter's type; a text is read as such. Raises ParameterError."""
+        """The value in this parameter's type, read as YAML where it is a text.
+
+        Raises ParameterError where the type is wrong or the value out of bounds.
+        """
         if isinstance(value, str) and self._type is not str:
             value = _read_text(value)
         if isinstance(value, int) and not isinstance(value, bool) and self._type is float:
             value = float(value)
         if type(value) is not self._type or not _fits_the_wire(value):
             raise ParameterError(
-                f"{self.name!r} is {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
+                f"{self.name!r} must be {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
             )
         if isinstance(value, float) and not math.isfinite(value):
-            raise ParameterError(f"{self.name!r} is a finite number, not {value}")
+            raise ParameterError(f"{self.name!r} must be finite, not {value}")
         self._bounds.check(self.name, value)
         return value
 
     def describe(self) -> dict[str, Any]:
-        """What is told about it on the bus."""
+        """Its description on the bus, the fields of a ParameterDescription."""
         return {
             "name": self.name,
             "value": self.value,
@@ -124,20 +130,22 @@ class Parameters:
         return iter(sorted(self._parameters.values(), key=lambda parameter: parameter.name))
 
     def declare(self, parameter: Parameter) -> Parameter:
-        """Add a parameter, with the value given at the start if there is one.
+        """Add a parameter, with the value given at the node's start if there is one.
 
-        Raises ParameterError where there is one of that name, or the given value is impossible.
+        Raises ParameterError where the name is declared already, or the given value is invalid.
         """
         if parameter.name in self._parameters:
-            raise ParameterError(f"parameter {parameter.name!r} is declared already")
+            raise ParameterError(f"parameter {parameter.name!r} is already declared")
         if parameter.name in self._given:
             parameter.value = parameter.checked(self._given[parameter.name])
         self._parameters[parameter.name] = parameter
         return parameter
 
-    def unknown(self) -> list[str]:
-        """The names that were given at the start and that the node has not declared."""
-        return sorted(set(self._given) - set(self._parameters))
+    def warn_of_undeclared(self) -> None:
+        """Warn of each value given at the node's start whose parameter is not declared."""
+        for name in sorted(set(self._given) - set(self._parameters)):
+            hint = did_you_mean(name, self._parameters, none="; there are none")
+            self._log.warning("Parameter %r was given, but not declared by this node%s", name, hint)
 
     def _on_query(self, query: Query) -> None:
         submit_or_refuse(self._executor, "parameters", self._serve, query)
@@ -155,15 +163,14 @@ class Parameters:
     def _asked_for(self, key: str) -> list[Parameter]:
         asked = [p for p in self if within(parameter_key(self._node, p.name), key)]
         if not asked and "*" not in key:
-            known = ", ".join(sorted(self._parameters)) or "none"
-            raise ParameterError(
-                f"{self._node} has no parameter {last_name(key)!r}; it has: {known}"
-            )
+            name = last_name(key)
+            hint = did_you_mean(name, self._parameters, none="; there are none")
+            raise ParameterError(f"{self._node} has no parameter {name!r}{hint}")
         return asked
 
     def _set(self, parameter: Parameter, values: dict[str, Any]) -> None:
         if "value" not in values:
-            raise ParameterError("a parameter is set by a map with 'value'")
+            raise ParameterError("set a parameter by a map with 'value'")
         parameter.set(values["value"])
         self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
 
@@ -175,7 +182,7 @@ def _read_text(text: str) -> object:
 
 
 def _fits_the_wire(value: Any) -> bool:
-    """Whether msgpack has the value: no integer of more than 64 bits, no date of YAML's."""
+    """Whether msgpack can hold the value: no integer of more than 64 bits, no date of YAML's."""
     try:
         encode_map({"value": value})
     except (OverflowError, TypeError, ValueError):

@@ -11,31 +11,30 @@ from typing import Any
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
-from tfbus.node.endpoint import Interface
+from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
 ServiceType = Any
 
-# A node that is busy lets this many requests of a kind wait, and refuses more.
+# A busy node lets at most this many requests of a kind wait, and refuses further ones.
 PENDING_REQUESTS = 100
 
 
 def submit_or_refuse(
     executor: Executor, what: str, serve: Callable[[Query], None], query: Query
 ) -> None:
-    """Have the node's thread serve the query, or refuse it where too many wait already."""
+    """Serve the query on the node's thread, or refuse it where 100 of its kind wait already."""
     if not executor.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
         query.refuse(f"busy: {PENDING_REQUESTS} requests wait already")
         query.close()
 
 
-class Service(Interface):
+class Service(Endpoint):
     """Answers requests by calling `handler(request)` on the node's thread.
 
-    The handler returns a Response, or raises ServiceError to refuse, with the reason that the
-    caller is told.
+    The handler returns a Response, or raises ServiceError to refuse: the caller gets its text.
     """
 
     def __init__(
@@ -63,8 +62,10 @@ class Service(Interface):
             query.answer(self.name, encode_message(self._handler(request)))
 
 
-class Caller(Interface):
-    """One who asks: knows at any time whether somebody serves what is asked for."""
+class Caller(Endpoint):
+    """The client's end of a service or action; knows at any time whether it has a server."""
+
+    kind = "service"
 
     def __init__(self, session: Session, type_: type, name: str):
         super().__init__(name, type_)
@@ -74,7 +75,7 @@ class Caller(Interface):
 
     @property
     def served(self) -> bool:
-        """Whether somebody serves it now."""
+        """Whether it has a server now."""
         return self._watch.served
 
     def _wait(self, timeout_s: float | None) -> bool:
@@ -82,13 +83,13 @@ class Caller(Interface):
 
     def _require_server(self, timeout_s: float) -> None:
         if not self._wait(timeout_s):
-            raise ServiceError(f"nobody serves {self.name!r} (waited {timeout_s:g} s)")
+            raise ServiceError(f"no {self.kind} {self.name!r} after {timeout_s:g} s")
 
 
 class Client(Caller):
     """Calls a service of another node.
 
-    A callback that calls a service of its own node waits in vain: one runs at a time.
+    A callback cannot call a service of its own node: the node runs one callback at a time.
     """
 
     def __init__(self, session: Session, service_type: type[ServiceType], name: str):
@@ -96,14 +97,15 @@ class Client(Caller):
         self.service_type = service_type
 
     def wait_for_service(self, timeout_s: float | None = None) -> bool:
-        """Whether somebody serves it, waited for at most `timeout_s` (None: for ever)."""
+        """Wait for a server, at most `timeout_s` (None: for ever); whether there is one."""
         return self._wait(timeout_s)
 
     def call(self, request: Any, *, timeout_s: float = 5.0) -> Any:
-        """The Response to this Request.
+        """Send a Request and return the Response.
 
-        Waits for the service to be there and to answer. Raises ServiceError with the reason where
-        it refuses, where nobody serves it, or where no answer comes within `timeout_s`.
+        Waits for the service and for its answer, together at most `timeout_s`. Raises ServiceError
+        where the service is not there or does not answer in that time, or refuses, with its
+        reason.
         """
         deadline = time.monotonic() + timeout_s
         self._require_server(timeout_s)

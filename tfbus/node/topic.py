@@ -8,18 +8,21 @@ from typing import Any, Generic, TypeVar
 
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
-from tfbus.node.endpoint import Interface
+from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message, type_name
 
 M = TypeVar("M")
 
-# A subscription whose node is busy keeps this many messages, and loses the oldest of more.
+# A subscription whose node is busy keeps at most this many messages, the newest.
 PENDING_MESSAGES = 10
 
+_REJECTED = "rejected"
 
-class Publisher(Interface, Generic[M]):
-    """Sends messages of one type to all who subscribe to the topic."""
+
+class Publisher(Endpoint, Generic[M]):
+    """Sends messages of one type to all subscribers of the topic."""
 
     def __init__(self, session: Session, message_type: type[M], topic: str):
         super().__init__(topic, message_type)
@@ -31,13 +34,13 @@ class Publisher(Interface, Generic[M]):
         """Send a message. Raises TypeError where it is not of the publisher's type."""
         if not isinstance(message, self.message_type):
             raise TypeError(
-                f"topic {self.name!r} carries {self.type_name}, this is {type_name(type(message))}"
+                f"topic {self.name!r} carries {self.type_name}, not {type_name(type(message))}"
             )
         self._publisher.put(encode_message(message))
 
 
-class RawPublisher(Interface):
-    """Sends messages that are bytes already; `type_name` is what others are told of them."""
+class RawPublisher(Endpoint):
+    """Sends messages that are bytes already; others see `type_name` as their type."""
 
     def __init__(self, session: Session, topic: str, type_name: str):
         super().__init__(topic, type_name)
@@ -49,10 +52,10 @@ class RawPublisher(Interface):
         self._publisher.put(payload)
 
 
-class RawSubscription(Interface):
-    """Calls back with the bytes of each message, on a thread of Zenoh's: be quick there.
+class RawSubscription(Endpoint):
+    """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For what measures, records or hands on messages of any type.
+    For tools that measure, record or forward messages of any type.
     """
 
     def __init__(
@@ -62,12 +65,12 @@ class RawSubscription(Interface):
         self._parts = [session.subscriber(topic, lambda key, payload: callback(payload))]
 
 
-class Subscription(Interface, Generic[M]):
-    """Calls back with each message of a topic, on the node's thread.
+class Subscription(Endpoint, Generic[M]):
+    """Calls `callback(message)` for each message of a topic, on the node's thread.
 
-    A message of the wrong shape is counted in `rejected`, reported once, and dropped; where
-    messages come faster than the callback returns, the oldest are dropped and counted in
-    `dropped`.
+    A message of the wrong shape is dropped and counted in `rejected`; the first is logged. Where
+    messages come faster than the callback returns, at most 10 wait; the oldest are dropped and
+    counted in `dropped`.
     """
 
     def __init__(
@@ -82,18 +85,22 @@ class Subscription(Interface, Generic[M]):
         super().__init__(topic, message_type)
         self.message_type = message_type
         self.received = 0
-        self.rejected = 0
         self.dropped = 0
         self._executor = executor
-        self._log = log
+        self._log_once = LogOnce(log)
         self._callback = callback
-        # Holds together the counts, what is pending, and one delivery for each that is.
+        # Guards the counts, the pending messages, and that each of them has one delivery.
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
         self._parts = [session.subscriber(topic, self._on_message)]
 
+    @property
+    def rejected(self) -> int:
+        """How many messages were of the wrong shape."""
+        return self._log_once.counts[_REJECTED]
+
     def close(self) -> None:
-        """Call back no more. Twice is fine."""
+        """End it, also for messages that wait. Twice is fine."""
         super().close()
         with self._lock:
             self._pending.clear()
@@ -102,7 +109,13 @@ class Subscription(Interface, Generic[M]):
         try:
             message = decode_message(self.message_type, payload)
         except DecodeError as error:
-            self._reject(error)
+            self._log_once.warning(
+                _REJECTED,
+                "Dropped a message on topic %r that is not %s: %s",
+                self.name,
+                self.type_name,
+                error,
+            )
             return
         with self._lock:
             self.received += 1
@@ -117,15 +130,3 @@ class Subscription(Interface, Generic[M]):
             message = self._pending.popleft() if self._pending else None
         if message is not None:
             self._callback(message)
-
-    def _reject(self, error: DecodeError) -> None:
-        with self._lock:
-            self.rejected += 1
-            first = self.rejected == 1
-        if first:
-            self._log.warning(
-                "Dropped a message on topic %r that is not %s: %s. More of them are only counted",
-                self.name,
-                self.type_name,
-                error,
-            )

@@ -1,8 +1,8 @@
-"""Clocks: the system's, and a simulated one that stands still between the ticks it is told.
+"""Clocks: the system's, and a simulated one that stands still between calls of `set`.
 
-A clock has two readings. `now_ns` is the time that stamps are made of; it may jump. `elapsed_ns`
-is how long the clock has run, and never goes back: timers and timeouts count by it, so that they
-have as much left after a jump back as before it.
+A clock has two readings. `now_ns` is the time of stamps; it may jump. `elapsed_ns` is how long the
+clock has run, and never goes back: timers and timeouts count by it, and have as much left after a
+jump back as before it.
 """
 
 import threading
@@ -12,15 +12,15 @@ from collections.abc import Callable
 Wake = Callable[[], object]
 Jumped = Callable[[int], None]
 
-# Later than stamps can tell.
+# Later than any stamp.
 _NEVER_NS = 2**63
 
 
 class Limit:
-    """How long somebody waits, by one clock; it ends with its `with`.
+    """The end of a wait by one clock; it is in force until the end of its `with`.
 
-    `left_s` is how many real seconds to sleep before looking at `passed` again, None where
-    nothing but the `wake` of the limit tells; None for ever where there is no limit at all.
+    `left_s` is how many real seconds to sleep before looking at `passed` again; None where only
+    the `wake` of the limit ends the sleep, or nothing does.
     """
 
     @property
@@ -30,18 +30,18 @@ class Limit:
 
     @property
     def left_s(self) -> float | None:
-        """Real seconds to sleep at most, or None: until woken."""
+        """Real seconds to sleep at most; None: until woken."""
         raise NotImplementedError
 
     def __enter__(self) -> "Limit":
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wake nobody any more."""
+        """Take back the `wake`."""
 
 
 class Clock:
-    """What time it is; called, it answers `now_ns()`."""
+    """A clock; a call of it returns `now_ns()`."""
 
     is_simulated = False
 
@@ -53,34 +53,36 @@ class Clock:
         raise NotImplementedError
 
     def elapsed_ns(self) -> int:
-        """How long the clock has run, in nanoseconds from a start of its own; never goes back."""
+        """How long the clock has run, in nanoseconds from an arbitrary start; never goes back."""
         raise NotImplementedError
 
     @property
     def is_running(self) -> bool:
-        """Whether it is known what time it is."""
+        """Whether its time is known: False for a simulated clock that was never set."""
         return True
 
     def close(self) -> None:
-        """End all waiting by a simulated clock: every limit has passed. Twice is fine."""
+        """End all waits by a simulated clock: every limit has passed. Twice is fine."""
 
     def call_when_running(self, wake: Wake) -> None:
-        """Call `wake()` once, as soon as it is known what time it is."""
+        """Call `wake()` once, as soon as the clock runs."""
         wake()
 
     def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
         """A limit `timeout_s` of this clock's seconds from now, None for no limit.
 
-        Where the clock is simulated, `wake()` is called from the thread that ticks when it has
-        passed; it returns at once. With the system's clock, sleep for `left_s`.
+        A simulated clock calls `wake()` when it has passed, on the thread that sets the clock;
+        `wake` returns at once. With the system's clock, sleep for `left_s`.
         """
         raise NotImplementedError
 
     def add_jump_callback(self, callback: Jumped) -> None:
-        """Call `callback(now_ns)` after each jump back of a simulated clock, where it ticks."""
+        """Call `callback(now_ns)` after each jump back of a simulated clock, on the thread that
+        sets it.
+        """
 
     def remove_jump_callback(self, callback: Jumped) -> None:
-        """Call it no more; twice is fine."""
+        """Take the callback back; twice is fine."""
 
 
 class SystemClock(Clock):
@@ -115,7 +117,7 @@ SYSTEM_CLOCK = SystemClock()
 
 
 class Alarm:
-    """Somebody to be woken when a simulated clock has run so long."""
+    """Calls `wake` when a simulated clock has run for `due_ns`."""
 
     __slots__ = ("due_ns", "wake")
 
@@ -125,11 +127,11 @@ class Alarm:
 
 
 class SimulatedClock(Clock):
-    """A clock that is told the time by `set`, and stands still until it is told again.
+    """A clock whose time is that of the last `set`.
 
-    Before the first time `now_ns()` is 0 and nothing that waits by this clock goes on. A jump
-    forward is time that has passed. A jump back takes no time: who waits has as much left to
-    wait as before. Safe from any thread.
+    Before the first `set`, `now_ns()` is 0 and waits by this clock do not end. A jump forward is
+    time that has passed. A jump back takes no time: waits have as much left as before. Safe from
+    any thread.
     """
 
     is_simulated = True
@@ -137,7 +139,7 @@ class SimulatedClock(Clock):
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._now_ns = 0
-        # One less than nothing before the first time, so that an alarm at 0 waits for that.
+        # -1 before the first `set`, so that an alarm at 0 waits for that.
         self._elapsed_ns = -1
         self._alarms: set[Alarm] = set()
         self._next_due_ns: int | None = None
@@ -155,14 +157,14 @@ class SimulatedClock(Clock):
         return self._elapsed_ns >= 0
 
     def set(self, now_ns: int) -> int:
-        """It is `now_ns` now; by how many nanoseconds the clock jumped back, usually 0."""
+        """Set the time, in ns since the Unix epoch; by how much it jumped back in ns, usually 0."""
         with self._lock:
             step_ns = now_ns - self._now_ns if self.is_running else 0
             self._elapsed_ns = max(0, self._elapsed_ns) + max(0, step_ns)
             self._now_ns = now_ns
             due = self._take_due()
             callbacks = self._jump_callbacks if step_ns < 0 else []
-        # What lies in the future is forgotten before anybody looks for it.
+        # Callbacks forget what is in the future now, before waits can look it up.
         for callback in callbacks:
             callback(now_ns)
         for alarm in due:
@@ -183,7 +185,7 @@ class SimulatedClock(Clock):
         self.call_at(0, wake)
 
     def call_at(self, elapsed_ns: int, wake: Wake) -> Alarm:
-        """Call `wake()` once, as soon as the clock has run so long; 0 is its first time."""
+        """Call `wake()` once the clock has run for `elapsed_ns`; 0 is the first `set`."""
         alarm = Alarm(elapsed_ns, wake)
         with self._lock:
             is_due = self._has_come(elapsed_ns)
@@ -196,7 +198,7 @@ class SimulatedClock(Clock):
         return alarm
 
     def cancel(self, alarm: Alarm) -> None:
-        """Do not wake it; one that is being woken at this moment still is."""
+        """Take the alarm back; one that is being woken at this moment still wakes."""
         with self._lock:
             self._alarms.discard(alarm)
 
@@ -212,7 +214,7 @@ class SimulatedClock(Clock):
         return self._closed or self._elapsed_ns >= elapsed_ns
 
     def _take_due(self) -> list[Alarm]:
-        """The alarms to wake, in the order of their time; held with the lock."""
+        """The alarms to wake, in the order of their time; hold the lock."""
         if self._next_due_ns is None or not self._has_come(self._next_due_ns):
             return []
         due = [alarm for alarm in self._alarms if self._has_come(alarm.due_ns)]
@@ -245,5 +247,5 @@ def _due_ns(elapsed_ns: int, timeout_s: float | None) -> int:
 
 
 def limit_by(clock: Callable[[], int], timeout_s: float | None, wake: Wake) -> Limit:
-    """A limit by the clock, or in real seconds where it is any other function of the time."""
+    """A limit by the clock; in real seconds where it is another function of the time."""
     return (clock if isinstance(clock, Clock) else SYSTEM_CLOCK).limit(timeout_s, wake)

@@ -1,4 +1,4 @@
-"""One thread that runs a node's callbacks one at a time, so that they need no locks."""
+"""One thread that runs callbacks one at a time, so that they need no locks."""
 
 import heapq
 import itertools
@@ -10,25 +10,26 @@ from collections.abc import Callable
 from functools import partial
 
 from tfbus.runtime.clock import SimulatedClock
+from tfbus.wording import counted
 
 Callback = Callable[[], None]
 
-# How long the end of a node waits for a callback; one that waits for a lookup may take longer.
+# The end of a node waits at most this long for a callback; one in a lookup may take longer.
 _LAST_CALLBACK_S = 2.0
 
 
 class Timer:
     """A callback that runs every `period_s` seconds until it is cancelled.
 
-    A tick that comes late because another callback took long is not made up for: the next one
-    is a whole number of periods after the first. With `once` there is only the first.
+    Ticks that another callback held up are not made up for: the next one comes a whole number of
+    periods after the first. With `once` there is only the first.
     """
 
     def __init__(self, period_s: float, callback: Callback, *, once: bool = False):
         if not 0 < period_s < threading.TIMEOUT_MAX:
             raise ValueError(
-                f"a timer's period is more than 0 s and less than {threading.TIMEOUT_MAX:.0f} s, "
-                f"not {period_s}"
+                "a timer's period must be more than 0 s and less than "
+                f"{threading.TIMEOUT_MAX:.0f} s, not {period_s}"
             )
         self.period_s = period_s
         self.period_ns = max(1, round(period_s * 1e9))
@@ -37,15 +38,15 @@ class Timer:
         self.cancelled = False
 
     def cancel(self) -> None:
-        """Run no more; twice is fine."""
+        """End the timer; twice is fine."""
         self.cancelled = True
 
 
 class Executor:
-    """Runs callbacks in the order in which they came; a timer comes when it is due.
+    """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
-    The thread starts with the first callback. An exception in a callback is counted, and logged
-    with its traceback the first, tenth, hundredth ... time; the thread goes on.
+    The thread starts with the first callback. Exceptions of a callback are counted; the first,
+    tenth, hundredth ... is logged with its traceback, and the thread goes on.
     """
 
     def __init__(self, name: str, log: logging.Logger):
@@ -61,9 +62,9 @@ class Executor:
         self._failures: Counter[str] = Counter()
 
     def submit(self, what: str, callback: Callback, *, limit: int | None = None) -> bool:
-        """Run `callback` after those that came before; `what` names it in the log.
+        """Run `callback` after those submitted before; `what` names it in the log.
 
-        False where `limit` callbacks of this name wait already: then it will not run.
+        False where `limit` callbacks of this name wait already: then it does not run.
         """
         with self._changed:
             if limit is not None and self._count_waiting(what) >= limit:
@@ -88,7 +89,7 @@ class Executor:
         return self._start(Timer(delay_s, callback, once=True))
 
     def close(self) -> None:
-        """Run no more; the callback that runs now is given a moment to finish."""
+        """Run no further callbacks; the current one has 2 s to finish."""
         with self._changed:
             self._closed = True
             self._waiting.clear()
@@ -97,7 +98,7 @@ class Executor:
         if thread is not None and thread is not threading.current_thread():
             thread.join(_LAST_CALLBACK_S)
             if thread.is_alive():
-                self._log.warning("Did not wait for a callback that goes on: %s", self._running)
+                self._log.warning("Closed while a callback still runs: %s", self._running)
 
     def _count_waiting(self, what: str) -> int:
         return sum(name == what for name, _ in self._waiting)
@@ -122,7 +123,7 @@ class Executor:
             self._call(*task)
 
     def _next(self) -> tuple[str, Callback] | None:
-        """The next callback to run, waited for; None when closed."""
+        """Wait for the next callback to run; None when closed."""
         with self._changed:
             while not self._closed:
                 now = time.monotonic()
@@ -133,7 +134,7 @@ class Executor:
             return None
 
     def _queue_due_timers(self, now: float) -> None:
-        # Behind what waits already: a timer that is slower than its period holds up nobody.
+        # Behind what waits already: a timer slower than its period does not hold up the rest.
         while self._due and self._due[0][0] <= now:
             when, _, timer = heapq.heappop(self._due)
             self._waiting.append((_name(timer), partial(self._tick, when, timer)))
@@ -167,7 +168,9 @@ class Executor:
             self._failures[what] += 1
             count = self._failures[what]
             if str(count).strip("0") == "1":  # a power of ten
-                self._log.exception("A callback failed, %d times so far (%s)", count, what)
+                self._log.exception(
+                    "A callback failed, %s so far (%s)", counted(count, "time"), what
+                )
 
 
 def _name(timer: Timer) -> str:

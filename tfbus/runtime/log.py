@@ -1,4 +1,4 @@
-"""A node's log: one line an event on stderr, `[INFO] [1670400305.709085308] [sim]: text`."""
+"""A node's log: one line for each event on stderr, `[INFO] [1670400305.709085308] [sim]: text`."""
 
 import logging
 import sys
@@ -20,7 +20,7 @@ class _LineFormatter(logging.Formatter):
 
 
 class _StandardError(logging.StreamHandler):  # type: ignore[type-arg]  # generic in stubs only
-    """Writes to what sys.stderr is now, and says nothing when nobody reads it any more."""
+    """Writes to the current sys.stderr; a broken pipe is no error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         self.stream = sys.stderr
@@ -32,7 +32,7 @@ class _StandardError(logging.StreamHandler):  # type: ignore[type-arg]  # generi
 
 
 def open_log(full_name: str, node: str, level: str) -> logging.Logger:
-    """The logger of the node, writing lines of at least this level."""
+    """The logger of the node; it writes lines of at least this level."""
     logger = logging.Logger(f"tfbus{full_name}", level.upper())
     handler = _StandardError()
     handler.setFormatter(_LineFormatter(node))

@@ -5,7 +5,7 @@ import threading
 from collections import Counter
 from collections.abc import Hashable
 
-# Kinds may hold names from the bus: of further kinds nothing is logged.
+# Kinds may hold names from the bus: further kinds are neither logged nor counted.
 _MOST_KINDS = 1000
 
 

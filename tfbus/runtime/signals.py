@@ -11,21 +11,20 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-# The kernel's clock for this wait is 32 bits of milliseconds wide; a longer one is begun anew.
+# poll() takes 32 bits of milliseconds; longer waits are repeated.
 _LONGEST_MS = 86_400_000
 
 
 class StopSignals:
-    """A stop that SIGINT and SIGTERM call for, from construction until `uninstall()`.
+    """Whether SIGINT or SIGTERM has come, from construction until `uninstall()`.
 
-    Where the main thread is in the middle of something else than `wait`, a signal also raises
-    KeyboardInterrupt there, so that a blocking call ends too. Several may be installed in one
-    process, in any order: a signal stops them all.
+    Where the main thread is outside of `wait`, a signal also raises KeyboardInterrupt there, so
+    that a blocking call ends too. Several may be installed in one process: a signal stops all.
     """
 
     def __init__(self) -> None:
         self._stop = _Stop()
-        self._interrupts_nothing = False
+        self._is_held = False
         if _in_main_thread():
             if not _previous:
                 for number in (signal.SIGINT, signal.SIGTERM):
@@ -34,16 +33,16 @@ class StopSignals:
 
     @property
     def stopped(self) -> bool:
-        """Whether it is time to end."""
+        """Whether a signal has come, or `stop` was called."""
         return self._stop.called
 
     def stop(self) -> None:
-        """Say that it is time to end; from any thread, twice is fine."""
+        """Stop as a signal does; from any thread, twice is fine."""
         self._stop.call()
 
     def wait(self, timeout_s: float | None = None, wakeup: "Wakeup | None" = None) -> bool:
-        """Whether it is time to end, waited for at most `timeout_s` (None: for ever), and less
-        where somebody wakes up who waits.
+        """Wait for the stop, at most `timeout_s` (None: for ever) or until the wakeup; whether
+        it has come.
         """
         if not _in_main_thread():
             return self._stop.wait(timeout_s, wakeup)
@@ -52,23 +51,23 @@ class StopSignals:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """While it lasts a signal only calls for the stop, and interrupts nothing."""
-        self._interrupts_nothing = _in_main_thread()
+        """Until the end of its `with` a signal stops, but raises no KeyboardInterrupt."""
+        self._is_held = _in_main_thread()
         try:
             yield
         finally:
-            self._interrupts_nothing = False
+            self._is_held = False
 
     def uninstall(self) -> None:
-        """Give the signals back to whom they belonged; from any thread, twice is fine."""
+        """Restore the former signal handlers; from any thread, twice is fine."""
         if self in _installed:
             _installed.remove(self)
             if not _installed and _in_main_thread():
-                _give_back()
+                _restore_handlers()
 
 
 class Wakeup:
-    """Ends a wait from another thread, once, for as long as its `with` lasts."""
+    """Ends a wait from another thread, once, until the end of its `with`."""
 
     def __enter__(self) -> "Wakeup":
         self._lock = threading.Lock()
@@ -83,18 +82,18 @@ class Wakeup:
             os.close(self._writable)
 
     def wake(self) -> None:
-        """End the wait, also one that begins after this; after the `with` nothing happens."""
+        """End the wait, also one that starts later; after the `with` it does nothing."""
         with self._lock:
             if self._is_open:
                 os.write(self._writable, b"!")
 
 
 class _Stop:
-    """A flag that threads can wait for, and that a signal handler may raise at any instant.
+    """A flag that threads can wait for, and that a signal handler may set at any instant.
 
-    threading.Event will not do: its lock may be held by the very code that the handler
-    interrupts, and a signal that comes just before the lock is waited for would wake nobody.
-    A file that becomes readable has neither fault.
+    threading.Event cannot do that: the code that the handler interrupts may hold its lock, and a
+    signal just before a wait for the lock would not end the wait. A file that becomes readable has
+    neither fault.
     """
 
     def __init__(self) -> None:
@@ -136,7 +135,7 @@ class _Stop:
 
 
 class _SignalWakeup:
-    """A file that becomes readable at every signal, for as long as its `with` lasts."""
+    """A file that becomes readable at every signal, until the end of its `with`."""
 
     def __enter__(self) -> "_SignalWakeup":
         self.readable, self._writable = os.pipe()
@@ -150,13 +149,13 @@ class _SignalWakeup:
         os.close(self._writable)
 
     def drain(self) -> None:
-        """Wait for the next signal from now on; Python has run the handlers of the last."""
+        """Wait for the next signal; Python has run the handlers of the last one."""
         os.read(self.readable, 4096)
 
 
-# `timeout`, `make` and shells send a signal to a process and to its group, so that it comes twice
-# within an instant: the second one must not interrupt what the first one began.
-_ONE_WISH_S = 1.0
+# `timeout`, `make` and shells send a signal to a process and to its group: it comes twice within an
+# instant, and the second one must not interrupt what the first one started.
+_SAME_SIGNAL_S = 1.0
 
 _interrupted_s = -math.inf
 _installed: list[StopSignals] = []
@@ -168,21 +167,21 @@ def _in_main_thread() -> bool:
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
-    if not _installed:  # the last one was uninstalled by a thread that may not give back
-        _give_back()
+    if not _installed:  # another thread uninstalled the last one, and cannot set handlers
+        _restore_handlers()
         signal.raise_signal(number)
         return
     global _interrupted_s
     for signals in _installed:
         signals.stop()
-    is_enough = any(signals._interrupts_nothing for signals in _installed)
+    is_held = any(signals._is_held for signals in _installed)
     now_s = time.monotonic()
-    if not is_enough and now_s - _interrupted_s > _ONE_WISH_S:
+    if not is_held and now_s - _interrupted_s > _SAME_SIGNAL_S:
         _interrupted_s = now_s
         raise KeyboardInterrupt
 
 
-def _give_back() -> None:
+def _restore_handlers() -> None:
     for number, previous in _previous.items():
         if signal.getsignal(number) is _on_signal:
             signal.signal(number, previous)

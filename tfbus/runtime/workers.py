@@ -1,4 +1,4 @@
-"""A few threads for jobs that may have to wait, and that nobody waits for."""
+"""A few threads for jobs that may block, in the background."""
 
 import threading
 from collections import deque
@@ -8,10 +8,10 @@ Job = Callable[[], None]
 
 
 class Workers:
-    """Runs jobs on at most `threads` threads; at most `waiting` more wait for one of them.
+    """Runs jobs on at most `threads` threads; at most `waiting` further ones wait for a thread.
 
-    A thread is there only while it has something to do. It does not hold up the end of the
-    process. Jobs take care of their exceptions themselves.
+    Threads exist only while they have jobs, and do not hold up the end of the process. Jobs
+    handle their exceptions themselves.
     """
 
     def __init__(self, name: str, *, threads: int, waiting: int) -> None:
@@ -23,7 +23,7 @@ class Workers:
         self._waiting: deque[Job] = deque()
 
     def do(self, job: Job) -> bool:
-        """Run the job soon; False where too many wait already, and then it will not run."""
+        """Run the job soon; False where too many wait already: then it does not run."""
         with self._lock:
             if self._running < self._most_threads:
                 threading.Thread(

@@ -1,8 +1,8 @@
 """Messages of topics and services: small dataclasses on the wire as msgpack maps.
 
-A field is an int, float, bool, str, bytes, another dataclass, or a list, or a dict by texts, of
-one of these, or a tuple of so many of them; Any is read as it comes. An int stands for a float
-where a float is wanted, and 0 and 1 for false and true; nothing else is converted.
+A field is an int, float, bool, str, bytes, another dataclass, a list or a dict by str of one of
+these, or a tuple with a type for each item; Any is taken as it comes. An int may stand for a float,
+and 0 and 1 for false and true; nothing else is converted.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ Reader = Callable[[object, str], Any]
 
 
 def encode_map(value: Mapping[str, Any]) -> bytes:
-    """The bytes of a plain map, where the type of the message is not known here."""
+    """The bytes of a plain map, for a message without a type."""
     return cast(bytes, msgpack.packb(dict(value)))
 
 
@@ -30,7 +30,7 @@ def decode_map(data: bytes) -> dict[str, Any]:
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error
     if not isinstance(value, dict):
-        raise DecodeError(f"a msgpack map is wanted, this is {_kind(value)}")
+        raise DecodeError(f"a message must be a msgpack map, not {_kind(value)}")
     return value
 
 
@@ -42,14 +42,14 @@ def encode_message(message: object) -> bytes:
 def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool = True) -> M:
     """The message of this type in the bytes.
 
-    Fields that the type does not know are ignored, or refused where `unknown_fields` is False.
-    Raises DecodeError, naming the field, where one is missing or of the wrong type.
+    Raises DecodeError with the name of the field where one is missing, of the wrong type, or, with
+    `unknown_fields=False`, unknown to the type; otherwise unknown fields are ignored.
     """
     return from_map(message_type, decode_map(data), unknown_fields=unknown_fields)
 
 
 def as_map(message: Any) -> dict[str, Any]:
-    """The fields of a message by name, all the way down."""
+    """The fields of a message by name, nested messages included."""
     return {name: _plain(getattr(message, name)) for name in _shape(message.__class__)}
 
 
@@ -112,65 +112,65 @@ def _read_fields(
         raise DecodeError(str(error)) from error
 
 
-def _reader(wanted: Any) -> Reader:
-    if is_dataclass(wanted):
-        return _nested_reader(cast(type, wanted))
-    if get_origin(wanted) is tuple and Ellipsis not in get_args(wanted):
-        return _row_reader(wanted)
-    if get_origin(wanted) in (list, tuple):
-        return _list_reader(wanted)
-    if get_origin(wanted) is dict:
-        return _dict_reader(wanted)
-    if wanted is Any:
+def _reader(expected: Any) -> Reader:
+    if is_dataclass(expected):
+        return _nested_reader(cast(type, expected))
+    if get_origin(expected) is tuple and Ellipsis not in get_args(expected):
+        return _row_reader(expected)
+    if get_origin(expected) in (list, tuple):
+        return _list_reader(expected)
+    if get_origin(expected) is dict:
+        return _dict_reader(expected)
+    if expected is Any:
         return lambda value, path: value
-    if wanted is float:
+    if expected is float:
         return _read_float
-    if wanted is bool:
+    if expected is bool:
         return _read_bool
-    if wanted in (int, str, bytes):
-        return _scalar_reader(wanted)
-    raise TypeError(f"a message cannot have a field of type {wanted!r}")
+    if expected in (int, str, bytes):
+        return _scalar_reader(expected)
+    raise TypeError(f"a message cannot have a field of type {expected!r}")
 
 
 def _nested_reader(message_type: type) -> Reader:
     def read(value: object, path: str) -> Any:
         if not isinstance(value, dict):
-            raise DecodeError(f"field {path!r} is {_kind(value)}, a map is wanted")
+            raise _wrong_type(path, "a map", value)
         return _read_fields(message_type, value, f"{path}.", True)
 
     return read
 
 
-def _list_reader(wanted: Any) -> Reader:
-    read_item = _reader(get_args(wanted)[0])
-    make = get_origin(wanted)
+def _list_reader(expected: Any) -> Reader:
+    read_item = _reader(get_args(expected)[0])
+    make = get_origin(expected)
 
     def read(value: object, path: str) -> Any:
         if not isinstance(value, list):
-            raise DecodeError(f"field {path!r} is {_kind(value)}, a list is wanted")
+            raise _wrong_type(path, "a list", value)
         return make(read_item(item, f"{path}[{at}]") for at, item in enumerate(value))
 
     return read
 
 
-def _row_reader(wanted: Any) -> Reader:
-    read_items = [_reader(item) for item in get_args(wanted)]
+def _row_reader(expected: Any) -> Reader:
+    read_items = [_reader(item) for item in get_args(expected)]
 
     def read(value: object, path: str) -> Any:
         if not isinstance(value, list) or len(value) != len(read_items):
-            raise DecodeError(f"field {path!r} is not a list of {len(read_items)}")
+            raise DecodeError(f"field {path!r} must be a list of {len(read_items)}")
         items = enumerate(zip(read_items, value, strict=True))
         return tuple(read_item(item, f"{path}[{at}]") for at, (read_item, item) in items)
 
     return read
 
 
-def _dict_reader(wanted: Any) -> Reader:
-    read_item = _reader(get_args(wanted)[1])
+def _dict_reader(expected: Any) -> Reader:
+    read_item = _reader(get_args(expected)[1])
 
     def read(value: object, path: str) -> Any:
         if not isinstance(value, dict):
-            raise DecodeError(f"field {path!r} is {_kind(value)}, a map is wanted")
+            raise _wrong_type(path, "a map", value)
         if not all(isinstance(key, str) for key in value):
             raise DecodeError(f"field {path!r} has a key that is not a text")
         return {key: read_item(item, f"{path}.{key}") for key, item in value.items()}
@@ -181,20 +181,20 @@ def _dict_reader(wanted: Any) -> Reader:
 def _read_float(value: object, path: str) -> float:
     if isinstance(value, float | int) and not isinstance(value, bool):
         return float(value)
-    raise DecodeError(f"field {path!r} is {_kind(value)}, a number is wanted")
+    raise _wrong_type(path, "a number", value)
 
 
 def _read_bool(value: object, path: str) -> bool:
     if isinstance(value, bool | int) and value in (0, 1):
         return bool(value)
-    raise DecodeError(f"field {path!r} is {_kind(value)}, a boolean is wanted")
+    raise _wrong_type(path, "a boolean", value)
 
 
-def _scalar_reader(wanted: type) -> Reader:
+def _scalar_reader(expected: type) -> Reader:
     def read(value: object, path: str) -> object:
-        if type(value) is wanted:
+        if type(value) is expected:
             return value
-        raise DecodeError(f"field {path!r} is {_kind(value)}, {_KINDS[wanted]} is wanted")
+        raise _wrong_type(path, _KINDS[expected], value)
 
     return read
 
@@ -209,6 +209,10 @@ _KINDS = {
     str: "a text",
     type(None): "nothing",
 }
+
+
+def _wrong_type(path: str, expected: str, value: object) -> DecodeError:
+    return DecodeError(f"field {path!r} must be {expected}, not {_kind(value)}")
 
 
 def _kind(value: object) -> str:

@@ -1,4 +1,4 @@
-"""What nodes and streams tell about themselves on the bus, as docs/wire.md has it."""
+"""What nodes and streams tell about themselves on the bus; docs/wire.md has the format."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ParameterDescription:
-    """A parameter: its name, what it is now, of which type, and, for numbers, its bounds."""
+    """A parameter: its name, value, type and, for numbers, bounds."""
 
     name: str
     value: Any
@@ -18,9 +18,10 @@ class ParameterDescription:
 
 @dataclass(frozen=True)
 class BufferDescription:
-    """A node's buffer: how long it keeps samples, how many lookups asked for a time before that,
-    and by how much at most; and how many messages its listener dropped, since transforms came on
-    too many keys.
+    """A node's buffer: how long it keeps samples.
+
+    `too_old` lookups asked for a time before that, by at most `missed_by_s`. Its listener dropped
+    `dropped` messages, as transforms came on too many keys.
     """
 
     cache_time_s: float
@@ -34,7 +35,7 @@ class NodeDescription:
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
-    `unread` are those of its `streams` that have moving frames which nobody listens to.
+    `unread` are those of its `streams` with dynamic transforms that no process subscribes to.
     """
 
     name: str
@@ -62,9 +63,9 @@ class StreamDescription:
 
     `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
-    the node's. With `split` each frame has a key of its own. `history_s` is how many seconds of
-    dynamic messages can be asked for. `started_ns` is when the node started, which is its
-    first epoch; 0 where it does not say so.
+    the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
+    the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 where
+    unknown.
     """
 
     v: int

@@ -1,7 +1,7 @@
-"""How the frames of several robots are called by who sees them all.
+"""The names of frames in a fleet of robots.
 
-Each robot has a namespace and calls its frames as all others do: `base_link`. Seen from outside
-they are `robot7/base_link`, but for those that the robots share, such as `map`.
+Each robot has a namespace; in it, frames have the same names as in all others: `base_link`. In the
+fleet they are `robot7/base_link`, except frames that the robots share, such as `map`.
 """
 
 from collections.abc import Iterable
@@ -11,14 +11,14 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.wire.descriptions import StreamDescription
 
-# A stream sends a few tables of names, over and over; of one that makes up more, none is kept.
+# A stream repeats a few tables of names; after this many the cache starts again.
 _MOST_TABLES = 64
 
 
 class FrameNames:
-    """The names of one robot's frames as they are seen from outside of its namespace.
+    """The names of one robot's frames as seen from outside of its namespace.
 
-    Names that no frame can have stay as they are, for the buffer to refuse.
+    Invalid names stay as they are, for the buffer to refuse.
     """
 
     def __init__(self, namespace: str, shared_frames: Iterable[str] = ()) -> None:
@@ -27,13 +27,13 @@ class FrameNames:
         self._tables: dict[tuple[str, ...], tuple[str, ...]] = {}
 
     def outside(self, frame: str) -> str:
-        """What a frame is called from outside: `robot7/base_link`, or `map` where it is shared."""
+        """A frame's name from outside: `robot7/base_link`, or `map` where it is shared."""
         if not self.namespace or not frame or frame[0] == "/" or frame in self.shared_frames:
             return frame
         return f"{self.namespace}/{frame}"
 
     def all_outside(self, frames: tuple[str, ...]) -> tuple[str, ...]:
-        """What the frames of a message are called from outside."""
+        """The names of a message's frames from outside."""
         if not self.namespace:
             return frames
         outside = self._tables.get(frames)
@@ -44,7 +44,7 @@ class FrameNames:
         return outside
 
     def description_outside(self, description: StreamDescription) -> StreamDescription:
-        """The description of a stream, its frames as they are called from outside."""
+        """The description of a stream with the names from outside."""
         if not self.namespace:
             return description
         frames = (
@@ -60,18 +60,16 @@ class Fleet:
     def __init__(self, shared_frames: Iterable[str] = ()) -> None:
         if isinstance(shared_frames, str):
             raise InvalidArgumentException(
-                f"shared_frames is the text {shared_frames!r}; write ({shared_frames!r},)"
+                f"shared_frames must be several names, not a text: write ({shared_frames!r},)"
             )
         self.shared_frames = frozenset(check_frame_id(frame) for frame in shared_frames)
 
     def names(self, namespace: str) -> FrameNames:
-        """The names of the frames of one robot, by its namespace as it is seen here."""
+        """The names of one robot's frames, by its namespace relative to ours."""
         return FrameNames(namespace, self.shared_frames)
 
 
 def shared_name(first: str, second: str) -> str:
-    """What `robot7/world` and `robot8/world` are called where the robots share it; "" for names
-    that are not alike.
-    """
+    """The shared name of `robot7/world` and `robot8/world`: `world`; "" where the names differ."""
     (a, _, name), (b, _, other) = first.rpartition("/"), second.rpartition("/")
     return name if a and b and a != b and name == other else ""

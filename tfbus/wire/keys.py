@@ -1,8 +1,8 @@
-"""The names of things on the bus: which key carries what, and which names are allowed.
+"""Keys on the bus: which key carries what, and which names are valid.
 
-A name that comes from a user (a stream, a node, a parameter) is one chunk of a key; characters
-that mean something to Zenoh are percent-escaped there. Topics and services are paths of chunks.
-The namespace is not part of any key here: Zenoh puts it in front (its `namespace` setting).
+The name of a stream, node or parameter is one chunk of a key; characters that mean something to
+Zenoh are percent-escaped there. Topics, services and actions are paths of chunks. The namespace is
+part of no key here: Zenoh puts it in front (its `namespace` setting).
 """
 
 import re
@@ -22,7 +22,9 @@ ALL_STATIC_TRANSFORMS_EVERYWHERE = f"**/{ALL_STATIC_TRANSFORMS}"
 ALL_NODES = "@tfbus/node/*"
 ALL_NODES_EVERYWHERE = f"**/{ALL_NODES}"
 
-# Of how many chunks what a key is for consists, by the first of them.
+CLOCK_TOPIC = "clock"
+
+# How many chunks say what a key is for, by the first of them.
 _CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}
 
 _ESCAPES = str.maketrans({char: f"%{ord(char):02X}" for char in "%*$?#/@"})
@@ -31,22 +33,22 @@ _RESERVED = re.compile(r"[*$?#\s]")
 
 
 def escape(name: str) -> str:
-    """One chunk of a key that stands for `name`; `unescape` gives `name` back."""
+    """The chunk of a key for `name`; `unescape` gives `name` back."""
     return name.translate(_ESCAPES)
 
 
 def unescape(chunk: str) -> str:
-    """The name that a chunk made by `escape` stands for."""
+    """The name of a chunk that `escape` made."""
     return unquote(chunk)
 
 
 def transforms_key(stream: str) -> str:
-    """The key that carries the dynamic transforms of a stream."""
+    """The key of a stream's dynamic transforms."""
     return f"tf/{escape(stream)}"
 
 
 def static_transforms_key(stream: str) -> str:
-    """The key that carries the whole set of static transforms of a stream."""
+    """The key of a stream's whole set of static transforms."""
     return f"tf_static/{escape(stream)}"
 
 
@@ -56,8 +58,8 @@ def stream_key(stream: str) -> str:
 
 
 def transforms_key_beside(stream_key: str, child: str | None = None) -> str:
-    """The key of the dynamic transforms of the stream of a token, in the token's namespace; of a
-    split stream, that of one child frame.
+    """The key of the dynamic transforms beside a `stream_key`, in the same namespace; with `child`,
+    of that frame in a split stream.
     """
     prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
     below = "" if child is None else f"/{escape(child)}"
@@ -65,30 +67,30 @@ def transforms_key_beside(stream_key: str, child: str | None = None) -> str:
 
 
 def static_transforms_key_beside(stream_key: str) -> str:
-    """The key of the static transforms of the stream of a token, in the token's namespace."""
+    """The key of the static transforms beside a `stream_key`, in the same namespace."""
     prefix, _, stream = stream_key.rpartition("@tfbus/stream/")
     return f"{prefix}{STATIC_TRANSFORMS}/{stream}"
 
 
 def kept_transforms_selector(key: str, last_s: float) -> str:
-    """The selector that asks for the dynamic transforms of the last seconds at a key, which may
-    be a key expression.
+    """The selector of the dynamic transforms of the last `last_s` seconds at a key or key
+    expression.
     """
     return f"{key}?last_s={last_s:g}"
 
 
 def node_key(node: str) -> str:
-    """The key of a node's liveliness token and of what it tells about itself."""
+    """The key of a node's liveliness token and of its description."""
     return f"@tfbus/node/{escape(node)}"
 
 
 def clock_key(node: str) -> str:
-    """The key under which a node tells the time of its system's clock."""
+    """The key under which a node answers with the time of its system's clock."""
     return f"@tfbus/clock/{escape(node)}"
 
 
 def parameter_key(node: str, parameter: str) -> str:
-    """The key under which one parameter of a node is read and set."""
+    """The key of one parameter of a node, to read and set it."""
     return f"@tfbus/param/{escape(node)}/{escape(parameter)}"
 
 
@@ -105,19 +107,19 @@ def last_name(key: str) -> str:
 def stream_of(key: str) -> str:
     """The stream of a key made by `transforms_key`, `static_transforms_key` or `stream_key`.
 
-    Any namespace in front stays part of the answer: `robot7/tf/sim` is of stream `robot7/sim`.
+    A namespace in front stays part of the name: `robot7/tf/sim` is of stream `robot7/sim`.
     """
     above, below = _split(key)
     return "/".join([*above, *map(unescape, below[:1])])
 
 
 def namespace_of(key: str) -> str:
-    """The namespace in front of a key of a stream, as it is seen: `robot7` of `robot7/tf/sim`."""
+    """The namespace in front of a stream's key: `robot7` of `robot7/tf/sim`."""
     return "/".join(_split(key)[0])
 
 
 def _split(key: str) -> tuple[list[str], list[str]]:
-    """The chunks before and behind those that say what a key of a stream is for."""
+    """The chunks before and after those that say what a stream's key is for."""
     chunks = key.split("/")
     for at, chunk in enumerate(chunks):
         if chunk in _CHUNKS_OF_KIND:
@@ -126,7 +128,7 @@ def _split(key: str) -> tuple[list[str], list[str]]:
 
 
 def full_name(key: str, namespace: str = "") -> str:
-    """The full name of the node whose `node_key` is seen as `key` from within `namespace`.
+    """The full name of the node whose `node_key` is `key` as seen from `namespace`.
 
     `robot7/@tfbus/node/sim` is the node `/robot7/sim`.
     """
@@ -135,7 +137,7 @@ def full_name(key: str, namespace: str = "") -> str:
 
 
 def check_node_name(name: str) -> str:
-    """The name itself if a node may be called so.
+    """The name itself where it is a valid node name.
 
     Raises InvalidNameError: a node's name is letters, digits, `_`, `-` and `.`.
     """
@@ -158,7 +160,7 @@ def check_namespace(namespace: str) -> str:
 
 
 def check_topic(name: str, *, kind: str = "topic") -> str:
-    """The name itself if a topic or service may be called so.
+    """The name itself where it is valid for a topic, service or action.
 
     Raises InvalidNameError: names are relative paths such as `turtle1/pose`; no part is empty,
     begins with `@` or has white space or one of `* $ ? #`.

@@ -1,4 +1,4 @@
-"""Values as people type them, for a parameter or in a request: YAML 1.2, whose words have no traps.
+"""Values as people type them, for parameters and requests: YAML 1.2, whose words have no traps.
 
 PyYAML reads YAML 1.1, where `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
 1e-3 is a text and 2022-12-07 is a date. Here a plain word is nothing (`null`, `~`), true or
@@ -23,10 +23,10 @@ _WORDS = {
 
 
 def read_value(text: str) -> Any:
-    """What the text says; a text that is not YAML says itself."""
+    """The value of the text; a text that is not YAML is its own value."""
     try:
         return yaml.load(text, _LOADER)
-    except Exception:  # of any kind, where a tag does not fit: `!!bool 5` is a KeyError
+    except Exception:  # a tag that does not fit may raise any: `!!bool 5` a KeyError
         return text
 
 
@@ -37,12 +37,12 @@ def _read_int(loader: Any, node: Any) -> int:
 def _read_map(loader: Any, node: Any) -> dict[str, Any]:
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode):
-            raise yaml.YAMLError("the key of a map is a text")
+            raise yaml.YAMLError("the key of a map must be a text")
     return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
 
 
 def _make_loader() -> Any:
-    # Not a class statement: without the types of PyYAML its base would be one of no known type.
+    # Not a class statement: without PyYAML's types, mypy does not know its base.
     loader: Any = type("_Loader", (yaml.SafeLoader,), {"yaml_implicit_resolvers": {}})
     for name, pattern in _WORDS.items():
         word = re.compile(rf"(?:{pattern})\Z", re.IGNORECASE)

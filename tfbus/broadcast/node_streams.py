@@ -1,0 +1,47 @@
+"""The streams of each node: one of a name, which the node's broadcasters share."""
+
+import threading
+from typing import Any
+
+from tfbus.broadcast.stream import Stream
+from tfbus.node.node import Node
+
+_lock = threading.Lock()
+
+
+class NodeStreams:
+    """The streams of one node; it finds them again among the node's describers."""
+
+    def __init__(self) -> None:
+        self._by_name: dict[str, Stream] = {}
+
+    @classmethod
+    def of(cls, node: Node) -> "NodeStreams":
+        """The streams of the node, made at the first call; hold the lock."""
+        found = next((each for each in node.describers if isinstance(each, cls)), None)
+        if found is None:
+            found = cls()
+            node.describers.append(found)
+        return found
+
+    def get(self, node: Node, name: str) -> Stream:
+        """The node's stream of this name, made at the first call; hold the lock."""
+        if name not in self._by_name:
+            self._by_name[name] = Stream(
+                name, node.full_name, node.started_ns, node.session, node.executor, node.log
+            )
+        return self._by_name[name]
+
+    def __call__(self) -> dict[str, list[Any]]:
+        """What the node tells about its streams."""
+        streams = dict(self._by_name)
+        return {
+            "streams": sorted(streams),
+            "unread": sorted(name for name, stream in streams.items() if stream.unread),
+        }
+
+
+def stream_of_node(node: Node, name: str | None = None) -> Stream:
+    """The stream of this name that the node publishes; of the node's own name where it is None."""
+    with _lock:
+        return NodeStreams.of(node).get(node, name or node.name)

@@ -1,0 +1,82 @@
+"""What a node tells about itself, and the queries that it answers with it."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from tfbus.bus.query import Query
+from tfbus.bus.session import Session
+from tfbus.node.endpoint import Endpoint
+from tfbus.node.parameters import Parameters
+from tfbus.runtime.version import installed_version
+from tfbus.wire.codec import encode_map
+from tfbus.wire.keys import clock_key, node_key
+
+# Returns entries for `streams`, `unread` or `buffers` of the description.
+Describer = Callable[[], Mapping[str, Sequence[Any]]]
+
+E = TypeVar("E", bound=Endpoint)
+
+
+class NodeInfo:
+    """A node's description, the fields of a NodeDescription, and its system's clock, on the bus.
+
+    `describers` add what the node itself does not know: its streams and buffers.
+    """
+
+    def __init__(
+        self, name: str, full_name: str, started_ns: int, session: Session, parameters: Parameters
+    ) -> None:
+        self.describers: list[Describer] = []
+        self._name = name
+        self._full_name = full_name
+        self._started_ns = started_ns
+        self._session = session
+        self._parameters = parameters
+        self._lock = threading.Lock()
+        self._endpoints: dict[str, list[Endpoint]] = {
+            kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
+        }
+        session.queryable(node_key(name), self._on_info_query)
+        session.queryable(clock_key(name), self._on_clock_query)
+
+    def add(self, kind: str, endpoint: E) -> E:
+        """List the endpoint for as long as it is open, and return it."""
+        with self._lock:
+            is_open = [each for each in self._endpoints[kind] if not each.closed]
+            self._endpoints[kind] = [*is_open, endpoint]
+        return endpoint
+
+    def describe(self) -> dict[str, Any]:
+        """Who and where the node is, and what it has now."""
+        described: dict[str, list[Any]] = {"streams": [], "unread": [], "buffers": []}
+        for describe in list(self.describers):
+            for field, entries in describe().items():
+                described[field].extend(entries)
+        return {
+            "name": self._full_name,
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "version": installed_version(),
+            "session": self._session.id,
+            "started_ns": self._started_ns,
+            **described,
+            "parameters": [parameter.describe() for parameter in self._parameters],
+            **{
+                kind: {each.name: each.type_name for each in endpoints if not each.closed}
+                for kind, endpoints in self._endpoints.items()
+            },
+        }
+
+    def _on_info_query(self, query: Query) -> None:
+        query.answer(node_key(self._name), encode_map(self.describe()))
+        query.close()
+
+    def _on_clock_query(self, query: Query) -> None:
+        received_ns = time.time_ns()
+        times = {"received": received_ns, "now": time.time_ns()}
+        query.answer(clock_key(self._name), encode_map(times))
+        query.close()

@@ -172,7 +172,7 @@ def test_a_question_that_is_lost_is_not_waited_for(
     monkeypatch.setattr(watch, "ask_retained_later", ask)
     monkeypatch.setattr(watch, "_ASK_ANOTHER_S", 0.001)
     monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
-    bus.node("sim").session.token("@tfbus/stream/lone")
+    lone = bus.node("sim").session.token("@tfbus/stream/lone")
     eventually(lambda: len(questions) >= 3)
     key = "@tfbus/stream/lone"
     questions[0](Answer(key, encode_message(StreamDescription(1, "/sim", 7, ()))))
@@ -185,6 +185,7 @@ def test_a_question_that_is_lost_is_not_waited_for(
     eventually(lambda: watching.alive() == ["lone", "other"] and len(questions) > asked)
     assert len(questions) <= asked + 2
     other.close()
+    lone.close()
 
 
 def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(

@@ -13,6 +13,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
+from tfbus.bus.ask_until import Pauses
 from tfbus.bus.bytes_publisher import BytesPublisher
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_retained_publisher
@@ -145,7 +146,7 @@ def test_a_description_that_does_not_come_is_asked_for_on_and_on(
         on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001, 0.002))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
     eventually(lambda: len(asked) > 20)
@@ -170,8 +171,8 @@ def test_a_question_that_is_lost_is_not_waited_for(
         ends.append(on_end)
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_ANOTHER_S", 0.001)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
+    impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
+    monkeypatch.setattr(watch, "_PAUSES", impatient)
     lone = bus.node("sim").session.token("@tfbus/stream/lone")
     eventually(lambda: len(questions) >= 3)
     key = "@tfbus/stream/lone"
@@ -179,7 +180,7 @@ def test_a_question_that_is_lost_is_not_waited_for(
     ends[0]()
     assert eventually(lambda: watching.described("lone")).epoch == 7
     asked = len(questions)
-    monkeypatch.setattr(watch, "_ASK_ANOTHER_S", 60.0)
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((60.0,), lost_after_s=60.0))
     other = bus.node("other").session.token("@tfbus/stream/other")
     # The question about the other comes after any that was still to come about the first.
     eventually(lambda: watching.alive() == ["lone", "other"] and len(questions) > asked)
@@ -203,7 +204,7 @@ def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
             on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
         token = session.token("@tfbus/stream/lone")
@@ -235,7 +236,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
         on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):
         broken = session.token("@tfbus/stream/broken")

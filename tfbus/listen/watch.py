@@ -1,17 +1,15 @@
 """Which streams there are: by their liveliness tokens and descriptions, without their data."""
 
-import itertools
 import logging
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
+from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.bus.session import Session
-from tfbus.errors import BusError, DecodeError
+from tfbus.errors import DecodeError
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import StreamDescription
@@ -20,14 +18,13 @@ from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 # Streams come and go; of those that have gone so many of the last are remembered.
 MOST_GONE = 1000
 
-# A token may come before its publisher can answer, or has anything to tell.
+# A token may come before its publisher can answer, or has anything to describe.
 _ANSWER_WITHIN_S = 2.0
-# A question that is lost is not worth the wait for its end; while it is open others are asked.
-_ASK_ANOTHER_S = 0.5
-# The last of them is the pause before all further questions.
-_ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
-# One that came back, and is not described again after so many of them, is taken for the same.
+_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
+# One that is back, and not described again after this many pauses, is taken for the same.
 _PATIENCE = 3
+
+_WHAT = "a stream"
 
 
 @dataclass(frozen=True)
@@ -74,9 +71,8 @@ class StreamWatch:
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
-        # Which token that is there now, by its key, the questions are about.
-        self._asking: dict[str, int] = {}
-        self._tokens_seen = itertools.count()
+        # The questions about the token that is there now, by its key.
+        self._asking: dict[str, AskUntil] = {}
         self._closed = False
         # What leads to questions is not done where Zenoh tells of it: there it holds locks.
         self._executor = executor or Executor("streams", log or logging.getLogger(__name__))
@@ -92,8 +88,7 @@ class StreamWatch:
         """Take the description of this epoch for the stream's: another process of its name sends
         it now. To be called on the thread of the executor.
         """
-        self._asking[key] = next(self._tokens_seen)
-        self._ask_for_description(key, self._asking[key], 0, epoch_ns)
+        self._ask_for_description(key, epoch_ns)
 
     def close(self) -> None:
         """Watch no more. Twice is fine."""
@@ -103,7 +98,7 @@ class StreamWatch:
         self._executor.close()
 
     def _do(self, job: Callable[[], None]) -> None:
-        self._executor.submit("a stream", job)
+        self._executor.submit(_WHAT, job)
 
     def _on_token(self, key: str, alive: bool) -> None:
         self._do(lambda: self._take_token(key, alive))
@@ -127,10 +122,9 @@ class StreamWatch:
         else:
             self._returning.add(former.name)
         if alive:
-            self._asking[key] = next(self._tokens_seen)
-            self._ask_for_description(key, self._asking[key], 0)
+            self._ask_for_description(key)
         else:
-            self._asking.pop(key, None)
+            self._end_questions(key)
 
     def _take_description(self, key: str, description: StreamDescription) -> None:
         former = self._state(key)
@@ -138,59 +132,60 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_for_description(
-        self, key: str, token: int, turn: int, epoch_ns: int | None = None
-    ) -> None:
-        """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
-        at keys that begin with `@`. With an epoch it is that of one of several publishers, and told
-        even where it was known before.
+    def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
+        """Ask for the retained description: Zenoh requests it for later publishers too, but not
+        at keys that begin with `@`. With an epoch, the description of that one among several
+        publishers is reported even where it was known before.
         """
-        if self._asking.get(key) != token:
-            return
         known = self._state(key).description
         answers: list[StreamDescription | None] = []
-        is_over = False
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
 
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
                 answers.append(self._read(key, answer.payload))
 
-        def on_end() -> None:
-            self._do(take_answers)
-
-        def take_answers() -> None:
-            nonlocal is_over
-            if self._asking.get(key) != token or self._closed:
-                return
+        def is_settled() -> bool:
+            if self._closed:
+                return True
             if self._state(key).description is not known:
                 # One that has come by itself in the meantime is at least as new.
-                self._asking.pop(key)
-                return
+                return True
             readable = [answer for answer in answers if answer]
             if epoch_ns is not None:
                 readable = [answer for answer in readable if answer.epoch == epoch_ns]
             if readable:
-                self._asking.pop(key)
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
-                return
-            if is_over:
-                return
-            is_over = True
-            if answers or turn >= _PATIENCE:
+            elif answers:
                 self._take_back(key)
-            if not answers:
-                pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
-                ask_again = partial(self._ask_for_description, key, token, turn + 1, epoch_ns)
-                self._executor.after(pause_s, ask_again)
+            return bool(answers)
 
-        with suppress(BusError):  # the session has been closed
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
-            self._executor.after(_ASK_ANOTHER_S, take_answers)
+        def on_unanswered(turn: int) -> None:
+            if turn >= _PATIENCE:
+                self._take_back(key)
+
+        self._end_questions(key)
+        asking = self._asking[key] = AskUntil(
+            self._executor,
+            _WHAT,
+            _PAUSES,
+            ask=ask,
+            is_settled=is_settled,
+            on_unanswered=on_unanswered,
+        )
+        asking.start()
+
+    def _end_questions(self, key: str) -> None:
+        asking = self._asking.pop(key, None)
+        if asking is not None:
+            asking.close()
 
     def _take_back(self, key: str) -> None:
-        """Nobody describes the stream: what is known of it has to do."""
+        """No description comes: the last one stands."""
         former = self._state(key)
         if former.name in self._returning:
             self._returning.discard(former.name)

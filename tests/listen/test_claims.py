@@ -22,8 +22,10 @@ def described(
 
 def lost(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
     """Of each stream the frames that another has the right of."""
-    rulings = claims.rulings(stream, contested)
-    return {name: ruling.lost for name, ruling in rulings.items() if ruling.lost}
+    resolutions = claims.resolutions(stream, contested)
+    return {
+        name: resolution.rejected for name, resolution in resolutions.items() if resolution.rejected
+    }
 
 
 def test_frames_of_one_stream_are_not_contested() -> None:
@@ -76,11 +78,11 @@ def test_when_the_winner_goes_the_next_takes_over() -> None:
     claims.update("a", described("robot", epoch=1))
     claims.update("b", described("robot", epoch=2))
     contested = claims.update("a", None)
-    assert claims.rulings("a", contested)["b"].won == {"robot"}
+    assert claims.resolutions("a", contested)["b"].accepted == {"robot"}
     contested = claims.update("a", described("robot", "arm", epoch=3))
     assert lost(claims, "a", contested) == {"a": {"robot"}}
     contested = claims.update("a", described("arm", epoch=3))
-    assert claims.rulings("a", contested)["a"].won == {"robot"}
+    assert claims.resolutions("a", contested)["a"].accepted == {"robot"}
 
 
 def test_each_pair_is_told_once() -> None:
@@ -128,8 +130,8 @@ def test_whatever_happened_the_rule_alone_decides(
         now.pop(stream, None)
         if told is not None:
             now[stream] = told
-        for name, ruling in claims.rulings(stream, contested).items():
-            excluded[name] = (excluded.get(name, set()) - ruling.won) | ruling.lost
+        for name, resolution in claims.resolutions(stream, contested).items():
+            excluded[name] = (excluded.get(name, set()) - resolution.accepted) | resolution.rejected
     for child in "xyz":
         claimants = [
             (-told.priority if rule == "priority" else 0, told.epoch, name)

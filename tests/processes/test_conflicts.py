@@ -53,8 +53,8 @@ def test_a_publisher_started_twice_is_told_and_followed(bus: Bus) -> None:
         lambda: [line for line in listening.log.lines if line.startswith("Two processes")]
     )
     assert lines == [
-        "Two processes send stream 'arm': /arm was started twice, and what one of them sends is "
-        "dropped. End one, or give each a name of its own (--name)"
+        "Two processes publish stream 'arm': /arm was started twice, and the messages of one are "
+        "dropped. Stop one, or give each its own name (--name)"
     ]
     second.stop(signal.SIGKILL)
     eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))

@@ -38,11 +38,11 @@ class Claimant:
 
 
 @dataclass(frozen=True)
-class Ruling:
+class Resolution:
     """Frames that a stream may send, and frames that it may not."""
 
-    won: set[str]
-    lost: set[str]
+    accepted: set[str]
+    rejected: set[str]
 
 
 @dataclass(frozen=True)
@@ -91,18 +91,18 @@ class Claims:
             del self._children[stream]
         return contested
 
-    def rulings(self, stream: str, contested: Iterable[str]) -> dict[str, Ruling]:
+    def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
         """What follows for each stream after `update` of one: which of the frames it may send,
         and of which another has the right of way.
         """
-        rulings: dict[str, Ruling] = {stream: Ruling(set(contested), set())}
+        resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}
         for child in contested:
             for at, claimant in enumerate(self._ranked(child)):
-                ruling = rulings.setdefault(claimant.stream, Ruling(set(), set()))
-                ruling.won.discard(child)
+                resolution = resolutions.setdefault(claimant.stream, Resolution(set(), set()))
+                resolution.accepted.discard(child)
                 wins = at == 0 or self.rule == "latest"
-                (ruling.won if wins else ruling.lost).add(child)
-        return rulings
+                (resolution.accepted if wins else resolution.rejected).add(child)
+        return resolutions
 
     def news(self, contested: Iterable[str]) -> list[Conflict]:
         """The conflicts over these frames that have not been told yet; each pair is told once."""

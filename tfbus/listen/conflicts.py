@@ -37,21 +37,21 @@ class Conflicts:
             self._tell(conflict)
         frames = () if description is None else description.frames
         left = contested - {child for _, child, _ in frames}
-        rulings = self._claims.rulings(name, contested)
-        changed = [self._streams[each].exclude(ruling) for each, ruling in rulings.items()]
+        resolutions = self._claims.resolutions(name, contested)
+        changed = [self._streams[each].exclude(resolution) for each, resolution in resolutions.items()]
         # A static transform that comes into its right, or that another has lain over, is not sent
         # again.
-        for each, ruling in rulings.items():
-            won = ruling.won if any(changed) else ruling.won & left
+        for each, resolution in resolutions.items():
+            won = resolution.accepted if any(changed) else resolution.accepted & left
             self._streams[each].apply_statics(won - left if each == name else won)
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
         """Put back the static transforms of those who have the right of way of these frames, which
         a stream has laid its own over since.
         """
-        for each, ruling in self._claims.rulings(name, frames).items():
+        for each, resolution in self._claims.resolutions(name, frames).items():
             if each != name:
-                self._streams[each].apply_statics(ruling.won)
+                self._streams[each].apply_statics(resolution.accepted)
 
     def _tell(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

@@ -35,7 +35,7 @@ class Received:
             for name in "ab"
         }
         self.epochs = {"a": 1, "b": 2}
-        self.conflicts = Conflicts(rule, self.buffer, self.streams, log)
+        self.conflicts = Conflicts(rule, self.buffer, self.streams.__getitem__, log)
         self._sent = 0
 
     def send_static(self, stream: str, **x_of: float) -> None:

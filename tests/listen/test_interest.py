@@ -106,8 +106,8 @@ def test_without_a_timeout_the_error_says_that_it_was_asked_for(
     with pytest.raises(LookupException) as caught:
         buffer.lookup_transform("odom", "base")
     assert str(caught.value) == (
-        "'base' seen from 'odom' is not there yet: what it needs of stream 'wheels' is read from "
-        "now on; wait for it (timeout_s), or ask again"
+        "no transform from 'base' to 'odom' yet: reading stream 'wheels' from now on; wait for it "
+        "(timeout_s), or query again"
     )
     assert caught.value.frame == "odom"
 
@@ -351,7 +351,7 @@ def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> 
     interest.close()
     assert failures == ["tf/wheels"] * 2
     assert [record.getMessage() for record in caplog.records] == [
-        "What lookups need could not be followed; it is tried again"
+        "Could not subscribe to what lookups need; retrying"
     ]
 
 

@@ -1,7 +1,7 @@
 """Two living publishers of one frame: it is told, and the rule decides whose transforms count."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.change import Change
@@ -11,21 +11,21 @@ from tfbus.wire.descriptions import StreamDescription
 
 
 class Conflicts:
-    """Lets of the streams that claim a frame the right one through.
+    """Decides whose transforms of a frame are taken where several streams list it.
 
-    `streams` are those that are received, by name. Used by one thread at a time.
+    `reception(name)` is that of a stream. Not safe from several threads at once.
     """
 
     def __init__(
         self,
         rule: Rule,
         buffer: Buffer,
-        streams: Mapping[str, StreamReception],
+        reception: Callable[[str], StreamReception],
         log: logging.Logger,
     ) -> None:
         self._claims = Claims(rule)
         self._buffer = buffer
-        self._streams = streams
+        self._reception = reception
         self._log = log
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
@@ -38,12 +38,14 @@ class Conflicts:
         frames = () if description is None else description.frames
         left = contested - {child for _, child, _ in frames}
         resolutions = self._claims.resolutions(name, contested)
-        changed = [self._streams[each].exclude(resolution) for each, resolution in resolutions.items()]
+        changed = [
+            self._reception(each).exclude(resolution) for each, resolution in resolutions.items()
+        ]
         # A static transform that comes into its right, or that another has lain over, is not sent
         # again.
         for each, resolution in resolutions.items():
             won = resolution.accepted if any(changed) else resolution.accepted & left
-            self._streams[each].apply_statics(won - left if each == name else won)
+            self._reception(each).apply_statics(won - left if each == name else won)
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
         """Put back the static transforms of those who have the right of way of these frames, which
@@ -51,7 +53,7 @@ class Conflicts:
         """
         for each, resolution in self._claims.resolutions(name, frames).items():
             if each != name:
-                self._streams[each].apply_statics(resolution.accepted)
+                self._reception(each).apply_statics(resolution.accepted)
 
     def _tell(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule

@@ -11,6 +11,7 @@ from tfbus.bus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
@@ -67,7 +68,8 @@ class StreamWatch:
         self.rejected: Counter[str] = Counter()
         self._session = session
         self._on_change = on_change
-        self._log = log
+        log = log or logging.getLogger(__name__)
+        self._once = LogOnce(log)
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
@@ -75,7 +77,7 @@ class StreamWatch:
         self._asking: dict[str, AskUntil] = {}
         self._closed = False
         # What leads to questions is not done where Zenoh tells of it: there it holds locks.
-        self._executor = executor or Executor("streams", log or logging.getLogger(__name__))
+        self._executor = executor or Executor("streams", log)
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
@@ -211,11 +213,5 @@ class StreamWatch:
             del self._gone[oldest], self._states[oldest]
 
     def _reject(self, stream: str, error: DecodeError) -> None:
-        first = not self.rejected
         self.rejected[stream if stream in self._states else ""] += 1
-        if first and self._log is not None:
-            self._log.warning(
-                "Dropped the description of stream %r: %s. More of them are only counted",
-                stream,
-                error,
-            )
+        self._once.warning("rejected", "Dropped the description of stream %r: %s", stream, error)

@@ -88,8 +88,8 @@ def robot(listener: TransformListener) -> StreamInfo | None:
 @pytest.mark.parametrize(
     ("ahead_s", "said"),
     [
-        (2.5, " is 2[.]\\d{3} s ahead of ours .* answers where its frames were so long ago"),
-        (-2.5, " is 2[.]\\d{3} s behind ours .* waits so long, or fails"),
+        (2.5, " is 2[.]\\d{3} s ahead of ours .* return where its frames were that long ago"),
+        (-2.5, " is 2[.]\\d{3} s behind ours .* wait that long, or fail"),
     ],
 )
 def test_a_listener_knows_and_tells_of_a_clock_that_is_off(

@@ -1,8 +1,7 @@
-"""Epochs: tells which messages of a stream count.
+"""Epochs: which messages of a stream count.
 
 A publisher puts its epoch into each message: when it started, or when its clock went back. The
-newest epoch counts. Late messages of a dead process are told from those of a second live one by how
-long they go on.
+newest epoch counts. Late messages of a dead process end soon; those of a second live one go on.
 """
 
 import math

@@ -35,25 +35,27 @@ Reads = Literal["everything", "needed"]
 
 
 class TransformListener:
-    """Fills a buffer with the transforms that others send, and keeps it up to date.
+    """Fills a buffer with the transforms on the bus, and keeps it up to date.
 
     It works on threads of its own: there is nothing to spin, and a lookup may wait anywhere.
-    The authority of a transform is the stream that it came in. A message that cannot be read is
-    counted by its stream, reported once, and dropped; a transform that the buffer refuses is
-    counted there, and reported once a stream. `dropped` counts messages on keys that were too many.
+    The authority of a transform is the name of its stream. A message that cannot be read is dropped
+    and counted by its stream; a transform that the buffer refuses is counted there; of each the
+    first of a stream is logged.
 
     Frames whose publisher is gone are marked so in the buffer. With `history_s` each stream is
-    asked for what it sent in so many seconds before it was met; lookups of the past that have a
-    timeout wait for that. `conflicts` is what wins where two living publishers send one frame:
-    "latest", whoever sent last, as in tf2; "first", who was started first; or "priority", whose
-    stream has the higher priority, or else was first.
+    asked for its last `history_s` seconds when the listener meets it; lookups of the past with a
+    timeout wait for them. `conflicts` decides where two live publishers send one frame: "latest",
+    the last to send wins, as in tf2; "first", the first started wins; "priority", the stream with
+    the higher priority wins, then the first started.
 
-    With `reads="needed"` only those streams are read that lookups in the buffer need, by what the
-    streams say of their frames. The first lookup of two frames has to wait for them, so give it a
-    `timeout_s`; or say with `need` what will be looked up.
+    With `reads="needed"` only the streams are read that lookups in the buffer need. The first
+    lookup of two frames has to wait for their streams, so give it a `timeout_s`, or name the frames
+    in advance with `need`.
 
     With a `fleet` the robots in the namespaces below the node's are read too, and their frames
     have the namespace in front: `robot7/base_link`.
+
+    Raises InvalidArgumentException where an argument is none of these.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class TransformListener:
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
             buffer.clock = node.clock
-        # Under simulated time no stamp is made by a system's clock.
+        # Under simulated time no stamp comes from a system's clock.
         self._offsets = ClockOffsets(node.session, node.log, warns=not node.clock.is_simulated)
         node.clock.add_jump_callback(self._on_jump_back)
         node.tell_of_buffer(self._describe_buffer)
@@ -138,15 +140,16 @@ class TransformListener:
         }
 
     def need(self, target_frame: str, source_frame: str) -> None:
-        """Read what a lookup of these frames needs, from now until the listener is closed.
+        """Read what lookups of these frames need, from now until the listener is closed.
 
-        So the first lookup has it already, and nothing of it is left where there is none for long.
+        So the first lookup need not wait, and the streams are kept where lookups pause for long.
+        Raises InvalidArgumentException where a name is no frame id.
         """
         self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
 
     def where_to_look(self, frame: str = "") -> str:
-        """Which namespaces below know a frame, or any frame at all, in words; "" where none does,
-        or where a fleet is listened to. Asks all streams, and so takes a moment.
+        """A sentence that names the namespaces below that have a frame, or any frame at all; ""
+        where none has, or with a fleet. It asks all streams, which takes a moment.
         """
         return "" if self._is_fleet else where_to_look(frames_elsewhere(self._node.session), frame)
 

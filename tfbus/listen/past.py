@@ -20,8 +20,8 @@ _EXPECTED_WITHIN_S = 5.0
 
 
 class _Expected:
-    """The past of one stream while it may come: how many questions for it are open, and the
-    callback that tells the buffer that it comes no longer.
+    """The past of one stream while it may come: the count of open questions for it, and `end`,
+    which ends the buffer's wait for it.
     """
 
     def __init__(self, end: Callable[[], None]) -> None:

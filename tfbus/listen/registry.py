@@ -73,7 +73,7 @@ class Registry:
 
     @property
     def is_full(self) -> bool:
-        """Whether no more keys of dynamic transforms are taken."""
+        """Whether further keys of dynamic transforms are refused."""
         return len(self.receptions) >= self.most_keys
 
     def meet(self, key: str) -> DynamicReception | StaticReception:
@@ -83,7 +83,7 @@ class Registry:
         return self.receptions.setdefault(key, made(self.stream(key).reception))
 
     def forget_key(self, key: str) -> None:
-        """Make room: no more is expected on a key."""
+        """Make room: forget a key on which no messages are expected."""
         self.receptions.pop(key, None)
 
     def forget_removed(self, described: StreamState) -> None:

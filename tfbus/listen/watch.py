@@ -1,4 +1,4 @@
-"""Which streams there are: by their liveliness tokens and descriptions, without their data."""
+"""Which streams there are, by their liveliness tokens and descriptions, without their data."""
 
 import logging
 from collections import Counter
@@ -16,7 +16,7 @@ from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 
-# Streams come and go; of those that have gone so many of the last are remembered.
+# Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
 
 # A token may come before its publisher can answer, or has anything to describe.
@@ -34,7 +34,7 @@ class StreamState:
 
     `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
     is whether its publisher is there. `description` is the last it has sent, None before the
-    first. `key` is where its token and its description are.
+    first. `key` is that of its token and its description.
     """
 
     name: str
@@ -44,16 +44,16 @@ class StreamState:
 
 
 class StreamWatch:
-    """Knows at any time which streams there are; closed by `close()` or the session's end.
+    """Watches which streams there are; closed by `close()` or the session's end.
 
     `on_change(state)` is called after each change of one stream, one call at a time, on a thread
     of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
     below are watched. Descriptions that cannot be read are counted in `rejected` by their stream,
     and the first is logged.
 
-    A token that comes back may be that of a new process, which the last description says nothing
-    of. So with each token the stream's description is asked for, until it comes or what comes
-    cannot be read; a stream that comes back is alive as soon as that has come.
+    A token that comes back may be that of a new process, which the last description does not
+    describe. So with each token the description is asked for, until one comes, readable or not; a
+    stream that comes back is alive as soon as it has come.
     """
 
     def __init__(
@@ -76,24 +76,24 @@ class StreamWatch:
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         self._closed = False
-        # What leads to questions is not done where Zenoh tells of it: there it holds locks.
+        # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
 
     def streams(self) -> dict[str, StreamState]:
-        """All streams by their names, and of those that have gone the last thousand."""
+        """All streams by their names, the last thousand of those that are gone among them."""
         return dict(self._states)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
-        """Take the description of this epoch for the stream's: another process of its name sends
-        it now. To be called on the thread of the executor.
+        """Ask for the description of this epoch: another process publishes the stream now. Call it
+        on the executor's thread.
         """
         self._ask_for_description(key, epoch_ns)
 
     def close(self) -> None:
-        """Watch no more. Twice is fine."""
+        """Stop watching. Twice is fine."""
         self._closed = True
         self._tokens.close()
         self._descriptions.close()

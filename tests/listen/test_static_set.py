@@ -34,7 +34,7 @@ def test_a_message_is_the_whole_set(statics: StaticSet) -> None:
 
 
 def test_an_earlier_set_of_the_epoch_is_not_taken(statics: StaticSet) -> None:
-    """By their numbers a set that comes late is told from the last one."""
+    """A set that comes late has a lower number than the last one."""
     assert statics.replace(message("lamp", seq=4), is_current=True) is None
     assert held(statics) == {"lamp", "post"}
 

@@ -15,28 +15,28 @@ def test_messages_are_counted(received: Received) -> None:
     """A stream counts its messages, transforms and bytes, and how late they come."""
     received.send(at(1, "robot", 8 * S), at(2, "arm", 8 * S))
     stream = received.stream
-    assert (stream.messages, stream.transforms) == (1, 2)
-    assert stream.bytes == len(payload([at(1, "robot", 8 * S), at(2, "arm", 8 * S)]))
-    assert stream.delay_s == 1.0
+    assert (stream.counts.messages, stream.counts.transforms) == (1, 2)
+    assert stream.counts.bytes == len(payload([at(1, "robot", 8 * S), at(2, "arm", 8 * S)]))
+    assert stream.counts.delay_s == 1.0
     received.send(at(1, "robot", 9 * S))
-    assert stream.delay_s == pytest.approx(0.9)
+    assert stream.counts.delay_s == pytest.approx(0.9)
 
 
 def test_what_was_sent_before_the_first_message_heard_is_not_missed(received: Received) -> None:
     """Misses are gaps in the numbers of messages, from the first that was heard."""
     for seq in (5, 6, 9, 10):
         received.send(at(1, "robot"), seq=seq)
-    assert received.stream.missed == 2
+    assert received.stream.counts.missed == 2
     received.send(at(1, "robot", 2 * S), epoch_ns=2, seq=3)
     received.send(at(1, "robot", 3 * S), epoch_ns=2, seq=4)
-    assert received.stream.missed == 2
+    assert received.stream.counts.missed == 2
 
 
 def test_a_message_that_comes_twice_or_late_is_not_a_miss(received: Received) -> None:
     """Numbers that go back are no gap, and messages without a number are not counted."""
     for seq in (1, 2, 1, 2, 3, None):
         received.send(at(1, "robot"), seq=seq)
-    assert received.stream.missed == 0
+    assert received.stream.counts.missed == 0
 
 
 def test_a_new_epoch_restarts_the_stream(
@@ -63,7 +63,7 @@ def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
     received.send_static(at(3, "post"), epoch_ns=2)
     received.send_static(at(4, "post"), epoch_ns=1)
     assert (received.x_of("robot"), received.x_of("post")) == (1, 3)
-    assert received.stream.outdated == 2
+    assert received.stream.counts.outdated == 2
 
 
 def test_an_older_process_that_is_left_alone_counts_again(
@@ -81,7 +81,7 @@ def test_an_older_process_that_is_left_alone_counts_again(
         received.time_s = 1.2
         received.send(at(1, "robot", 4 * S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
-    assert received.stream.outdated == 4
+    assert received.stream.counts.outdated == 4
     assert [record.getMessage() for record in caplog.records] == [
         "Two processes publish stream 'sim': /sim was started twice, and the messages of one are "
         "dropped. Stop one, or give each its own name (--name)",
@@ -144,7 +144,7 @@ def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
     received.stream.appear()
     received.send(at(2, "robot", 1 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
-    assert received.stream.outdated == 0
+    assert received.stream.counts.outdated == 0
 
 
 def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) -> None:
@@ -155,7 +155,7 @@ def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) ->
     received.send(at(2, "robot", 10 * S), epoch_ns=2)
     received.send(at(3, "robot", 11 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
-    assert received.stream.outdated == 1
+    assert received.stream.counts.outdated == 1
 
 
 def test_statics_outlive_a_jump_of_the_clock(received: Received) -> None:
@@ -274,7 +274,7 @@ def test_kept_messages_fill_the_past(received: Received) -> None:
     received.send(at(6, "robot", 6 * S), seq=51)
     xyz = received.buffer.lookup_transforms("world", "robot", [3 * S, 4 * S, 5 * S, 6 * S]).xyz
     assert xyz[:, 0].tolist() == [3, 4, 5, 6]
-    assert received.stream.missed == 0
+    assert received.stream.counts.missed == 0
     assert received.buffer.frame("robot").conflicts == 0
 
 
@@ -310,11 +310,11 @@ def test_frames_of_a_publisher_with_priority_are_left_out(received: Received) ->
     received.stream.exclude(Resolution(set(), {"arm"}))
     received.send(at(1, "robot"), at(2, "arm"))
     assert received.buffer.frames() == ["robot", "world"]
-    assert received.stream.excluded_rows == 1
+    assert received.stream.counts.excluded == 1
     received.stream.exclude(Resolution({"arm"}, set()))
     received.send(at(1, "robot", 2 * S), at(2, "arm", 2 * S))
     assert received.x_of("arm") == 2
-    assert received.stream.excluded_rows == 1
+    assert received.stream.counts.excluded == 1
 
 
 def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
@@ -322,7 +322,7 @@ def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
     received.key.receive(b"nonsense")
     received.stream.receive_static(b"nonsense")
     received.stream.receive_kept(b"")
-    assert received.stream.rejected == 3
+    assert received.stream.counts.rejected == 3
     assert received.buffer.frames() == []
 
 

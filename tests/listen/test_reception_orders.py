@@ -42,9 +42,9 @@ class Orders(RuleBasedStateMachine):
 
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send(self, children: frozenset[str], epoch: int, second: int) -> None:
-        before = self.stream.outdated
+        before = self.stream.counts.outdated
         self.key.receive(payload(children, epoch, second * S))
-        if self.stream.outdated == before:
+        if self.stream.counts.outdated == before:
             assert self.stream.epoch_ns == epoch
             assert all(self.buffer.can_transform("world", child) for child in children)
         else:
@@ -64,9 +64,9 @@ class Orders(RuleBasedStateMachine):
 
     @rule(children=CHILDREN, epoch=EPOCHS)
     def send_static(self, children: frozenset[str], epoch: int) -> None:
-        before = self.stream.outdated
+        before = self.stream.counts.outdated
         self.stream.receive_static(payload(frozenset(c.upper() for c in children), epoch, 0))
-        if self.stream.outdated == before:
+        if self.stream.counts.outdated == before:
             for child in children:
                 found = self.buffer.lookup_transform("world", child.upper())
                 assert found.transform.x == epoch

@@ -79,9 +79,9 @@ def test_strangers_are_forgotten_where_there_are_many(
     assert met.crowded == 0
     met.registry.meet("tf/g")
     gone.state = known.state = read.state = StreamState("any")
-    gone.reception.last_heard_ns = 10**30
+    gone.reception.counts.last_heard_ns = 10**30
     read.read_keys.add("tf/r")
-    met.registry.stream("tf/new").reception.last_heard_ns = 10**30
+    met.registry.stream("tf/new").reception.counts.last_heard_ns = 10**30
     assert met.crowded == 1
     met.registry.forget_strangers({"k"})
     assert met.registry.streams().keys() == {"k", "r", "new"}

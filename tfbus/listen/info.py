@@ -65,14 +65,6 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
         info = replace(
             info,
             epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
-            messages=stream.messages,
-            transforms=stream.transforms,
-            bytes=stream.bytes,
-            missed=stream.missed,
-            outdated=stream.outdated,
-            rejected=stream.rejected,
-            excluded=stream.excluded_rows,
-            last_heard_ns=stream.last_heard_ns,
-            delay_s=stream.delay_s,
+            **vars(stream.counts),
         )
     return info

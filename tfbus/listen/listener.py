@@ -156,7 +156,9 @@ class TransformListener:
     @property
     def rejected(self) -> Counter[str]:
         """How many messages could not be read, by their stream."""
-        counts = {name: it.reception.rejected for name, it in self._registry.streams().items()}
+        counts = {
+            name: it.reception.counts.rejected for name, it in self._registry.streams().items()
+        }
         return Counter({name: count for name, count in counts.items() if count})
 
     @property

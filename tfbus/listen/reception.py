@@ -1,4 +1,4 @@
-"""Receiving one stream: payloads into the buffer; counts, misses, removals and marks.
+"""Receiving one stream: payloads go into the buffer.
 
 A message takes the short way through `DynamicReception.receive`: read, one look at the epoch,
 inserted. Whatever is rare has methods of its own.
@@ -18,15 +18,14 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.listen.claims import Resolution
+from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.listing import Listing, Publisher
+from tfbus.listen.marks import Marks
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transform_reader import TransformReader
 from tfbus.wire.transforms import TransformMessage
-
-# The weight of one message in the mean delay.
-_SMOOTHING = 0.1
 
 
 class StreamReception:
@@ -64,14 +63,8 @@ class StreamReception:
         self.statics = StaticSet()
         self.listing = Listing()
         self.excluded: frozenset[str] = frozenset()
-        self.messages = self.transforms = self.bytes = 0
-        self.missed = self.outdated = self.excluded_rows = 0
-        self.last_heard_ns: int | None = None
-        self.delay_s: float | None = None
-        # Frames of a former epoch, which the present one has not sent so far.
-        self._left_behind: frozenset[str] = frozenset()
-        # Counts changes of what decides which frames are gone.
-        self._turns = 0
+        self.counts = Counts()
+        self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._once = LogOnce(log)
         self._has_warned_of_two = False
 
@@ -85,27 +78,22 @@ class StreamReception:
         """Whether the publisher was there and is gone, by its token."""
         return self.epochs.gone
 
-    @property
-    def rejected(self) -> int:
-        """How many messages could not be read."""
-        return self._once.counts["rejected"]
-
     # Every message
 
     def admit(self, epoch_ns: int, *, live: bool = False) -> bool:
         """Whether a message of this epoch counts; `live` where it was sent just now."""
         with self.lock:
             if live:
-                verdict = self.epochs.judge_live(epoch_ns, self.messages, self.now_s())
+                verdict = self.epochs.judge_live(epoch_ns, self.counts.messages, self.now_s())
             else:
                 verdict = self.epochs.judge(epoch_ns)
             if verdict is Verdict.PRESENT:
                 return True
             if verdict is Verdict.OUTDATED:
-                self.outdated += 1
+                self.counts.outdated += 1
                 has_second = self.epochs.second_publisher_is_alive
             else:
-                self._turns += 1
+                self._marks.invalidate()
             if verdict is Verdict.TAKEOVER:
                 self.statics.accept_any()
         if verdict is Verdict.OUTDATED:
@@ -127,7 +115,7 @@ class StreamReception:
             if is_takeover
             else "its publisher was started again, or its clock went back",
         )
-        self.mark()
+        self._marks.update()
         if is_takeover:
             self.on_takeover(self.name, epoch_ns)
 
@@ -144,23 +132,16 @@ class StreamReception:
         # Rows that are only too old are not taken either, but not refused.
         if taken < len(batch) and buffer.rejected.rows > refused:
             self._warn_refused()
-        epochs = self.epochs
+        epochs, marks = self.epochs, self._marks
         if epochs.gone:
-            self.mark()
-        elif self._left_behind and not self._left_behind.isdisjoint(batch.frames):
-            self._find_again(batch)
+            self._marks.update()
+        elif marks.left_behind and not marks.left_behind.isdisjoint(batch.frames):
+            marks.restore(children_of(_as_batch(batch)))
         if epoch_ns != epochs.present_ns and not static:
             # The epoch ended in between: none of it may stay.
             buffer.forget(self.name)
         if self.excluded is not excluded:
             self._give_way(batch, self.excluded - excluded)
-
-    def count(self, transforms: int, size: int) -> None:
-        """Count one message of `transforms` rows and `size` bytes; with the lock held."""
-        self.messages += 1
-        self.transforms += transforms
-        self.bytes += size
-        self.last_heard_ns = time.time_ns()
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where it cannot be read."""
@@ -172,6 +153,8 @@ class StreamReception:
 
     def reject(self, error: DecodeError) -> None:
         """Count a message that cannot be read; log the first."""
+        with self.lock:
+            self.counts.rejected += 1
         self._once.warning("rejected", "Dropped a message of stream %r: %s", self.name, error)
 
     def _warn_refused(self) -> None:
@@ -203,7 +186,7 @@ class StreamReception:
         whole = _as_batch(batch)
         kept = whole.without(excluded)
         with self.lock:
-            self.excluded_rows += len(whole) - len(kept)
+            self.counts.excluded += len(whole) - len(kept)
         return kept
 
     def _give_way(self, batch: TransformBatch | Columns, rejected: frozenset[str]) -> None:
@@ -225,9 +208,7 @@ class StreamReception:
             return
         batch = message.batch
         with self.lock:
-            self.messages += 1
-            self.transforms += len(batch)
-            self.bytes += len(payload)
+            self.counts.add(len(batch), len(payload))
             removed = self.listing.removed_in(message.epoch_ns)
         self.insert(batch.without(removed) if removed else batch, message.epoch_ns)
         with self.lock:
@@ -245,9 +226,10 @@ class StreamReception:
         epoch_ns = message.epoch_ns
         with self.lock:
             if self._is_outdated_set(epoch_ns):
-                self.outdated += 1
+                self.counts.outdated += 1
                 return
-            self.count(len(message.batch), len(payload))
+            self.counts.add(len(message.batch), len(payload))
+            self.counts.last_heard_ns = time.time_ns()
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
             is_later = self.epochs.present_ns is None or epoch_ns > self.epochs.present_ns
         if removed is None:
@@ -317,62 +299,25 @@ class StreamReception:
         with self.lock:
             removed = self.listing.replace(epoch_ns, children, publisher)
             self.statics.listed = statics
-            self._turns += 1
+            self._marks.invalidate()
         if removed:
             self.buffer.remove_sent(removed, self.name)
-        self.mark()
+        self._marks.update()
 
     def appear(self) -> None:
         """The publisher is there, for the first time or again."""
         with self.lock:
             self.epochs.appear()
-            self._turns += 1
-        self.mark()
+            self._marks.invalidate()
+        self._marks.update()
 
     def vanish(self) -> None:
         """The publisher is gone."""
         with self.lock:
             self.epochs.vanish()
             self.statics.expire()
-            self._turns += 1
-        self.mark()
-
-    # Marks
-
-    def mark(self) -> None:
-        """Mark each frame in the buffer as gone, or not.
-
-        All are where the publisher is gone. Else those are that a former epoch left behind: not
-        listed, and without a sample of this epoch. Before this epoch has a list, those that were
-        gone stay so until they are sent.
-        """
-        marked = -1
-        while marked != self._turns:
-            marked = self._turns
-            held = self.buffer.sent_by(self.name)
-            if self.epochs.gone:
-                self._left_behind = frozenset()
-                self.buffer.mark_gone(held, True, self.name)
-                continue
-            self._left_behind = self._find_left_behind(held)
-            if self.listing.epoch_ns == self.epochs.present_ns:
-                self.buffer.mark_gone(self._left_behind, True, self.name)
-            self.buffer.mark_gone(held.keys() - self._left_behind, False, self.name)
-
-    def _find_left_behind(self, held: dict[str, int]) -> frozenset[str]:
-        current: set[str] = set()
-        present_ns, statics = self.epochs.present_ns, self.statics
-        if self.listing.epoch_ns == present_ns:
-            current |= self.listing.children
-        if statics.batch is not None and statics.epoch_ns == present_ns:
-            current |= children_of(statics.batch)
-        return frozenset({frame for frame, samples in held.items() if not samples} - current)
-
-    def _find_again(self, batch: TransformBatch | Columns) -> None:
-        """Frames that were left behind, and are sent again."""
-        found = self._left_behind & children_of(_as_batch(batch))
-        self._left_behind -= found
-        self.buffer.mark_gone(found, False, self.name)
+            self._marks.invalidate()
+        self._marks.update()
 
 
 class DynamicReception:
@@ -400,13 +345,13 @@ class DynamicReception:
         stream.insert(columns, epoch_ns)
         stamp_ns = columns.last_stamp_ns()
         with stream.lock:
-            stream.count(columns.count, len(payload))
+            counts = stream.counts
+            counts.add(columns.count, len(payload))
+            counts.last_heard_ns = time.time_ns()
             if columns.seq is not None:
                 self._count_missed(epoch_ns, columns.seq)
             if stamp_ns is not None:
-                delay_s = (stream.now_ns() - stamp_ns) / 1e9
-                former_s = delay_s if stream.delay_s is None else stream.delay_s
-                stream.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+                counts.add_delay((stream.now_ns() - stamp_ns) / 1e9)
 
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
         next_seq = self._next_seq
@@ -414,7 +359,7 @@ class DynamicReception:
             # What was sent before the first message heard was not missed.
             self._epoch_ns, self._next_seq = epoch_ns, seq + 1
         elif seq >= next_seq:
-            self.stream.missed += seq - next_seq
+            self.stream.counts.missed += seq - next_seq
             self._next_seq = seq + 1
 
 

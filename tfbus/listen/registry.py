@@ -106,7 +106,7 @@ class Registry:
             return
         silent_since_ns = time.time_ns() - _SILENT_NS
         for name, stream in list(self._streams.items()):
-            is_silent = (stream.reception.last_heard_ns or 0) < silent_since_ns
+            is_silent = (stream.reception.counts.last_heard_ns or 0) < silent_since_ns
             is_stranger = name not in known and not stream.read_keys
             if is_stranger and (stream.state is not None or is_silent):
                 self._streams.pop(name, None)

@@ -91,15 +91,13 @@ class StreamReception:
                 return True
             if verdict is Verdict.OUTDATED:
                 self.counts.outdated += 1
-                has_second = self.epochs.second_publisher_is_alive
             else:
                 self._marks.invalidate()
             if verdict is Verdict.TAKEOVER:
                 self.statics.accept_any()
-        if verdict is Verdict.OUTDATED:
-            if has_second:
-                self._warn_of_two()
-        elif verdict is not Verdict.FIRST:
+        if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:
+            self._warn_of_two()
+        if verdict in (Verdict.RESTART, Verdict.TAKEOVER):
             self._restart(epoch_ns, verdict)
         return verdict.counts
 
@@ -134,7 +132,7 @@ class StreamReception:
             self._warn_refused()
         epochs, marks = self.epochs, self._marks
         if epochs.gone:
-            self._marks.update()
+            marks.update()
         elif marks.left_behind and not marks.left_behind.isdisjoint(batch.frames):
             marks.restore(children_of(_as_batch(batch)))
         if epoch_ns != epochs.present_ns and not static:

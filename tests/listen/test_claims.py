@@ -1,4 +1,4 @@
-"""Claims: two living streams that send one frame, and which of them has the right of way."""
+"""Claims: two live streams that list one frame, and which of them has priority."""
 
 from itertools import permutations
 
@@ -20,14 +20,16 @@ def described(
     )
 
 
-def lost(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
-    """Of each stream the frames that another has the right of."""
-    rulings = claims.rulings(stream, contested)
-    return {name: ruling.lost for name, ruling in rulings.items() if ruling.lost}
+def rejected(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
+    """The rejected frames of each stream that has some."""
+    resolutions = claims.resolutions(stream, contested)
+    return {
+        name: resolution.rejected for name, resolution in resolutions.items() if resolution.rejected
+    }
 
 
 def test_frames_of_one_stream_are_not_contested() -> None:
-    """Streams of different frames do not meet."""
+    """Streams of different frames are not in conflict."""
     claims = Claims("first")
     assert claims.update("a", described("robot")) == set()
     assert claims.update("b", described("arm")) == set()
@@ -39,52 +41,52 @@ def test_the_first_is_the_one_of_the_older_epoch() -> None:
         claims = Claims("first")
         for name in order:
             contested = claims.update(name, described("robot", epoch="bca".index(name)))
-        assert lost(claims, order[-1], contested) == {"a": {"robot"}, "c": {"robot"}}
+        assert rejected(claims, order[-1], contested) == {"a": {"robot"}, "c": {"robot"}}
 
 
 @pytest.mark.parametrize("rule", ["first", "priority"])
-def test_a_clock_that_went_back_makes_nobody_younger(rule: Rule) -> None:
+def test_a_clock_that_goes_back_makes_no_publisher_younger(rule: Rule) -> None:
     """A publisher whose epoch has grown since it was started still wins over one started later."""
     claims = Claims(rule)
     claims.update("a", described("robot", epoch=1, started=1))
     claims.update("b", described("robot", epoch=2, started=2))
     contested = claims.update("a", described("robot", epoch=3, started=1))
-    assert lost(claims, "a", contested) == {"b": {"robot"}}
+    assert rejected(claims, "a", contested) == {"b": {"robot"}}
 
 
 def test_the_priority_comes_before_the_epoch() -> None:
-    """With "priority" the higher one wins, and of equal ones who was started first."""
+    """With "priority" the higher one wins, and of equal ones the first started."""
     claims = Claims("priority")
     claims.update("a", described("robot", epoch=1))
     claims.update("b", described("robot", epoch=3, priority=2))
     contested = claims.update("c", described("robot", epoch=2, priority=2))
-    assert lost(claims, "c", contested) == {"a": {"robot"}, "b": {"robot"}}
+    assert rejected(claims, "c", contested) == {"a": {"robot"}, "b": {"robot"}}
 
 
-def test_with_latest_nobody_is_left_out() -> None:
-    """As in tf2, all may send, and the last counts."""
+def test_with_latest_no_stream_is_left_out() -> None:
+    """As in tf2, all frames are accepted, and the last to send wins."""
     claims = Claims("latest")
     claims.update("a", described("robot", epoch=1))
     contested = claims.update("b", described("robot", epoch=2))
     assert contested == {"robot"}
-    assert lost(claims, "b", contested) == {}
+    assert rejected(claims, "b", contested) == {}
 
 
-def test_when_the_winner_goes_the_next_takes_over() -> None:
-    """A stream that is gone, or lists a frame no more, leaves it to the next."""
+def test_when_the_winner_is_gone_the_next_takes_over() -> None:
+    """A stream that is gone, or no longer lists a frame, leaves it to the next."""
     claims = Claims("first")
     claims.update("a", described("robot", epoch=1))
     claims.update("b", described("robot", epoch=2))
     contested = claims.update("a", None)
-    assert claims.rulings("a", contested)["b"].won == {"robot"}
+    assert claims.resolutions("a", contested)["b"].accepted == {"robot"}
     contested = claims.update("a", described("robot", "arm", epoch=3))
-    assert lost(claims, "a", contested) == {"a": {"robot"}}
+    assert rejected(claims, "a", contested) == {"a": {"robot"}}
     contested = claims.update("a", described("arm", epoch=3))
-    assert claims.rulings("a", contested)["a"].won == {"robot"}
+    assert claims.resolutions("a", contested)["a"].accepted == {"robot"}
 
 
-def test_each_pair_is_told_once() -> None:
-    """A conflict is news once for each two streams, with the frames that they share."""
+def test_each_pair_is_reported_once() -> None:
+    """A conflict is new once for each two streams, with the frames that they share."""
     claims = Claims("latest")
     claims.update("b", described("robot", "arm", "drone", epoch=1))
     contested = claims.update("a", described("robot", "arm", epoch=2))
@@ -97,8 +99,8 @@ def test_each_pair_is_told_once() -> None:
     assert claims.news(claims.update("a", described("robot", epoch=3))) == []
 
 
-def test_a_rule_that_is_not_known_is_refused() -> None:
-    """What wins is one of three words."""
+def test_an_unknown_rule_is_refused() -> None:
+    """There are three rules."""
     with pytest.raises(InvalidArgumentException, match="choose one of latest, first, priority"):
         Claims("strongest")  # type: ignore[arg-type]  # the mistake is the test
 
@@ -115,26 +117,28 @@ def test_a_rule_that_is_not_known_is_refused() -> None:
     ),
     st.sampled_from(["first", "priority"]),
 )
-def test_whatever_happened_the_rule_alone_decides(
+def test_after_any_events_the_rule_alone_decides(
     events: list[tuple[str, set[str] | None, int, int]], rule: Rule
 ) -> None:
-    """After any events each frame is taken from the one winner among those who list it now."""
+    """Each frame is accepted from the one winner among the streams that list it now."""
     claims = Claims(rule)
     now: dict[str, StreamDescription] = {}
     excluded: dict[str, set[str]] = {}
     for stream, children, epoch, priority in events:
-        told = None if children is None else described(*children, epoch=epoch, priority=priority)
-        contested = claims.update(stream, told)
+        description = (
+            None if children is None else described(*children, epoch=epoch, priority=priority)
+        )
+        contested = claims.update(stream, description)
         now.pop(stream, None)
-        if told is not None:
-            now[stream] = told
-        for name, ruling in claims.rulings(stream, contested).items():
-            excluded[name] = (excluded.get(name, set()) - ruling.won) | ruling.lost
+        if description is not None:
+            now[stream] = description
+        for name, resolution in claims.resolutions(stream, contested).items():
+            excluded[name] = (excluded.get(name, set()) - resolution.accepted) | resolution.rejected
     for child in "xyz":
         claimants = [
-            (-told.priority if rule == "priority" else 0, told.epoch, name)
-            for name, told in now.items()
-            if any(child == frame for _, frame, _ in told.frames)
+            (-listed.priority if rule == "priority" else 0, listed.epoch, name)
+            for name, listed in now.items()
+            if any(child == frame for _, frame, _ in listed.frames)
         ]
         losers = {name for _, _, name in sorted(claimants)[1:]}
         assert {name for name, frames in excluded.items() if child in frames} == losers

@@ -1,4 +1,4 @@
-"""How far the clocks of others are from ours, by the four times of NTP, and who is told."""
+"""How far the clocks of other nodes are from ours, by the four times of NTP; warnings."""
 
 import sys
 
@@ -28,8 +28,8 @@ def test_a_clock_that_is_ahead() -> None:
     assert measured(10 * SECOND, 15 * SECOND, 15 * SECOND, 12 * SECOND) == ClockOffset(4.0, 2.0)
 
 
-def test_the_time_that_the_other_takes_is_not_on_the_way() -> None:
-    """How long the other thinks before it answers changes neither offset nor round trip."""
+def test_the_time_before_the_answer_is_not_on_the_way() -> None:
+    """How long the other node takes to answer changes neither offset nor round trip."""
     assert measured(10 * SECOND, 15 * SECOND, 18 * SECOND, 15 * SECOND) == ClockOffset(4.0, 2.0)
 
 
@@ -43,7 +43,7 @@ def test_the_time_that_the_other_takes_is_not_on_the_way() -> None:
 def test_the_offset_is_known_to_half_of_the_round_trip(
     offset: int, there: int, thinking: int, back: int
 ) -> None:
-    """Whatever the ways there and back are, the error is at most half of both together."""
+    """For any two ways the error is at most half of both together."""
     asked = 1_700_000_000 * SECOND
     received = asked + there + offset
     found = measured(asked, received, received + thinking, asked + there + thinking + back)
@@ -75,12 +75,12 @@ with tfbus.Node("robot") as node:
 
 
 def start_robot(bus: Bus, ahead_s: float) -> None:
-    """A publisher in a process of its own, whose clock is so far ahead of ours."""
+    """A publisher in a process of its own, whose clock is `ahead_s` ahead of ours."""
     bus.start_command([sys.executable, "-c", FALSE_CLOCK, str(ahead_s)]).wait_for_line("ready")
 
 
 def robot(listener: TransformListener) -> StreamInfo | None:
-    """What the listener knows of the robot, once it has measured its clock."""
+    """The listener's report of the robot, once its clock is measured."""
     infos = (info for info in listener.streams() if info.clock_offset_s is not None)
     return next((info for info in infos if info.name == "robot"), None)
 
@@ -88,13 +88,11 @@ def robot(listener: TransformListener) -> StreamInfo | None:
 @pytest.mark.parametrize(
     ("ahead_s", "said"),
     [
-        (2.5, " is 2[.]\\d{3} s ahead of ours .* answers where its frames were so long ago"),
-        (-2.5, " is 2[.]\\d{3} s behind ours .* waits so long, or fails"),
+        (2.5, " is 2[.]\\d{3} s ahead of ours .* return where its frames were that long ago"),
+        (-2.5, " is 2[.]\\d{3} s behind ours .* wait that long, or fail"),
     ],
 )
-def test_a_listener_knows_and_tells_of_a_clock_that_is_off(
-    bus: Bus, ahead_s: float, said: str
-) -> None:
+def test_a_listener_warns_of_a_clock_that_is_off(bus: Bus, ahead_s: float, said: str) -> None:
     """Each listener knows how far a publisher's clock is from its own, and warns of it once."""
     start_robot(bus, ahead_s)
     echo = bus.start("echo", "odom", "base", "--rate", "50")
@@ -107,8 +105,8 @@ def test_a_listener_knows_and_tells_of_a_clock_that_is_off(
     assert len([line for line in echo.err if "The clock of" in line]) == 1
 
 
-def test_clocks_that_agree_are_not_told_of(bus: Bus) -> None:
-    """On one host the offset is known to be next to nothing, and nothing is said of it."""
+def test_clocks_that_agree_are_not_warned_of(bus: Bus) -> None:
+    """On one host the offset is nearly 0, and no warning is logged."""
     start_robot(bus, 0.0)
     echo = bus.start("echo", "odom", "base", "--rate", "50")
     with TransformListener(Buffer(), bus.node("here")) as listener:
@@ -119,8 +117,8 @@ def test_clocks_that_agree_are_not_told_of(bus: Bus) -> None:
     assert not [line for line in echo.err if "The clock of" in line]
 
 
-def test_ones_own_clock_is_not_off(bus: Bus) -> None:
-    """A listener hears the streams of its own node by its own clock."""
+def test_the_clock_of_the_own_node_is_not_off(bus: Bus) -> None:
+    """Streams of the listener's own node have its own clock."""
     node = bus.node("robot")
     with TransformListener(Buffer(), node) as listener:
         TransformBroadcaster(node).send_transform(
@@ -129,8 +127,8 @@ def test_ones_own_clock_is_not_off(bus: Bus) -> None:
         assert eventually(lambda: robot(listener)).clock_offset_s == 0.0
 
 
-def test_a_stream_of_a_new_process_has_the_clock_of_that(bus: Bus) -> None:
-    """Where a stream comes from another session, the former is asked no more."""
+def test_a_stream_of_a_new_process_has_its_clock(bus: Bus) -> None:
+    """Where a stream comes from another session, the former one is no longer measured."""
     node = bus.node("listener")
     offsets = ClockOffsets(node.session, node.log)
     former, later = bus.node("former"), bus.node("later")
@@ -138,8 +136,8 @@ def test_a_stream_of_a_new_process_has_the_clock_of_that(bus: Bus) -> None:
         session = robot.session.id
         key = clock_key(robot.name)
         eventually(lambda key=key: list(node.session.ask(key)))
-        told = StreamDescription(1, robot.full_name, 1, (), session=session)
-        offsets.watch("robot", told)
+        description = StreamDescription(1, robot.full_name, 1, (), session=session)
+        offsets.watch("robot", description)
         eventually(lambda session=session: offsets.of(session))
     assert offsets.of(former.session.id) is None
     offsets.forget("robot")

@@ -14,7 +14,7 @@ from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 
 def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:
-    """Frames below `world`, each so many metres ahead."""
+    """Frames below `world`, each `x` metres ahead."""
     rows = [
         TransformStamped(epoch_ns, "world", child, Transform((x, 0, 0)))
         for child, x in x_of.items()
@@ -23,7 +23,7 @@ def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:
 
 
 class Received:
-    """The streams "a" and "b", the first of which was started first, in one buffer."""
+    """The streams "a" and "b" in one buffer; "a" was started first."""
 
     def __init__(self, rule: Rule, buffer: Buffer | None = None) -> None:
         self.buffer = Buffer() if buffer is None else buffer
@@ -35,7 +35,7 @@ class Received:
             for name in "ab"
         }
         self.epochs = {"a": 1, "b": 2}
-        self.conflicts = Conflicts(rule, self.buffer, self.streams, log)
+        self.conflicts = Conflicts(rule, self.buffer, self.streams.__getitem__, log)
         self._sent = 0
 
     def send_static(self, stream: str, **x_of: float) -> None:
@@ -47,7 +47,7 @@ class Received:
         key.receive(payload(self.epochs[stream], 0, **x_of))
 
     def describe(self, stream: str, *children: str) -> None:
-        """The stream says that it has these static frames."""
+        """The stream lists these static frames."""
         rows = tuple(("world", child, True) for child in children)
         epoch = self.epochs[stream]
         self.streams[stream].describe(epoch, frozenset(children), frozenset(children))
@@ -62,7 +62,7 @@ class Received:
         self.conflicts.judge(stream, None)
 
     def held(self, child: str) -> tuple[float, str, bool]:
-        """Where a frame is, who sent it, and whether he is gone."""
+        """Where a frame is, its authority, and whether it is gone."""
         frame = self.buffer.frame(child)
         x = self.buffer.lookup_transform("world", child).transform.x
         return x, frame.authority, frame.gone
@@ -83,10 +83,10 @@ def both(rule: Rule) -> Received:
     [("latest", "b", ("a", 1.0)), ("first", "a", ("b", 2.0)), ("priority", "a", ("b", 2.0))],
 )
 @pytest.mark.parametrize("order", ["static first", "description first"])
-def test_a_static_frame_that_one_of_two_takes_out_is_the_others(
+def test_a_static_frame_that_one_of_two_removes_is_the_others(
     both: Received, winner: str, other: tuple[str, float], order: str
 ) -> None:
-    """Under every rule it is then where the other has it, and his other frames are as before."""
+    """Under every rule it is then where the other has it; other frames are as before."""
     before = both.held("lamp")
     assert before[1] == winner
     if order == "static first":
@@ -104,10 +104,10 @@ def test_a_static_frame_that_one_of_two_takes_out_is_the_others(
     ("rule", "winner", "other"),
     [("latest", "b", ("a", 1.0)), ("first", "a", ("b", 2.0)), ("priority", "a", ("b", 2.0))],
 )
-def test_a_static_frame_of_one_who_is_gone_is_the_others(
+def test_a_static_frame_of_a_gone_publisher_is_the_others(
     both: Received, winner: str, other: tuple[str, float]
 ) -> None:
-    """Under every rule a living publisher's static transform takes the place of a dead one's."""
+    """Under every rule the static transform of a live publisher replaces that of a gone one."""
     both.lose(winner)
     name, x = other
     assert both.held("camera") == (x, name, False)
@@ -116,11 +116,11 @@ def test_a_static_frame_of_one_who_is_gone_is_the_others(
 
 @pytest.mark.parametrize("rule", ["first", "priority"])
 @pytest.mark.parametrize("is_static", [True, False])
-def test_who_loses_a_frame_while_he_sends_it_does_not_keep_it(rule: Rule, is_static: bool) -> None:
-    """A transform on its way into the buffer when another got the right of way gives way too."""
+def test_a_frame_that_is_rejected_while_it_is_sent_is_not_kept(rule: Rule, is_static: bool) -> None:
+    """A transform on its way into the buffer is dropped when another publisher gets priority."""
 
     class LateBuffer(Buffer):
-        """Takes what "b" sends only when it is known that "b" has not the right of way."""
+        """Takes transforms of "b" only after "a" has got priority."""
 
         def set_transforms(
             self, batch: TransformBatch, *, static: bool = False, authority: str = ""

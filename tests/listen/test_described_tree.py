@@ -1,4 +1,4 @@
-"""Which streams a lookup needs, by what all streams say of their frames."""
+"""Which streams a lookup needs, by the frames that all streams list."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,17 +11,17 @@ Row = tuple[str, str, bool]
 
 
 def description(rows: list[Row], *, split: bool = False) -> StreamDescription:
-    """What a stream of these frames tells about itself."""
+    """The description of a stream of these frames."""
     return StreamDescription(1, "/node", 1, tuple(rows), split=split)
 
 
-def moving(*edges: str) -> list[Row]:
-    """Rows of edges written as `map>odom`, which move."""
+def dynamic(*edges: str) -> list[Row]:
+    """Dynamic rows of edges written as `map>odom`."""
     return [(*_ends(edge), False) for edge in edges]
 
 
 def fixed(*edges: str) -> list[Row]:
-    """Rows of edges written as `base>lidar`, which are static."""
+    """Static rows of edges written as `base>lidar`."""
     return [(*_ends(edge), True) for edge in edges]
 
 
@@ -39,7 +39,7 @@ def tree_of(**streams: list[Row]) -> DescribedTree:
 
 
 def tell(tree: DescribedTree, stream: str, rows: list[Row], *, alive: bool = True) -> None:
-    """Let a stream describe itself anew."""
+    """Let a stream describe itself again."""
     edges = described_edges(stream, f"@tfbus/stream/{stream}", description(rows))
     tree.update(stream, edges, alive=alive)
 
@@ -50,10 +50,10 @@ def keys_needed(tree: DescribedTree, *pairs: tuple[str, str]) -> set[str]:
 
 
 ROBOT = {
-    "slam": moving("map>odom"),
-    "wheels": moving("odom>base"),
+    "slam": dynamic("map>odom"),
+    "wheels": dynamic("odom>base"),
     "model": fixed("base>lidar", "base>arm"),
-    "arm": moving("arm>elbow", "elbow>tool"),
+    "arm": dynamic("arm>elbow", "elbow>tool"),
 }
 
 
@@ -73,17 +73,19 @@ def test_two_branches_meet_below_the_root() -> None:
 
 
 def test_frames_that_nothing_joins_need_all_above_them() -> None:
-    """Between trees that are not joined yet, all up to both roots is needed."""
-    tree = tree_of(left=moving("world>a", "a>b"), right=moving("floor>c"), other=moving("world>d"))
+    """Between trees that are not connected, all up to both roots is needed."""
+    tree = tree_of(
+        left=dynamic("world>a", "a>b"), right=dynamic("floor>c"), other=dynamic("world>d")
+    )
     assert not tree.are_connected("b", "c")
     assert (tree.roots("b"), tree.roots("c")) == (["world"], ["floor"])
     assert keys_needed(tree, ("b", "c")) == {"tf/left", "tf/right"}
-    tell(tree, "joint", moving("world>floor"))
+    tell(tree, "joint", dynamic("world>floor"))
     assert tree.are_connected("b", "c")
     assert keys_needed(tree, ("b", "c")) == {"tf/left", "tf/right", "tf/joint"}
 
 
-def test_frames_that_nobody_describes_need_nothing() -> None:
+def test_frames_that_no_stream_describes_need_nothing() -> None:
     """For a frame that no stream describes there is nothing to read."""
     tree = tree_of(**ROBOT)
     assert keys_needed(tree, ("map", "nowhere")) == set()
@@ -91,57 +93,57 @@ def test_frames_that_nobody_describes_need_nothing() -> None:
 
 
 def test_a_frame_is_seen_from_itself() -> None:
-    """For a lookup of a frame in itself it is enough to know the frame."""
+    """A lookup of a frame in itself needs the frame."""
     assert "tf/wheels" in keys_needed(tree_of(**ROBOT), ("base", "base"))
 
 
 def test_the_path_follows_a_frame_to_another_parent() -> None:
     """A frame that gets another parent has another path up."""
-    tree = tree_of(table=moving("room>table"), robot=moving("room>hand"), cup=moving("table>cup"))
+    tree = tree_of(
+        table=dynamic("room>table"), robot=dynamic("room>hand"), cup=dynamic("table>cup")
+    )
     assert keys_needed(tree, ("room", "cup")) == {"tf/table", "tf/cup"}
-    tell(tree, "cup", moving("hand>cup"))
+    tell(tree, "cup", dynamic("hand>cup"))
     assert keys_needed(tree, ("room", "cup")) == {"tf/robot", "tf/cup"}
 
 
 def test_the_path_follows_a_frame_to_another_stream() -> None:
     """A frame that another stream sends from now on is read there."""
-    tree = tree_of(old=moving("map>base"))
-    tell(tree, "new", moving("map>base"))
+    tree = tree_of(old=dynamic("map>base"))
+    tell(tree, "new", dynamic("map>base"))
     tell(tree, "old", [])
     assert keys_needed(tree, ("map", "base")) == {"tf/new"}
-    tell(tree, "new", moving("odom>base"))
+    tell(tree, "new", dynamic("odom>base"))
     assert [frame for frame in ("map", "odom", "base") if tree.describes(frame)] == ["odom", "base"]
     assert tree.frames() == {"odom", "base"}
 
 
-def test_what_is_gone_is_read_where_nobody_else_sends_it() -> None:
-    """A stream that is gone is needed still, it may come back; but not where another sends its
-    frame.
-    """
-    tree = tree_of(old=moving("map>base"))
-    tell(tree, "old", moving("map>base"), alive=False)
+def test_a_gone_stream_is_read_where_no_other_sends_its_frame() -> None:
+    """A gone stream may come back, so it is needed, except where another sends its frame."""
+    tree = tree_of(old=dynamic("map>base"))
+    tell(tree, "old", dynamic("map>base"), alive=False)
     assert keys_needed(tree, ("map", "base")) == {"tf/old"}
-    tell(tree, "new", moving("odom>base"))
+    tell(tree, "new", dynamic("odom>base"))
     assert keys_needed(tree, ("odom", "base")) == {"tf/new"}
 
 
 def test_where_streams_disagree_all_ways_are_needed() -> None:
-    """Two parents of one frame lead to everything above both, as either may be the right one."""
+    """Two parents of one frame need everything above both, since either may count."""
     tree = tree_of(
-        one=moving("a>x"), two=moving("b>x"), top=moving("root>a", "root>b"), end=moving("a>y")
+        one=dynamic("a>x"), two=dynamic("b>x"), top=dynamic("root>a", "root>b"), end=dynamic("a>y")
     )
     assert keys_needed(tree, ("y", "x")) == {"tf/one", "tf/two", "tf/top", "tf/end"}
 
 
 def test_where_streams_agree_about_the_parent_the_way_is_one() -> None:
     """Two publishers of one edge are both needed, but nothing above it."""
-    tree = tree_of(one=moving("a>x"), two=moving("a>x"), top=moving("root>a"))
+    tree = tree_of(one=dynamic("a>x"), two=dynamic("a>x"), top=dynamic("root>a"))
     assert keys_needed(tree, ("a", "x")) == {"tf/one", "tf/two"}
 
 
 def test_parents_in_a_circle_do_no_harm() -> None:
-    """Streams that describe a circle are read, and nobody walks round it for ever."""
-    tree = tree_of(one=moving("a>b"), two=moving("b>a"))
+    """A circle that streams describe ends the walk up."""
+    tree = tree_of(one=dynamic("a>b"), two=dynamic("b>a"))
     assert keys_needed(tree, ("a", "b")) <= {"tf/one", "tf/two"}
     assert tree.roots("a") == []
 
@@ -151,7 +153,7 @@ def test_a_split_stream_is_needed_frame_by_frame() -> None:
     static transforms are one set.
     """
     tree = DescribedTree()
-    rows = moving("map>a/1", "a/1>b", "map>c") + fixed("b>d")
+    rows = dynamic("map>a/1", "a/1>b", "map>c") + fixed("b>d")
     key = "@tfbus/stream/many"
     tree.update("many", described_edges("many", key, description(rows, split=True)), alive=True)
     assert keys_needed(tree, ("map", "b")) == {"tf/many/a%2F1", "tf/many/b"}
@@ -159,14 +161,14 @@ def test_a_split_stream_is_needed_frame_by_frame() -> None:
 
 
 def test_the_frames_of_a_robot_are_found_by_their_outside_names() -> None:
-    """Seen from outside, keys are in the robot's namespace and frames have its name in front."""
+    """Seen from outside, keys and frames have the robot's namespace in front."""
     tree = DescribedTree()
     names = FrameNames("robot7", ("map",))
     for stream, split in (("sim", False), ("arm", True)):
-        rows = moving("map>base") if stream == "sim" else moving("base>arm")
+        rows = dynamic("map>base") if stream == "sim" else dynamic("base>arm")
         key = f"robot7/@tfbus/stream/{stream}"
-        told = description(rows, split=split)
-        tree.update(f"robot7/{stream}", described_edges(stream, key, told, names), alive=True)
+        described = description(rows, split=split)
+        tree.update(f"robot7/{stream}", described_edges(stream, key, described, names), alive=True)
     assert tree.frames() == {"map", "robot7/base", "robot7/arm"}
     assert keys_needed(tree, ("map", "robot7/arm")) == {"robot7/tf/sim", "robot7/tf/arm/arm"}
 
@@ -194,22 +196,22 @@ def _chain(parents: dict[str, str], frame: str) -> list[str]:
 def test_what_is_needed_joins_the_frames_and_nothing_of_it_is_idle(
     parents: dict[str, str], target: int, source: int
 ) -> None:
-    """For any tree: the edges needed are all those between the two frames, and no others."""
-    streams = {f"s{child}": moving(f"{parent}>{child}") for child, parent in parents.items()}
+    """For any tree the edges needed are those between the two frames, and no others."""
+    streams = {f"s{child}": dynamic(f"{parent}>{child}") for child, parent in parents.items()}
     tree = tree_of(**streams)
     ups, downs = _chain(parents, str(source)), _chain(parents, str(target))
     needed = {edge.child for edge in tree.edges_needed([(str(target), str(source))])}
     if target != source:
-        wanted = set(ups) ^ set(downs) if ups[-1] == downs[-1] else set(ups) | set(downs)
-        assert needed == wanted & parents.keys()
+        expected = set(ups) ^ set(downs) if ups[-1] == downs[-1] else set(ups) | set(downs)
+        assert needed == expected & parents.keys()
     assert tree.are_connected(str(target), str(source)) == (ups[-1] == downs[-1])
 
 
-def test_streams_that_are_gone_are_forgotten_one_day() -> None:
-    """Of streams that have gone the last thousand are remembered; memory does not grow for ever."""
+def test_only_the_last_gone_streams_are_remembered() -> None:
+    """At most 1000 gone streams are remembered."""
     tree = DescribedTree()
     for number in range(1100):
-        tell(tree, f"s{number}", moving(f"map>f{number}"), alive=False)
+        tell(tree, f"s{number}", dynamic(f"map>f{number}"), alive=False)
     assert len(tree.frames()) == 1001
     assert keys_needed(tree, ("map", "f0")) == set()
     assert keys_needed(tree, ("map", "f1099")) == {"tf/s1099"}

@@ -37,7 +37,7 @@ def edge(parent: str, child: str, x: float = 1.0) -> TransformStamped:
 
 
 class Sender:
-    """A node that sends one edge over and over, each time anew."""
+    """A node that sends one edge at 50 Hz, with the stamp of each moment."""
 
     def __init__(self, bus: Bus, name: str, parent: str, child: str, x: float = 1.0):
         self.parent, self.child, self.x = parent, child, x
@@ -67,22 +67,22 @@ def listener(receiver: Node, buffer: Buffer) -> Iterator[TransformListener]:
 
 
 def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
+    """Where the source is along the target's x axis, to the nanometre; None while unknown."""
     if not buffer.can_transform(target, source):
         return None
     return round(buffer.lookup_transform(target, source).transform.x, 9)
 
 
 def received(listener: TransformListener) -> dict[str, int]:
-    """How many messages have come of each stream that is known by its description."""
+    """The count of messages of each stream that has a description."""
     return {info.name: info.messages for info in listener.streams() if info.frames}
 
 
 def test_only_what_a_lookup_needs_is_read(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A lookup with a timeout works the first time, and nothing comes of streams that it does not
-    need, though their frames are known.
+    """A lookup with a timeout works the first time, and no message comes of streams that it does
+    not need, though their frames are known.
     """
     start(bus, "slam", "--moving", "map:odom")
     start(bus, "wheels", "--moving", "odom:base", "--x", "2")
@@ -96,18 +96,18 @@ def test_only_what_a_lookup_needs_is_read(
     assert buffer.frames() == ["base", "lidar", "odom"]
 
 
-def test_without_a_timeout_the_error_says_that_it_was_asked_for(
+def test_without_a_timeout_the_error_says_what_is_read_now(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """The first lookup that does not wait says what is read from now on; a later one answers."""
+    """The first lookup without a timeout says what is read from now on; a later one answers."""
     broadcaster = TransformBroadcaster(bus.node("wheels"))
     broadcaster.send_transform(edge("odom", "base"))
     eventually(lambda: received(listener) == {"wheels": 0})
     with pytest.raises(LookupException) as caught:
         buffer.lookup_transform("odom", "base")
     assert str(caught.value) == (
-        "'base' seen from 'odom' is not there yet: what it needs of stream 'wheels' is read from "
-        "now on; wait for it (timeout_s), or ask again"
+        "no transform from 'base' to 'odom' yet: reading stream 'wheels' from now on; wait for it "
+        "(timeout_s), or query again"
     )
     assert caught.value.frame == "odom"
 
@@ -118,20 +118,20 @@ def test_without_a_timeout_the_error_says_that_it_was_asked_for(
     eventually(is_there)
 
 
-def test_a_name_that_nobody_describes_is_told_by_those_that_are_described(
+def test_an_unknown_name_is_compared_with_those_that_streams_list(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A mistyped frame is compared with all frames on the bus, also those that are not read."""
+    """The frames on the bus that are not read are among them."""
     start(bus, "wheels", "--moving", "odom:base_link")
     eventually(lambda: received(listener) == {"wheels": 0})
     with pytest.raises(LookupException, match="no frame 'base_lnk'; did you mean 'base_link'"):
         buffer.lookup_transform("odom", "base_lnk")
 
 
-def test_frames_in_two_trees_are_told_by_the_roots_that_are_described(
+def test_frames_of_two_trees_are_not_connected(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """Frames that no stream joins are not connected, and the error names both roots."""
+    """The error names the roots of both by the streams' descriptions."""
     start(bus, "left", "--moving", "world:a", "--moving", "a:b")
     start(bus, "right", "--moving", "floor:c")
     eventually(lambda: len(received(listener)) == 2)
@@ -142,10 +142,10 @@ def test_frames_in_two_trees_are_told_by_the_roots_that_are_described(
         buffer.lookup_transform("b", "c", timeout_s=0.05)
 
 
-def test_who_waits_may_be_there_before_the_publishers(
+def test_a_lookup_may_wait_for_publishers_to_start(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A lookup that waits is answered by publishers that start later, for asyncio too."""
+    """A waiting lookup is answered by publishers that start later, with asyncio too."""
 
     async def look() -> TransformStamped:
         task = asyncio.create_task(buffer.wait_for_transform("map", "base", timeout_s=PATIENCE_S))
@@ -159,7 +159,7 @@ def test_who_waits_may_be_there_before_the_publishers(
 def test_the_path_follows_a_frame_to_another_parent(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A cup that is taken from the table is seen in the hand, whose stream is read from then on."""
+    """A cup that moves from the table to the hand makes the stream of the hand needed."""
     start(bus, "table", "--static", "room:table", "--x", "1")
     start(bus, "robot", "--moving", "room:hand", "--x", "5")
     cup = Sender(bus, "cup", "table", "cup", 0.25)
@@ -173,7 +173,7 @@ def test_the_path_follows_a_frame_to_another_parent(
 def test_the_path_follows_a_frame_to_another_stream(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A frame that its publisher gives up and another one sends is read there, without a word."""
+    """A frame that one publisher removes and another sends is read from the other."""
     first = Sender(bus, "first", "map", "base", 1)
     second = Sender(bus, "second", "map", "other", 2)
     assert buffer.lookup_transform(
@@ -187,10 +187,10 @@ def test_the_path_follows_a_frame_to_another_stream(
     assert buffer.frame("base").authority == "second"
 
 
-def test_a_killed_publisher_is_read_again_when_it_is_back(
+def test_a_killed_publisher_is_read_again_when_restarted(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """Frames whose publisher is gone are marked; the one that comes in its place is read."""
+    """Frames of a gone publisher are marked; the restarted one is read."""
     first = start(bus, "wheels", "--moving", "map:base", "--x", "1")
     buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
     first.signal(SIGKILL)
@@ -199,20 +199,20 @@ def test_a_killed_publisher_is_read_again_when_it_is_back(
     eventually(lambda: x_of(buffer, "map", "base") == 2 and not buffer.frame("base").gone)
 
 
-def test_of_a_split_stream_single_frames_are_read(
+def test_single_frames_of_a_split_stream_are_read(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """Of a stream that sends each frame on its own key, only frames of the path come in."""
+    """Only frames of the path come in of a stream that sends each frame on its own key."""
     start(bus, "arms", "--split", "--moving", "map:a", "--moving", "a:b/1", "--moving", "map:c")
     buffer.lookup_transform("map", "b/1", timeout_s=PATIENCE_S)
     eventually(lambda: received(listener)["arms"] > 20)
     assert buffer.frames() == ["a", "b/1", "map"]
 
 
-def test_what_will_be_needed_can_be_said_before(
+def test_needed_frames_can_be_named_in_advance(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """After `need` the data comes without a lookup."""
+    """After `need` their transforms come without a lookup."""
     start(bus, "wheels", "--moving", "odom:base", "--moving", "odom:other")
     listener.need("odom", "base")
     eventually(lambda: "base" in buffer.frames())
@@ -220,8 +220,8 @@ def test_what_will_be_needed_can_be_said_before(
         listener.need("", "base")
 
 
-def test_history_comes_with_what_is_read(bus: Bus, receiver: Node, buffer: Buffer) -> None:
-    """A stream is asked for its last seconds when it is first read, however late that is."""
+def test_history_comes_with_a_stream_that_is_read(bus: Bus, receiver: Node, buffer: Buffer) -> None:
+    """A stream is asked for its last seconds when it is first read."""
     node = bus.node("sender")
     broadcaster = TransformBroadcaster(node)
     first_ns = time.time_ns() - 2 * 10**9
@@ -234,10 +234,10 @@ def test_history_comes_with_what_is_read(bus: Bus, receiver: Node, buffer: Buffe
         assert found.transform.x == pytest.approx(0.5)
 
 
-def test_edges_that_somebody_put_into_the_buffer_count(
+def test_edges_that_the_application_put_into_the_buffer_count(
     bus: Bus, buffer: Buffer, listener: TransformListener
 ) -> None:
-    """A path may lead over edges that no stream sends, but that are in the buffer already."""
+    """A path may lead over edges that no stream sends."""
     start(bus, "wheels", "--moving", "map:base", "--x", "2")
     buffer.set_transform(edge("base", "tool", 3), static=True)
     buffer.set_transform(edge("world", "map", 5), static=True)
@@ -246,7 +246,7 @@ def test_edges_that_somebody_put_into_the_buffer_count(
 
 
 def test_a_corrected_static_comes_in(bus: Bus, buffer: Buffer, listener: TransformListener) -> None:
-    """Static transforms that are needed are kept up to date; so is what was there before."""
+    """Needed static transforms are kept up to date."""
     broadcaster = StaticTransformBroadcaster(bus.node("model"))
     broadcaster.send_transform(edge("base", "lidar", 1))
     assert buffer.lookup_transform(
@@ -256,8 +256,8 @@ def test_a_corrected_static_comes_in(bus: Bus, buffer: Buffer, listener: Transfo
     eventually(lambda: x_of(buffer, "base", "lidar") == 2)
 
 
-def test_a_closed_listener_reads_no_more(bus: Bus, receiver: Node, buffer: Buffer) -> None:
-    """A listener that is closed asks for nothing any more; what it has stays. Twice is fine."""
+def test_a_closed_listener_reads_nothing(bus: Bus, receiver: Node, buffer: Buffer) -> None:
+    """After `close` no frame becomes needed; the buffer keeps its transforms. Twice is fine."""
     start(bus, "wheels", "--moving", "map:base", "--moving", "map:other")
     listener = TransformListener(buffer, receiver, reads="needed")
     buffer.lookup_transform("map", "base", timeout_s=PATIENCE_S)
@@ -268,14 +268,14 @@ def test_a_closed_listener_reads_no_more(bus: Bus, receiver: Node, buffer: Buffe
         buffer.lookup_transform("map", "nowhere")
 
 
-def test_what_can_be_read_is_checked(receiver: Node, buffer: Buffer) -> None:
-    """Another word than those two is refused."""
+def test_reads_is_checked(receiver: Node, buffer: Buffer) -> None:
+    """Any word but the two known ones is refused."""
     with pytest.raises(InvalidArgumentException, match="choose one of everything, needed"):
         TransformListener(buffer, receiver, reads="some")  # type: ignore[arg-type]  # is the test
 
 
 class Read:
-    """What an interest subscribes to, without a bus."""
+    """The keys that an interest subscribes to, without a bus."""
 
     def __init__(self) -> None:
         self.keys: set[str] = set()
@@ -300,18 +300,18 @@ def tell(interest: Interest, stream: str, *frames: tuple[str, str, bool]) -> Non
     interest.update(StreamState(stream, True, description, f"@tfbus/stream/{stream}"), None)
 
 
-def test_what_is_not_asked_for_again_is_left() -> None:
-    """A lookup that is not repeated needs nothing after a while, and its frames are forgotten;
-    one that is repeated, or waits, goes on, and so does what `need` asked for.
+def test_streams_of_lookups_that_are_not_repeated_are_left() -> None:
+    """Their frames are forgotten after `kept_s`; lookups that are repeated, or wait, keep theirs,
+    and so does `need`.
     """
     buffer, read = Buffer(), Read()
     clock = [0.0]
     interest = Interest(buffer, read.subscribe, read.forget, kept_s=0.1, clock=lambda: clock[0])
-    told: list[tuple[str, str]] = []
-    buffer.watch_questions(lambda target, source: told.append((target, source)))
+    asked: list[tuple[str, str]] = []
+    buffer.watch_questions(lambda target, source: asked.append((target, source)))
     tell(interest, "once", ("map", "a", False), ("map", "a2", False))
     tell(interest, "often", ("map", "b", False))
-    tell(interest, "wanted", ("map", "c", True))
+    tell(interest, "named", ("map", "c", True))
     tell(interest, "waited", ("map", "d", True))
     interest.need("map", "c")
     buffer.can_transform("map", "a")
@@ -319,14 +319,14 @@ def test_what_is_not_asked_for_again_is_left() -> None:
         waiting = pool.submit(buffer.lookup_transform, "map", "d", timeout_s=PATIENCE_S)
         eventually(lambda: buffer.waiting)
         for _ in range(5):
-            told.clear()
+            asked.clear()
             clock[0] += 0.05
             eventually(
-                lambda: buffer.can_transform("map", "b") or {("map", "b"), ("map", "d")} <= {*told}
+                lambda: buffer.can_transform("map", "b") or {("map", "b"), ("map", "d")} <= {*asked}
             )
         eventually(lambda: read.forgotten)
         assert read.forgotten == [("once", "tf/once", {"a", "a2"})]
-        assert read.keys == {"tf/often", "tf_static/wanted", "tf_static/waited"}
+        assert read.keys == {"tf/often", "tf_static/named", "tf_static/waited"}
         buffer.set_transform(edge("map", "d"), static=True)
         assert waiting.result().child_frame_id == "d"
     interest.close()
@@ -334,7 +334,7 @@ def test_what_is_not_asked_for_again_is_left() -> None:
 
 
 def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> None:
-    """What fails while something is subscribed to is told once, and the rest goes on."""
+    """A failing subscription is logged once and retried."""
     buffer, read = Buffer(), Read()
     failures: list[str] = []
 
@@ -351,14 +351,14 @@ def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> 
     interest.close()
     assert failures == ["tf/wheels"] * 2
     assert [record.getMessage() for record in caplog.records] == [
-        "What lookups need could not be followed; it is tried again"
+        "Could not subscribe to what lookups need; retrying"
     ]
 
 
-def test_a_message_that_comes_after_its_key_was_left_is_not_taken(
+def test_a_message_that_comes_after_its_key_is_left_is_dropped(
     bus: Bus, receiver: Node, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is still on its way when nothing of it is wanted any more does not come back."""
+    """A late message does not bring a forgotten frame back."""
     late: list[Callable[[], None]] = []
     subscriber = receiver.session.subscriber
 

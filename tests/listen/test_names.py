@@ -1,4 +1,4 @@
-"""What the frames of a robot are called from outside of its namespace."""
+"""How the frames of a robot are called from outside its namespace."""
 
 import numpy as np
 import pytest
@@ -26,20 +26,20 @@ NAMES = FrameNames("robot7", ("world", "map"))
     ],
 )
 def test_a_frame_has_its_robots_name_in_front(frame: str, outside: str) -> None:
-    """Frames get the namespace in front, but for shared ones; what is no name becomes none."""
+    """Frames get the namespace in front, except shared ones; no name becomes valid by it."""
     assert NAMES.outside(frame) == outside
 
 
 def test_without_a_namespace_names_stay() -> None:
-    """Frames of streams outside of all namespaces are called as they are."""
+    """Frames of streams outside all namespaces keep their names."""
     names = FrameNames("")
     assert names.outside("base") == "base"
     assert names.all_outside(("map", "base")) == ("map", "base")
 
 
 def test_a_table_of_names_is_made_once() -> None:
-    """Messages with the same table of names share one table of outside names; of a stream that
-    makes up ever new ones, few are kept.
+    """Messages with the same table of names share one table of outside names; only some tables are
+    kept of a stream that has a new one in each message.
     """
     names = FrameNames("robot7", ("map",))
     first = names.all_outside(("map", "base"))
@@ -51,7 +51,7 @@ def test_a_table_of_names_is_made_once() -> None:
 
 
 def test_a_description_is_seen_from_outside() -> None:
-    """The frames that a stream describes are called as its transforms are."""
+    """The frames in a description are called as those of its transforms."""
     told = StreamDescription(1, "/robot7/sim", 1, (("map", "base", False), ("base", "arm", True)))
     assert NAMES.description_outside(told).frames == (
         ("map", "robot7/base", False),
@@ -59,8 +59,8 @@ def test_a_description_is_seen_from_outside() -> None:
     )
 
 
-def test_shared_frames_are_names_of_frames() -> None:
-    """Shared frames are several names; one text, or what no frame can be called, is refused."""
+def test_shared_frames_are_frame_ids() -> None:
+    """A single text, or a name that no frame can have, is refused."""
     assert Fleet(["map"]).names("robot7").outside("map") == "map"
     with pytest.raises(InvalidArgumentException, match=r"write \('map',\)"):
         Fleet("map")
@@ -68,8 +68,8 @@ def test_shared_frames_are_names_of_frames() -> None:
         Fleet(("/map",))
 
 
-def test_messages_are_read_between_frames_as_they_are_called_outside() -> None:
-    """A message of a robot is read as it stands, but for the names of its frames."""
+def test_messages_are_read_with_outside_names() -> None:
+    """Only the names of its frames change when a robot's message is read."""
     batch = TransformBatch(
         ("map", "base"), np.uint32([[0, 1]]), np.array([5]), np.float64([[1, 2, 3, 0, 0, 0, 1]])
     )
@@ -86,8 +86,8 @@ def test_messages_are_read_between_frames_as_they_are_called_outside() -> None:
             rows.with_frames(("map",))
 
 
-def test_names_of_many_namespaces_are_not_kept_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of namespaces that come and go so many of the last are remembered."""
+def test_the_namespaces_whose_names_are_kept_have_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond the limit, names are made again."""
     monkeypatch.setattr("tfbus.listen.names.MOST_NAMESPACES", 3)
     names = StreamNames(Fleet())
     first = names.at("robot0/tf/sim")

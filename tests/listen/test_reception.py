@@ -1,66 +1,9 @@
 """Receiving one stream: epochs, misses, removals and marks, message by message."""
 
-import logging
-from collections.abc import Iterable
-
 import pytest
 
-from tfbus import Buffer, Transform, TransformBatch, TransformStamped
-from tfbus.listen.claims import Ruling
-from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, encode_transforms
-
-S = 10**9
-
-
-def at(x: float, child: str, stamp_ns: int = S, parent: str = "world") -> TransformStamped:
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
-
-def payload(
-    transforms: Iterable[TransformStamped], epoch_ns: int = 1, seq: int | None = None
-) -> bytes:
-    batch = TransformBatch.from_transforms(transforms)
-    return encode_transforms(TransformMessage(batch, epoch_ns, seq))
-
-
-class Received:
-    """A stream as it is received into a buffer of its own."""
-
-    def __init__(self) -> None:
-        self.buffer = Buffer()
-        self.time_s = 0.0
-        self.taken_over: list[tuple[str, int]] = []
-        self.stream = StreamReception(
-            "sim",
-            self.buffer,
-            logging.getLogger("test"),
-            lambda: 9 * S,
-            TransformReader(),
-            on_takeover=lambda name, epoch_ns: self.taken_over.append((name, epoch_ns)),
-            now_s=lambda: self.time_s,
-        )
-        self.key = DynamicReception(self.stream)
-
-    def send(
-        self, *transforms: TransformStamped, epoch_ns: int = 1, seq: int | None = None
-    ) -> None:
-        self.key.receive(payload(transforms, epoch_ns, seq))
-
-    def send_static(self, *transforms: TransformStamped, epoch_ns: int = 1) -> None:
-        self.stream.receive_static(payload(transforms, epoch_ns))
-
-    def describe(self, *children: str, epoch_ns: int = 1) -> None:
-        self.stream.describe(epoch_ns, frozenset(children))
-
-    def gone(self) -> list[str]:
-        return [info.name for info in self.buffer.all_frames() if info.gone]
-
-    def x_of(self, child: str) -> float | None:
-        if not self.buffer.can_transform("world", child):
-            return None
-        return self.buffer.lookup_transform("world", child).transform.x
+from tests.listen.received import Received, S, at, payload
+from tfbus.listen.claims import Resolution
 
 
 @pytest.fixture
@@ -72,32 +15,34 @@ def test_messages_are_counted(received: Received) -> None:
     """A stream counts its messages, transforms and bytes, and how late they come."""
     received.send(at(1, "robot", 8 * S), at(2, "arm", 8 * S))
     stream = received.stream
-    assert (stream.messages, stream.transforms) == (1, 2)
-    assert stream.bytes == len(payload([at(1, "robot", 8 * S), at(2, "arm", 8 * S)]))
-    assert stream.delay_s == 1.0
+    assert (stream.counts.messages, stream.counts.transforms) == (1, 2)
+    assert stream.counts.bytes == len(payload([at(1, "robot", 8 * S), at(2, "arm", 8 * S)]))
+    assert stream.counts.delay_s == 1.0
     received.send(at(1, "robot", 9 * S))
-    assert stream.delay_s == pytest.approx(0.9)
+    assert stream.counts.delay_s == pytest.approx(0.9)
 
 
 def test_what_was_sent_before_the_first_message_heard_is_not_missed(received: Received) -> None:
     """Misses are gaps in the numbers of messages, from the first that was heard."""
     for seq in (5, 6, 9, 10):
         received.send(at(1, "robot"), seq=seq)
-    assert received.stream.missed == 2
+    assert received.stream.counts.missed == 2
     received.send(at(1, "robot", 2 * S), epoch_ns=2, seq=3)
     received.send(at(1, "robot", 3 * S), epoch_ns=2, seq=4)
-    assert received.stream.missed == 2
+    assert received.stream.counts.missed == 2
 
 
 def test_a_message_that_comes_twice_or_late_is_not_a_miss(received: Received) -> None:
     """Numbers that go back are no gap, and messages without a number are not counted."""
     for seq in (1, 2, 1, 2, 3, None):
         received.send(at(1, "robot"), seq=seq)
-    assert received.stream.missed == 0
+    assert received.stream.counts.missed == 0
 
 
-def test_a_new_epoch_begins_anew(received: Received, caplog: pytest.LogCaptureFixture) -> None:
-    """A publisher that starts again may send older stamps; its statics stay; one line says so."""
+def test_a_new_epoch_restarts_the_stream(
+    received: Received, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A restarted publisher may send older stamps; its statics stay; one line says so."""
     received.send(at(1, "robot", 1000 * S))
     received.send_static(at(2, "post"))
     with caplog.at_level("INFO"):
@@ -106,25 +51,25 @@ def test_a_new_epoch_begins_anew(received: Received, caplog: pytest.LogCaptureFi
     assert received.buffer.lookup_transform("world", "robot").stamp_ns == 6 * S
     assert received.x_of("post") == 2
     assert [record.getMessage() for record in caplog.records] == [
-        "Stream 'sim' begins anew: its publisher was started again, or its clock went back; what "
-        "it sent before is forgotten, static transforms stay"
+        "Stream 'sim' restarted: its publisher was started again, or its clock went back; its "
+        "samples so far are dropped, static transforms stay"
     ]
 
 
 def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
-    """What a former process sent does not come between, and is counted."""
+    """Messages of a former process are dropped and counted."""
     received.send(at(1, "robot"), epoch_ns=2)
     received.send(at(7, "robot", 2 * S), epoch_ns=1)
     received.send_static(at(3, "post"), epoch_ns=2)
     received.send_static(at(4, "post"), epoch_ns=1)
     assert (received.x_of("robot"), received.x_of("post")) == (1, 3)
-    assert received.stream.outdated == 2
+    assert received.stream.counts.outdated == 2
 
 
-def test_an_older_process_that_alone_is_left_counts_again(
+def test_an_older_process_that_is_left_alone_counts_again(
     received: Received, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A node was started twice, and the second ended: after a second the first is taken again."""
+    """A node was started twice, and the second ended: after 1 s the first counts again."""
     received.stream.describe(1, frozenset({"robot"}), publisher=("/sim", 7, "ab12"))
     received.send(at(1, "robot", 1 * S), epoch_ns=1)
     received.send(at(2, "robot", 2 * S), epoch_ns=2)
@@ -136,12 +81,12 @@ def test_an_older_process_that_alone_is_left_counts_again(
         received.time_s = 1.2
         received.send(at(1, "robot", 4 * S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
-    assert received.stream.outdated == 4
+    assert received.stream.counts.outdated == 4
     assert [record.getMessage() for record in caplog.records] == [
-        "Two processes send stream 'sim': /sim was started twice, and what one of them sends is "
-        "dropped. End one, or give each a name of its own (--name)",
-        "Stream 'sim' begins anew: of the two processes that send it one is silent, and the other "
-        "counts now; what it sent before is forgotten, static transforms stay",
+        "Two processes publish stream 'sim': /sim was started twice, and the messages of one are "
+        "dropped. Stop one, or give each its own name (--name)",
+        "Stream 'sim' restarted: one of the two processes that publish it is silent, so the other "
+        "counts; its samples so far are dropped, static transforms stay",
     ]
     received.send_static(at(2, "post"), epoch_ns=2)
     received.send_static(at(1, "post"), epoch_ns=1)
@@ -153,18 +98,20 @@ def test_an_older_process_that_alone_is_left_counts_again(
 def test_two_processes_do_not_take_turns(
     received: Received, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """While both send, the one that was started last counts, and one warning tells of it."""
+    """While both send, the one that was started last counts; it is logged once."""
     received.send(at(1, "robot", S), epoch_ns=1)
     for received.time_s in range(100):
         received.send(at(2, "robot", S), epoch_ns=2)
         received.send(at(1, "robot", S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (2, [])
     (record,) = caplog.records
-    assert record.getMessage().startswith("Two processes send stream 'sim': its node was started")
+    assert record.getMessage().startswith(
+        "Two processes publish stream 'sim': its node was started"
+    )
 
 
 def test_a_slow_process_does_not_come_between(received: Received) -> None:
-    """Of two that send at different rates, one counts and stays so: the listener does not flit."""
+    """Of two that send at different rates one counts, and keeps counting."""
     for received.time_s in range(100):
         if received.time_s % 10 == 0:
             received.send(at(2, "robot", S), epoch_ns=2)
@@ -172,10 +119,10 @@ def test_a_slow_process_does_not_come_between(received: Received) -> None:
     assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
 
 
-def test_what_was_on_its_way_does_not_bring_a_former_process_back(
+def test_late_messages_do_not_bring_a_former_process_back(
     received: Received,
 ) -> None:
-    """Messages that come late are few or come at once, and what is kept tells of no process."""
+    """Late messages are few or come at once; kept and static ones show no live process."""
     received.send(at(2, "robot", 2 * S), epoch_ns=2)
     for _ in range(1000):
         received.send(at(1, "robot"), epoch_ns=1)
@@ -189,15 +136,15 @@ def test_what_was_on_its_way_does_not_bring_a_former_process_back(
     assert (received.x_of("robot"), received.taken_over) == (2, [])
 
 
-def test_a_host_without_a_clock_battery_may_start_again(received: Received) -> None:
-    """After its token was lost an earlier epoch is a new one too: its clock went back."""
+def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
+    """After its token was lost an earlier epoch is new too: its clock went back."""
     received.stream.appear()
     received.send(at(1, "robot", 9 * S), epoch_ns=2)
     received.stream.vanish()
     received.stream.appear()
     received.send(at(2, "robot", 1 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
-    assert received.stream.outdated == 0
+    assert received.stream.counts.outdated == 0
 
 
 def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) -> None:
@@ -208,11 +155,11 @@ def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) ->
     received.send(at(2, "robot", 10 * S), epoch_ns=2)
     received.send(at(3, "robot", 11 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
-    assert received.stream.outdated == 1
+    assert received.stream.counts.outdated == 1
 
 
 def test_statics_outlive_a_jump_of_the_clock(received: Received) -> None:
-    """A stream that begins anew as its clock went back need not send its statics again."""
+    """A stream that restarts since its clock went back need not send its statics again."""
     received.send_static(at(1, "post"), epoch_ns=1)
     received.send(at(1, "robot"), epoch_ns=2)
     received.describe("post", "robot", epoch_ns=2)
@@ -232,8 +179,8 @@ def test_a_static_that_is_no_longer_in_the_set_is_removed(received: Received) ->
     assert received.x_of("post") == 3
 
 
-def test_a_static_that_moves_now_is_not_removed(received: Received) -> None:
-    """A frame that leaves the set because it moves stays."""
+def test_a_static_frame_that_becomes_dynamic_is_not_removed(received: Received) -> None:
+    """A frame that leaves the set because it is dynamic now stays."""
     received.send_static(at(1, "post"), at(2, "door"))
     received.send(at(3, "door"))
     received.send_static(at(1, "post"))
@@ -249,7 +196,7 @@ def test_a_frame_that_is_no_longer_described_is_removed(received: Received) -> N
 
 
 def test_a_frame_that_is_removed_as_the_clock_goes_back_is_removed() -> None:
-    """What the same process does not list in its next epoch is removed; of another it is gone."""
+    """A frame that the same process no longer lists is removed; that of another is gone."""
     same, other = ("/sim", 7, "ab12"), ("/sim", 8, "cd34")
     for publisher, frames in ((same, ["robot", "world"]), (other, ["arm", "robot", "world"])):
         received = Received()
@@ -262,7 +209,7 @@ def test_a_frame_that_is_removed_as_the_clock_goes_back_is_removed() -> None:
 
 
 def test_a_frame_that_another_sends_now_is_not_removed(received: Received) -> None:
-    """Only the one who sent a frame last takes it away."""
+    """Only the publisher that sent a frame last removes it."""
     received.send(at(1, "robot"))
     received.describe("robot")
     received.buffer.set_transform(at(5, "robot", 2 * S), authority="other")
@@ -271,7 +218,7 @@ def test_a_frame_that_another_sends_now_is_not_removed(received: Received) -> No
 
 
 def test_all_frames_of_a_stream_go_and_come_with_its_token(received: Received) -> None:
-    """While the publisher is away, moving and static frames are marked, and stay usable."""
+    """While the publisher is gone, dynamic and static frames are marked, and stay usable."""
     received.stream.appear()
     received.send(at(1, "robot"))
     received.send_static(at(2, "post"))
@@ -282,8 +229,8 @@ def test_all_frames_of_a_stream_go_and_come_with_its_token(received: Received) -
     assert received.gone() == []
 
 
-def test_a_straggler_does_not_bring_a_publisher_back(received: Received) -> None:
-    """A message that was on its way when the publisher went is marked as gone too."""
+def test_a_late_message_does_not_bring_a_publisher_back(received: Received) -> None:
+    """Frames of a message that comes after the publisher is gone are marked as gone too."""
     received.stream.appear()
     received.send(at(1, "robot"))
     received.stream.vanish()
@@ -292,7 +239,7 @@ def test_a_straggler_does_not_bring_a_publisher_back(received: Received) -> None
 
 
 def test_frames_that_a_new_process_does_not_send_are_gone(received: Received) -> None:
-    """What only the former process sent is gone, not removed; what is new is not gone."""
+    """Frames that only the former process sent are gone, not removed; new ones are not gone."""
     received.send(at(1, "robot"), at(2, "arm"))
     received.send_static(at(3, "post"), at(4, "lamp"))
     received.describe("robot", "arm", "post", "lamp")
@@ -320,19 +267,19 @@ def test_what_a_new_process_has_not_sent_yet_stays_gone(received: Received) -> N
 
 
 def test_kept_messages_fill_the_past(received: Received) -> None:
-    """What a stream has kept goes below what came meanwhile, and is no miss."""
+    """Kept messages go below those that came meanwhile, and are no misses."""
     received.send(at(5, "robot", 5 * S), seq=50)
     for stamp in (3, 4, 5):
         received.stream.receive_kept(payload([at(stamp, "robot", stamp * S)], seq=stamp))
     received.send(at(6, "robot", 6 * S), seq=51)
     xyz = received.buffer.lookup_transforms("world", "robot", [3 * S, 4 * S, 5 * S, 6 * S]).xyz
     assert xyz[:, 0].tolist() == [3, 4, 5, 6]
-    assert received.stream.missed == 0
+    assert received.stream.counts.missed == 0
     assert received.buffer.frame("robot").conflicts == 0
 
 
 def test_kept_messages_do_not_bring_a_removed_frame_back(received: Received) -> None:
-    """A frame that was listed, and is no more, is left out of what comes late of it."""
+    """A frame that is no longer listed is left out of kept messages."""
     received.describe("robot", "arm")
     received.describe("robot")
     received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")]))
@@ -343,7 +290,7 @@ def test_kept_messages_do_not_bring_a_removed_frame_back(received: Received) -> 
 
 
 def test_a_removed_frame_may_be_back_in_the_next_epoch(received: Received) -> None:
-    """What a list left out in one epoch says nothing of the messages of another."""
+    """A frame that was removed in one epoch is taken in the next."""
     received.describe("robot", "arm")
     received.describe("robot")
     received.stream.receive_kept(payload([at(1, "arm")], epoch_ns=2))
@@ -351,36 +298,36 @@ def test_a_removed_frame_may_be_back_in_the_next_epoch(received: Received) -> No
 
 
 def test_kept_messages_may_be_faster_than_the_list_of_frames(received: Received) -> None:
-    """What was kept of a frame that the stream has not listed so far is taken."""
+    """Kept messages of a frame that the stream has not listed so far are taken."""
     received.describe()
     received.stream.receive_kept(payload([at(1, "robot")]))
     received.describe("robot")
     assert received.buffer.frames() == ["robot", "world"]
 
 
-def test_what_another_has_the_right_of_is_left_out(received: Received) -> None:
-    """Rows of frames that the stream has lost are counted, and not taken."""
-    received.stream.exclude(Ruling(set(), {"arm"}))
+def test_frames_of_a_publisher_with_priority_are_left_out(received: Received) -> None:
+    """Rows of rejected frames are counted, and not taken."""
+    received.stream.exclude(Resolution(set(), {"arm"}))
     received.send(at(1, "robot"), at(2, "arm"))
     assert received.buffer.frames() == ["robot", "world"]
-    assert received.stream.excluded_rows == 1
-    received.stream.exclude(Ruling({"arm"}, set()))
+    assert received.stream.counts.excluded == 1
+    received.stream.exclude(Resolution({"arm"}, set()))
     received.send(at(1, "robot", 2 * S), at(2, "arm", 2 * S))
     assert received.x_of("arm") == 2
-    assert received.stream.excluded_rows == 1
+    assert received.stream.counts.excluded == 1
 
 
 def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
-    """Bytes that are no message are counted, moving or static."""
+    """Bytes that are no message are counted, whatever the key."""
     received.key.receive(b"nonsense")
     received.stream.receive_static(b"nonsense")
     received.stream.receive_kept(b"")
-    assert received.stream.rejected == 3
+    assert received.stream.counts.rejected == 3
     assert received.buffer.frames() == []
 
 
 def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> None:
-    """What a living stream lists as static and has not sent, or may have changed, is asked for."""
+    """A stream that is not gone lacks statics that have not come, or may have changed."""
     stream = received.stream
     assert not stream.lacks_statics()
     stream.describe(1, frozenset({"robot", "post", "lamp"}), frozenset({"post", "lamp"}))

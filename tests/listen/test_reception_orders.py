@@ -1,4 +1,4 @@
-"""Tokens, descriptions and messages of a stream in any order: what holds of the buffer."""
+"""Tokens, descriptions and messages of a stream in any order: the laws of the buffer."""
 
 import logging
 
@@ -18,14 +18,14 @@ STAMPS = st.integers(0, 10**6)
 
 
 def payload(children: frozenset[str], epoch_ns: int, stamp_ns: int) -> bytes:
-    """A message whose poses tell its epoch: so many metres ahead."""
+    """A message whose poses show its epoch: `epoch_ns` metres ahead."""
     pose = Transform((float(epoch_ns), 0, 0))
     transforms = [TransformStamped(stamp_ns, "world", child, pose) for child in sorted(children)]
     return encode_transforms(TransformMessage(TransformBatch.from_transforms(transforms), epoch_ns))
 
 
 class Orders(RuleBasedStateMachine):
-    """A stream of which anything may come at any time, from several processes of one name."""
+    """A stream whose messages come in any order, from several processes of one name."""
 
     @initialize()
     def listen(self) -> None:
@@ -42,9 +42,9 @@ class Orders(RuleBasedStateMachine):
 
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send(self, children: frozenset[str], epoch: int, second: int) -> None:
-        before = self.stream.outdated
+        before = self.stream.counts.outdated
         self.key.receive(payload(children, epoch, second * S))
-        if self.stream.outdated == before:
+        if self.stream.counts.outdated == before:
             assert self.stream.epoch_ns == epoch
             assert all(self.buffer.can_transform("world", child) for child in children)
         else:
@@ -52,7 +52,7 @@ class Orders(RuleBasedStateMachine):
 
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send_alone(self, children: frozenset[str], epoch: int, second: int) -> None:
-        """A process that goes on alone counts, whatever came before."""
+        """A process that sends alone counts, whatever came before."""
         for _ in range(5):
             self.time_s += 1.0
             self.key.receive(payload(children, epoch, second * S))
@@ -64,9 +64,9 @@ class Orders(RuleBasedStateMachine):
 
     @rule(children=CHILDREN, epoch=EPOCHS)
     def send_static(self, children: frozenset[str], epoch: int) -> None:
-        before = self.stream.outdated
+        before = self.stream.counts.outdated
         self.stream.receive_static(payload(frozenset(c.upper() for c in children), epoch, 0))
-        if self.stream.outdated == before:
+        if self.stream.counts.outdated == before:
             for child in children:
                 found = self.buffer.lookup_transform("world", child.upper())
                 assert found.transform.x == epoch
@@ -88,7 +88,7 @@ class Orders(RuleBasedStateMachine):
 
     @invariant()
     def all_samples_are_of_one_epoch(self) -> None:
-        """Nothing of a former epoch is left among what moves."""
+        """No dynamic sample of a former epoch is left."""
         for child, samples in self.buffer.sent_by("sim").items():
             if samples:
                 info = self.buffer.frame(child)
@@ -97,10 +97,8 @@ class Orders(RuleBasedStateMachine):
                     assert found.transform.x == self.stream.epoch_ns
 
     @invariant()
-    def all_is_gone_with_the_publisher(self) -> None:
-        """Where the publisher is gone, so is every frame; where it is not, nothing that it
-        lists is.
-        """
+    def all_frames_are_gone_with_the_publisher(self) -> None:
+        """Where the publisher is gone, so is every frame; else none that it lists is gone."""
         gone = {info.name for info in self.buffer.all_frames() if info.gone}
         held = set(self.buffer.sent_by("sim"))
         epoch, listed = self.listed

@@ -1,4 +1,4 @@
-"""Static transforms that are listed and have not come are asked for, until they are there."""
+"""Static transforms that are listed and have not come are requested until they come."""
 
 import logging
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from tests.listen.test_reception import Received, at, payload
+from tests.listen.received import Received, at, payload
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.listen.static_recovery import StaticRecovery
@@ -20,7 +20,7 @@ class Asked:
         self.keys: list[str] = []
         self.pauses_s: list[float] = []
         self.later: Callable[[], None] | None = None
-        # What is called where a question takes long.
+        # Called where a question takes long.
         self.impatient: Callable[[], None] = lambda: None
         self.impatiences = 0
         self._is_open = False
@@ -55,7 +55,7 @@ class Asked:
             self.pauses_s.append(delay_s)
             self.later = callback
 
-    def nobody_answers(self) -> None:
+    def no_answer_comes(self) -> None:
         """The question ends without an answer, and the pause after it."""
         self._ask_another(self.on_end)
 
@@ -69,7 +69,7 @@ class Asked:
             self.later()
 
     def pause(self, go_on: Callable[[], None]) -> None:
-        """What is called where a question has ended, or takes long: then there is a pause."""
+        """A question has ended, or takes long: then there is a pause."""
         self.later, self._is_open = None, False
         go_on()
 
@@ -95,11 +95,11 @@ def check(asked: Asked, received: Received) -> None:
 def test_a_publisher_is_asked_until_it_answers(
     asked: Asked, received: Received, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """On both keys by turns, more and more seldom but for ever; after a while one line says so."""
+    """On both keys in turn, less and less often; after 7 requests it is logged, once."""
     list_static(received, "post")
     check(asked, received)
     for _ in range(20):
-        asked.nobody_answers()
+        asked.no_answer_comes()
     assert asked.keys[:3] == [
         "tf_static/sim/@adv/pub/**",
         "tf_static/sim",
@@ -107,17 +107,18 @@ def test_a_publisher_is_asked_until_it_answers(
     ]
     assert asked.pauses_s[:7] == [0.1, 0.4, 1.0, 2.0, 4.0, 8.0, 8.0]
     assert len(asked.keys) == 21
-    assert ["was asked for them 7 times" in record.getMessage() for record in caplog.records] == [
-        True
-    ]
+    assert [
+        "still missing after 7 requests; retrying" in record.getMessage()
+        for record in caplog.records
+    ] == [True]
     asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
-    asked.nobody_answers()
+    asked.no_answer_comes()
     assert received.x_of("post") == 3
     assert len(asked.keys) == 21
 
 
-def test_a_question_that_is_lost_is_not_waited_for(asked: Asked, received: Received) -> None:
-    """Another is asked when one takes long, and the end of the first asks no more."""
+def test_a_lost_question_is_not_waited_for(asked: Asked, received: Received) -> None:
+    """Another is asked when one takes long, and the end of the first asks none."""
     list_static(received, "post")
     check(asked, received)
     end_of_the_first = asked.on_end
@@ -128,13 +129,13 @@ def test_a_question_that_is_lost_is_not_waited_for(asked: Asked, received: Recei
     assert (len(asked.pauses_s), asked.impatiences) == pauses
     assert len(asked.keys) == 2
     asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
-    asked.nobody_answers()
+    asked.no_answer_comes()
     asked.impatient()
     assert len(asked.keys) == 2
 
 
-def test_what_comes_in_the_pause_is_not_asked_for_again(asked: Asked, received: Received) -> None:
-    """An answer that is late, but comes before the next question, saves that."""
+def test_an_answer_in_the_pause_saves_the_next_question(asked: Asked, received: Received) -> None:
+    """An answer may be late, and come before the next question."""
     list_static(received, "post")
     check(asked, received)
     asked.pause(asked.impatient)
@@ -144,29 +145,29 @@ def test_what_comes_in_the_pause_is_not_asked_for_again(asked: Asked, received: 
     assert len(asked.keys) == 1
 
 
-def test_what_is_listed_while_a_question_ends_is_asked_for(
+def test_statics_that_are_listed_while_a_question_ends_are_requested(
     asked: Asked, received: Received
 ) -> None:
-    """Static transforms that are described just when others have come are not forgotten."""
+    """Static transforms that are listed just when others have come are not forgotten."""
     list_static(received, "post")
     check(asked, received)
     asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
     list_static(received, "post", "wall")
     check(asked, received)
-    asked.nobody_answers()
+    asked.no_answer_comes()
     assert len(asked.keys) == 2
     asked.on_answer(Answer("tf_static/sim", payload([at(3, "post"), at(4, "wall")])))
-    asked.nobody_answers()
+    asked.no_answer_comes()
     list_static(received, "post", "wall", "door")
     check(asked, received)
     assert len(asked.keys) == 3
 
 
 @pytest.mark.parametrize("end", ["gone", "left", "closed"])
-def test_who_is_not_read_or_not_there_is_asked_no_more(
+def test_a_stream_that_is_gone_or_not_read_is_not_asked(
     asked: Asked, received: Received, end: str
 ) -> None:
-    """Questions end with the publisher, with the reading of its stream, and with the listener."""
+    """Questions end with the publisher, with the subscription, and with the listener."""
     list_static(received, "post")
     check(asked, received)
     if end == "gone":
@@ -175,5 +176,5 @@ def test_who_is_not_read_or_not_there_is_asked_no_more(
         asked.recovery.leave("sim")
     else:
         asked.recovery.close()
-    asked.nobody_answers()
+    asked.no_answer_comes()
     assert len(asked.keys) == 1

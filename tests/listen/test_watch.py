@@ -13,6 +13,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
+from tfbus.bus.ask_until import Pauses
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_retained_publisher
@@ -24,7 +25,7 @@ from tfbus.wire.descriptions import StreamDescription
 
 
 class Watching:
-    """A watch and the changes that it told."""
+    """A watch and the changes that it reported."""
 
     def __init__(self, node: Node, *, everywhere: bool = False) -> None:
         self.changes: list[StreamState] = []
@@ -55,7 +56,7 @@ def broadcast(node: Node, child: str = "robot", stream: str | None = None) -> Ca
 
 
 def put_until(publisher: BytesPublisher, payload: bytes, condition: Callable[[], bool]) -> None:
-    """Put a payload again and again: without a token, nobody asks for what was put too early."""
+    """Put a payload until it comes: without a token it is not asked for if it was put early."""
 
     def put() -> bool:
         publisher.put(payload)
@@ -65,7 +66,7 @@ def put_until(publisher: BytesPublisher, payload: bytes, condition: Callable[[],
 
 
 def test_streams_are_known_without_their_data(bus: Bus, watching: Watching) -> None:
-    """Who is there, and which frames it sends, is known from tokens and descriptions."""
+    """Publishers and their frames are known from tokens and descriptions."""
     node = bus.node("sim")
     broadcast(node, stream="arm/left *")()
     told = eventually(lambda: watching.described("arm/left *"))
@@ -78,8 +79,8 @@ def test_streams_are_known_without_their_data(bus: Bus, watching: Watching) -> N
     assert watching.described("arm/left *") is not None
 
 
-def test_who_watches_later_learns_the_same(bus: Bus) -> None:
-    """A watch that starts last knows what the others know."""
+def test_a_later_watch_knows_the_same(bus: Bus) -> None:
+    """A watch that starts after the publisher knows its stream."""
     broadcast(bus.node("sim"))()
     late = Watching(bus.node("late"))
     eventually(lambda: late.described("sim"))
@@ -87,7 +88,7 @@ def test_who_watches_later_learns_the_same(bus: Bus) -> None:
 
 
 def test_streams_of_all_namespaces_can_be_watched(bus: Bus, watching: Watching) -> None:
-    """Outside of all namespaces a watch can know the streams of each, by full names."""
+    """Outside all namespaces a watch can know the streams of each, by full names."""
     everywhere = Watching(bus.node("everywhere"), everywhere=True)
     broadcast(bus.node("sim", namespace="robot7"))()
     broadcast(bus.node("sim"))()
@@ -100,7 +101,7 @@ def test_streams_of_all_namespaces_can_be_watched(bus: Bus, watching: Watching) 
 def test_a_token_that_comes_back_is_not_taken_for_the_former_process(
     bus: Bus, watching: Watching
 ) -> None:
-    """A node of the same name that has sent nothing yet is not who was gone."""
+    """A node of the same name that has sent nothing yet is not the former one."""
     first = bus.node("sim")
     broadcast(first)()
     eventually(lambda: watching.described("sim"))
@@ -116,11 +117,11 @@ def test_a_token_that_comes_back_is_not_taken_for_the_former_process(
 
 
 def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching: Watching) -> None:
-    """A publisher whose link was down is back, with the description that it had."""
+    """A publisher whose link was down is back with its last description."""
     node = bus.node("sim")
     stranger = bus.node("stranger")
     publisher = declare_retained_publisher(stranger.session, "@tfbus/stream/lone")
-    for name, session in (("/sim", node.session.id), ("/nobody", "?")):
+    for name, session in (("/sim", node.session.id), ("/other", "?")):
         description = StreamDescription(1, name, 1, (("world", "robot", False),), session=session)
         put_until(
             publisher,
@@ -134,10 +135,10 @@ def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching
             eventually(lambda: watching.alive() == [])
 
 
-def test_a_description_that_does_not_come_is_asked_for_on_and_on(
+def test_a_missing_description_is_asked_for_again_and_again(
     bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A stream that is there and not described is asked for as long as it is there."""
+    """Until the stream is gone."""
     asked: list[str] = []
 
     def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
@@ -145,7 +146,7 @@ def test_a_description_that_does_not_come_is_asked_for_on_and_on(
         on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001, 0.002))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
     eventually(lambda: len(asked) > 20)
@@ -158,10 +159,10 @@ def test_a_description_that_does_not_come_is_asked_for_on_and_on(
     assert asked[before:].count("@tfbus/stream/first") <= 1
 
 
-def test_a_question_that_is_lost_is_not_waited_for(
+def test_a_lost_question_is_not_waited_for(
     bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Others are asked while one does not end, and whichever is answered first ends them."""
+    """Others are asked while one is open, and the first answer ends them all."""
     questions: list[Callable[[Answer], None]] = []
     ends: list[Callable[[], None]] = []
 
@@ -170,27 +171,28 @@ def test_a_question_that_is_lost_is_not_waited_for(
         ends.append(on_end)
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_ANOTHER_S", 0.001)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
-    bus.node("sim").session.token("@tfbus/stream/lone")
+    impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
+    monkeypatch.setattr(watch, "_PAUSES", impatient)
+    lone = bus.node("sim").session.token("@tfbus/stream/lone")
     eventually(lambda: len(questions) >= 3)
     key = "@tfbus/stream/lone"
     questions[0](Answer(key, encode_message(StreamDescription(1, "/sim", 7, ()))))
     ends[0]()
     assert eventually(lambda: watching.described("lone")).epoch == 7
     asked = len(questions)
-    monkeypatch.setattr(watch, "_ASK_ANOTHER_S", 60.0)
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((60.0,), lost_after_s=60.0))
     other = bus.node("other").session.token("@tfbus/stream/other")
-    # The question about the other comes after any that was still to come about the first.
+    # The question about the other comes after any further one about the first.
     eventually(lambda: watching.alive() == ["lone", "other"] and len(questions) > asked)
     assert len(questions) <= asked + 2
     other.close()
+    lone.close()
 
 
-def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
+def test_a_token_that_comes_and_goes_leads_to_one_question_at_a_time(
     bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However often a token came back, only the questions that the last one began go on."""
+    """However often a token comes back, only the questions about the last one go on."""
     others: list[str] = []
     ends: list[Callable[[], None]] = []
 
@@ -202,7 +204,7 @@ def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
             on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
         token = session.token("@tfbus/stream/lone")
@@ -213,7 +215,7 @@ def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
     begun = tuple(ends)
     for end in begun:
         end()
-    # After the same pause this one is asked about for the second time, and all others were before.
+    # This one is asked about again after the same pause, so after all others.
     other = session.token("@tfbus/stream/other")
     eventually(lambda: len(others) >= 2)
     assert len(ends) == len(begun) + 1
@@ -224,7 +226,7 @@ def test_a_stream_whose_token_comes_and_goes_is_asked_about_once_at_a_time(
 def test_a_description_that_cannot_be_read_is_asked_for_once(
     bus: Bus, watching: Watching, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An answer that is no description ends the questions, until the token comes anew."""
+    """An answer that is no description ends the questions, until the token comes again."""
     asked: list[str] = []
 
     def ask(session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
@@ -234,7 +236,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
         on_end()
 
     monkeypatch.setattr(watch, "ask_retained_later", ask)
-    monkeypatch.setattr(watch, "_ASK_AGAIN_S", (0.001,))
+    monkeypatch.setattr(watch, "_PAUSES", Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):
         broken = session.token("@tfbus/stream/broken")
@@ -251,7 +253,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
 
 
 def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watching) -> None:
-    """What is no description is counted, and the next one is taken."""
+    """Bytes that are no description are counted, and the next one is taken."""
     node = bus.node("sim")
     publisher = declare_retained_publisher(node.session, "@tfbus/stream/sim")
     put_until(publisher, b"nonsense", lambda: bool(watching.watch.rejected))
@@ -261,8 +263,8 @@ def test_a_description_that_cannot_be_read_is_counted(bus: Bus, watching: Watchi
     )
 
 
-def test_publishers_that_are_met_later_are_described_too(bus: Bus) -> None:
-    """A publisher whose link opens after the watch began is known with its description."""
+def test_publishers_that_join_later_are_described_too(bus: Bus) -> None:
+    """A publisher whose link opens after the watch starts is known with its description."""
     meeting_point = f"tcp/127.0.0.1:{free_port()}"
     config = str(bus.quick_config)
     with Node(settings=NodeSettings("early", config=config, connect=(meeting_point,))) as early:

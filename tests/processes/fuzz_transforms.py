@@ -228,9 +228,9 @@ class Target:
             stream.vanish()
             stream.appear()
         self.received += 1
-        before = (stream.messages, stream.rejected, stream.outdated)
+        before = (stream.counts.messages, stream.counts.rejected, stream.counts.outdated)
         self.keys[static].receive(payload)
-        after = (stream.messages, stream.rejected, stream.outdated)
+        after = (stream.counts.messages, stream.counts.rejected, stream.counts.outdated)
         counted = [now - then for now, then in zip(after, before, strict=True)]
         if reason is None:
             assert counted in ([1, 0, 0], [0, 0, 1]), f"a message was counted as {counted}"
@@ -309,9 +309,9 @@ def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
                 raise
             told["payloads"] += 1
         target.examine()
-        told["read"] += target.stream.messages
+        told["read"] += target.stream.counts.messages
         told["read fast"] += target.fast
-        told["outdated"] += target.stream.outdated
+        told["outdated"] += target.stream.counts.outdated
         told["refused"] += target.refused
         told["rows"] += target.buffer.given
         told["rows refused"] += target.buffer.rejected.rows

@@ -212,7 +212,7 @@ def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: 
         send_until(lambda: broadcaster.send_transform(at(1)), lambda: x_of(buffer) == 1)
     assert log.lines == [
         "Dropped a message of stream 'sender': not msgpack (ExtraData: unpack(b) received extra "
-        "data.). More of them are only counted"
+        "data.). Further ones are counted, not logged"
     ]
 
 
@@ -224,7 +224,7 @@ def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) 
         send_until(lambda: publisher.put(msgpack.packb({"v": 2})), lambda: bool(log.lines))
     assert log.lines == [
         "Dropped a message of stream 'sender': a transform message of version 2; this tfbus reads "
-        "version 1: update the older of the two. More of them are only counted"
+        "version 1: update the older of the two. Further ones are counted, not logged"
     ]
 
 
@@ -242,7 +242,7 @@ def test_a_transform_that_the_buffer_refuses_is_reported_once(sender: Node, rece
     assert x_of(buffer) == 7
     assert len(log.lines) == 1
     assert log.lines[0].startswith("Refused a transform of stream 'sender': ")
-    assert log.lines[0].endswith(". More of them are only counted")
+    assert log.lines[0].endswith(". Further ones are counted, not logged")
 
 
 def test_namespaces_keep_trees_apart(bus: Bus) -> None:
@@ -296,8 +296,8 @@ def test_streams_that_nobody_vouches_for_are_not_counted_for_ever(
     """Names of streams without a token are forgotten when there are many, and they are silent;
     those that are there stay.
     """
-    monkeypatch.setattr("tfbus.listen.listener.MOST_GONE", 10)
-    monkeypatch.setattr("tfbus.listen.listener._SILENT_NS", 0)
+    monkeypatch.setattr("tfbus.listen.registry.MOST_GONE", 10)
+    monkeypatch.setattr("tfbus.listen.registry._SILENT_NS", 0)
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         StaticTransformBroadcaster(sender).send_transform(at(1))

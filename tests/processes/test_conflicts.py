@@ -53,8 +53,8 @@ def test_a_publisher_started_twice_is_told_and_followed(bus: Bus) -> None:
         lambda: [line for line in listening.log.lines if line.startswith("Two processes")]
     )
     assert lines == [
-        "Two processes send stream 'arm': /arm was started twice, and what one of them sends is "
-        "dropped. End one, or give each a name of its own (--name)"
+        "Two processes publish stream 'arm': /arm was started twice, and the messages of one are "
+        "dropped. Stop one, or give each its own name (--name)"
     ]
     second.stop(signal.SIGKILL)
     eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))
@@ -80,8 +80,8 @@ def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
     assert line.startswith("Two publishers send 'robot': stream 'one' of /one (host ")
     assert f"pid {first.pid}), and stream 'two' of /two (host " in line
     assert line.endswith(
-        f"pid {second.pid}); whoever sent last wins (conflicts='latest'). Stop one of them, or "
-        "give its frame another name"
+        f"pid {second.pid}); the last to send wins (conflicts='latest'). Stop one, or rename its "
+        "frame"
     )
     assert listening.conflicts() == [("robot", "two", "one")]
     # Both are heard, again and again.
@@ -102,7 +102,7 @@ def test_the_first_wins_in_every_listener(bus: Bus, kind: str) -> None:
         eventually(lambda listening=listening: listening.warnings())
         eventually(lambda listening=listening: listening.x_of("robot") == 1)
         eventually(lambda listening=listening: listening.x_of("other") == 2)
-        assert "'one' wins, as it was started first" in listening.warnings()[0]
+        assert "'one' wins, since it was started first" in listening.warnings()[0]
     if kind == "--moving":
         before = late.excluded().get("two", 0)
         eventually(lambda: late.excluded().get("two", 0) > before + 10)

@@ -67,14 +67,14 @@ def test_a_publisher_that_ends_leaves_marked_frames(
     assert len(lines) == 1
     assert lines[0].startswith("Stream 'sim' of /sim (host ")
     assert lines[0].endswith(
-        f"pid {process.pid}) is gone; what it sent last stays, marked as gone: 'camera', 'robot'"
+        f"pid {process.pid}) is gone; its last transforms stay, marked as gone: 'camera', 'robot'"
     )
 
 
 def test_a_publisher_that_is_started_again_is_back(
     bus: Bus, buffer: Buffer, receiver: Node
 ) -> None:
-    """Started again it begins anew: its frames are back, even by stamps of long ago."""
+    """A restarted publisher has its frames back, even with stamps of long ago."""
     log = Lines(receiver)
     changes: list[Change] = []
     first = start(bus, "sim", "--moving", "robot", "--static", "camera", "--static", "old")
@@ -93,7 +93,7 @@ def test_a_publisher_that_is_started_again_is_back(
         "robot",
         "camera",
     }
-    assert len([line for line in log.lines if "begins anew" in line]) == 1
+    assert len([line for line in log.lines if " restarted: " in line]) == 1
     # Its transforms may come before its token does.
     lines = eventually(lambda: [line for line in log.lines if "is back" in line])
     assert len(lines) == 1

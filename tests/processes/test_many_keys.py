@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-import tfbus.listen.listener
+import tfbus.listen.registry
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Buffer,
@@ -24,7 +24,7 @@ def test_frames_that_come_and_go_leave_room_for_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The key of a frame that a split stream has taken out is not counted any more."""
-    monkeypatch.setattr(tfbus.listen.listener, "MOST_KEYS", 4)
+    monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 4)
     buffer = Buffer()
     with TransformListener(buffer, bus.node("receiver")) as listener:
         broadcaster = TransformBroadcaster(bus.node("sender"), split=True)
@@ -45,7 +45,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of too many keys what moves is dropped, counted and told once; static transforms are not."""
-    monkeypatch.setattr(tfbus.listen.listener, "MOST_KEYS", 2)
+    monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 2)
     buffer, sender, receiver = Buffer(), bus.node("sender"), bus.node("receiver")
     lines: list[str] = []
     handler = logging.Handler()
@@ -72,6 +72,6 @@ def test_what_is_static_comes_however_many_keys_there_are(
             )
     (line,) = (line for line in lines if line.startswith("Dropped"))
     assert line.endswith(
-        "transforms come on more than 2 keys, and no more are taken. Let streams of many frames "
-        "not be split. More of them are only counted"
+        "transforms come on more than 2 keys, the limit. Do not split streams of many frames. "
+        "Further ones are counted, not logged"
     )

@@ -1,1 +1,1 @@
-"""Transforms in."""
+"""Transforms in: a listener fills a buffer with the streams of others."""

@@ -1,4 +1,4 @@
-"""Which streams claim which frame, and which of them has the right of way."""
+"""Which streams claim which frame, and which of them has priority."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,19 +7,20 @@ from typing import Literal, get_args
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.wire.descriptions import StreamDescription
+from tfbus.wording import listed
 
-# What wins: who sent last, as in tf2; who was first; or who has the higher priority.
+# Which publisher wins: the last to send, as in tf2; the first started; or the highest priority.
 Rule = Literal["latest", "first", "priority"]
 
-# Names come from the bus: what is remembered of them has an end.
-_MOST_TOLD = 10_000
+# Names come from the bus: at most this many reported pairs are remembered.
+_MOST_REPORTED = 10_000
 
 _FRAMES_NAMED = 5
 
 
 @dataclass(frozen=True)
 class Claimant:
-    """A living stream that lists a frame as its own."""
+    """A live stream that lists a frame as its own."""
 
     stream: str
     description: StreamDescription
@@ -29,25 +30,25 @@ class Claimant:
         return {child: parent for parent, child, _ in self.description.frames}
 
     def parent_of(self, child: str) -> str | None:
-        """The parent that it gives this frame."""
+        """The parent that it lists for this frame."""
         return self._parents.get(child)
 
     def __str__(self) -> str:
-        told = self.description
-        return f"{self.stream!r} of {told.node} (host {told.host or '?'}, pid {told.pid or '?'})"
+        by = self.description
+        return f"{self.stream!r} of {by.node} (host {by.host or '?'}, pid {by.pid or '?'})"
 
 
 @dataclass(frozen=True)
-class Ruling:
-    """Frames that a stream may send, and frames that it may not."""
+class Resolution:
+    """The frames of a stream that are accepted, and those that are rejected."""
 
-    won: set[str]
-    lost: set[str]
+    accepted: set[str]
+    rejected: set[str]
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """Two living streams that claim the same frames; `first` has been there longer or wins."""
+    """Two live streams that claim the same frames; `first` has priority, or was started first."""
 
     first: Claimant
     other: Claimant
@@ -55,8 +56,9 @@ class Conflict:
 
 
 class Claims:
-    """Who claims which frame, by the descriptions of living streams; so it comes out the same
-    in every listener. Safe in one thread at a time.
+    """The claims to frames, by the descriptions of live streams: the same in every listener.
+
+    Not safe from several threads at once.
     """
 
     def __init__(self, rule: Rule) -> None:
@@ -67,11 +69,12 @@ class Claims:
         self.rule = rule
         self._claims: dict[str, dict[str, Claimant]] = {}
         self._children: dict[str, frozenset[str]] = {}
-        self._told: set[frozenset[str]] = set()
+        self._reported: set[frozenset[str]] = set()
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
-        """Take what a stream claims now, nothing where it is not there: the frames that several
-        claim or have claimed.
+        """Take the frames that a stream lists now, None where it is gone.
+
+        Returns the frames among its former and present ones that another stream claims too.
         """
         claimed = _children(description)
         former = self._children.get(stream, frozenset())
@@ -91,21 +94,19 @@ class Claims:
             del self._children[stream]
         return contested
 
-    def rulings(self, stream: str, contested: Iterable[str]) -> dict[str, Ruling]:
-        """What follows for each stream after `update` of one: which of the frames it may send,
-        and of which another has the right of way.
-        """
-        rulings: dict[str, Ruling] = {stream: Ruling(set(contested), set())}
+    def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
+        """For each stream its resolution over `contested`, what `update` of `stream` returned."""
+        resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}
         for child in contested:
             for at, claimant in enumerate(self._ranked(child)):
-                ruling = rulings.setdefault(claimant.stream, Ruling(set(), set()))
-                ruling.won.discard(child)
+                resolution = resolutions.setdefault(claimant.stream, Resolution(set(), set()))
+                resolution.accepted.discard(child)
                 wins = at == 0 or self.rule == "latest"
-                (ruling.won if wins else ruling.lost).add(child)
-        return rulings
+                (resolution.accepted if wins else resolution.rejected).add(child)
+        return resolutions
 
     def news(self, contested: Iterable[str]) -> list[Conflict]:
-        """The conflicts over these frames that have not been told yet; each pair is told once."""
+        """The conflicts over these frames that are new; each pair of streams is reported once."""
         shared: dict[tuple[str, str], list[str]] = {}
         claimants: dict[str, Claimant] = {}
         for child in sorted(contested):
@@ -115,10 +116,10 @@ class Claims:
                 shared.setdefault((ranked[0].stream, other.stream), []).append(child)
         news = []
         for pair, frames in shared.items():
-            if frozenset(pair) not in self._told:
-                if len(self._told) >= _MOST_TOLD:
-                    self._told.clear()
-                self._told.add(frozenset(pair))
+            if frozenset(pair) not in self._reported:
+                if len(self._reported) >= _MOST_REPORTED:
+                    self._reported.clear()
+                self._reported.add(frozenset(pair))
                 first, other = (claimants[stream] for stream in pair)
                 news.append(Conflict(first, other, tuple(frames)))
         return news
@@ -130,17 +131,15 @@ class Claims:
         return sorted(self._claims.get(child, {}).values(), key=self._rank)
 
     def _rank(self, claimant: Claimant) -> tuple[int, int, str]:
-        told = claimant.description
-        priority = -told.priority if self.rule == "priority" else 0
-        # The epoch grows where a clock goes back, and is no younger a publisher for it.
-        return (priority, told.started_ns or told.epoch, claimant.stream)
+        description = claimant.description
+        priority = -description.priority if self.rule == "priority" else 0
+        # Where a clock goes back the epoch grows, though the publisher is as old as before.
+        return (priority, description.started_ns or description.epoch, claimant.stream)
 
 
 def name_some(frames: Sequence[str]) -> str:
-    """The first few frames, and how many more there are, to be said in a line."""
-    more = len(frames) - _FRAMES_NAMED
-    named = ", ".join(map(repr, frames[:_FRAMES_NAMED]))
-    return f"{named} and {more} more" if more > 0 else named
+    """The first five frames, quoted, and how many more there are."""
+    return listed([repr(frame) for frame in frames], most=_FRAMES_NAMED)
 
 
 def _children(description: StreamDescription | None) -> frozenset[str]:

@@ -1,7 +1,7 @@
-"""How far the clocks of others are from ours, as NTP measures it.
+"""How far the clocks of other nodes are from ours, as NTP measures it.
 
-Four times tell: when we asked, when it was asked, when it answered, and when we had the answer.
-The offset is known to half of the way there and back, whatever the two ways were.
+It takes four times: when we asked, when the question came, when it was answered, and when the
+answer came. The offset is known to half of the round trip, however it divides into two ways.
 """
 
 import logging
@@ -18,15 +18,15 @@ from tfbus.wire.codec import decode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key
 
-# So many are asked for in a row; the one with the shortest way is the most exact.
+# Samples in a row; the one with the shortest round trip is the most exact.
 _SAMPLES = 4
 # A clock of a computer drifts by a few ms in this time.
 _AGAIN_S = 30.0
-# One is asked at a time, and then nobody for so long: a thousand within the time above.
+# The pause between nodes: a thousand are asked within the time above.
 _BETWEEN_S = 0.03
 _PATIENCE_S = 1.0
 
-# A clock that is farther off than this, and farther than the way takes, is worth a warning.
+# A clock that is off by more than this, and by more than the round trip, is worth a warning.
 _SKEW_S = 0.1
 
 
@@ -39,12 +39,12 @@ class ClockOffset:
 
     @property
     def is_skewed(self) -> bool:
-        """Whether lookups at the time of one clock go wrong with stamps of the other."""
+        """Whether the offset is more than 100 ms, and more than the round trip."""
         return abs(self.offset_s) > max(_SKEW_S, self.round_trip_s)
 
 
 def measured(asked_ns: int, received_ns: int, answered_ns: int, back_ns: int) -> ClockOffset:
-    """The offset by four times: the first and the last by our clock, the others by the other.
+    """The offset by four times: the first and the last by our clock, those between by the other.
 
     The formula is NTP's (RFC 5905, section 8).
     """
@@ -55,7 +55,7 @@ def measured(asked_ns: int, received_ns: int, answered_ns: int, back_ns: int) ->
 
 @dataclass
 class _Publisher:
-    """A node whose clock is watched; due_s is when to ask it next, by the monotonic clock."""
+    """A node whose clock is measured; due_s is when to ask it next, by the monotonic clock."""
 
     key: str
     node: str
@@ -63,15 +63,14 @@ class _Publisher:
     due_s: float
     streams: set[str] = field(default_factory=set)
     offset: ClockOffset | None = None
-    is_told: bool = False
+    has_warned: bool = False
 
 
 class ClockOffsets:
-    """Knows how far the system's clocks of other nodes are from ours, and says once of each that
-    is too far.
+    """Measures the clocks of other nodes against ours, and warns once of each that is too far off.
 
-    They are asked one at a time, on a thread of its own: each when it is watched first, and then
-    twice a minute. Safe from any thread.
+    It asks one node at a time, on a thread of its own: at once, and then twice a minute. Safe from
+    any thread.
     """
 
     def __init__(self, session: Session, log: logging.Logger, *, warns: bool = True) -> None:
@@ -85,17 +84,17 @@ class ClockOffsets:
         self._thread: threading.Thread | None = None
         self._closed = False
 
-    def watch(self, stream: str, told: StreamDescription) -> None:
+    def watch(self, stream: str, description: StreamDescription) -> None:
         """Measure the clock of the node that publishes a stream; again is fine."""
-        session = told.session
+        session = description.session
         with self._changed:
             if self._sessions.get(stream, session) != session:
                 self._leave(stream)
             if not session or session == self._session.id:
                 return
             if session not in self._publishers and not self._closed:
-                key = _key(told.node, self._session.settings.namespace)
-                publisher = _Publisher(key, told.node, told.host, time.monotonic())
+                key = _key(description.node, self._session.settings.namespace)
+                publisher = _Publisher(key, description.node, description.host, time.monotonic())
                 self._publishers[session] = publisher
                 self._start()
             if session in self._publishers:
@@ -103,19 +102,19 @@ class ClockOffsets:
                 self._sessions[stream] = session
 
     def forget(self, stream: str) -> None:
-        """The stream is gone: measure its node no more, unless another stream of it is there."""
+        """The stream is gone: stop measuring its node, unless another stream of it is there."""
         with self._changed:
             self._leave(stream)
 
     def of(self, session: str) -> ClockOffset | None:
-        """What was measured last of the node of a session; None where nothing was yet."""
+        """The last offset of the node of a session; None before the first."""
         if session == self._session.id:
             return ClockOffset(0.0, 0.0)
         publisher = self._publishers.get(session)
         return publisher.offset if publisher else None
 
     def close(self) -> None:
-        """Measure no more; what is known stays. Twice is fine."""
+        """Stop measuring; known offsets stay. Twice is fine."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -156,7 +155,7 @@ class ClockOffsets:
             return None
 
     def _measure(self, key: str) -> ClockOffset | None:
-        """The most exact of a few samples; None where nobody answers."""
+        """The most exact of a few samples; None without an answer."""
         samples: list[ClockOffset] = []
         for _ in range(_SAMPLES):
             sample = None if self._closed else self._ask(key)
@@ -170,7 +169,7 @@ class ClockOffsets:
         asked_ns = time.time_ns()
 
         def on_answer(answer: Answer) -> None:
-            # Here and not where it is waited for, which would be some time later.
+            # Here, since the waiting thread may wake up later.
             back_ns = time.time_ns()
             with suppress(DecodeError):
                 samples.put(_sample(asked_ns, answer, back_ns))
@@ -179,28 +178,30 @@ class ClockOffsets:
             self._session.ask_later(
                 key, None, on_answer, lambda: samples.put(None), timeout_s=_PATIENCE_S
             )
-        except BusError:  # the session has ended
+        except BusError:  # the session is closed
             return None
         return samples.get()
 
     def _warn(self, publisher: _Publisher, offset: ClockOffset) -> None:
-        if self._warns and offset.is_skewed and not publisher.is_told and not self._closed:
-            publisher.is_told = True
+        if self._warns and offset.is_skewed and not publisher.has_warned and not self._closed:
+            publisher.has_warned = True
             ahead = offset.offset_s > 0
             self._log.warning(
-                "The clock of %s on host %s is %.3f s %s ours (known to %.1f ms): a lookup at the "
-                "present time %s. Keep the clocks of both by NTP, with chrony for instance",
+                "The clock of %s on host %s is %.3f s %s ours (within %.1f ms): lookups at the "
+                "present time %s. Synchronize both clocks by NTP, for example with chrony",
                 publisher.node,
                 publisher.host or "unknown",
                 abs(offset.offset_s),
                 "ahead of" if ahead else "behind",
                 offset.round_trip_s * 500.0,
-                "answers where its frames were so long ago" if ahead else "waits so long, or fails",
+                "return where its frames were that long ago"
+                if ahead
+                else "wait that long, or fail",
             )
 
 
 def _sample(asked_ns: int, answer: Answer, back_ns: int) -> ClockOffset | None:
-    """The offset that an answer tells; raises DecodeError where it cannot be read."""
+    """The offset by an answer, None where it has no times; DecodeError where it cannot be read."""
     if answer.refusal is not None:
         return None
     times = decode_map(answer.payload)
@@ -212,7 +213,7 @@ def _sample(asked_ns: int, answer: Answer, back_ns: int) -> ClockOffset | None:
 
 
 def _key(node: str, namespace: str) -> str:
-    """Where the node of this full name tells the time, as seen from within the namespace."""
+    """The key of the clock of the node of this full name, as seen from within the namespace."""
     path = node.strip("/")
     inside = path.removeprefix(f"{namespace}/") if namespace else path
     prefix, _, name = inside.rpartition("/")

@@ -1,7 +1,7 @@
-"""Two living publishers of one frame: it is told, and the rule decides whose transforms count."""
+"""Two live publishers of one frame: reports it, and accepts transforms by the rule."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.change import Change
@@ -11,58 +11,59 @@ from tfbus.wire.descriptions import StreamDescription
 
 
 class Conflicts:
-    """Lets of the streams that claim a frame the right one through.
+    """Decides whose transforms of a frame are taken where several streams list it.
 
-    `streams` are those that are received, by name. Used by one thread at a time.
+    `reception(name)` is that of a stream. Not safe from several threads at once.
     """
 
     def __init__(
         self,
         rule: Rule,
         buffer: Buffer,
-        streams: Mapping[str, StreamReception],
+        reception: Callable[[str], StreamReception],
         log: logging.Logger,
     ) -> None:
         self._claims = Claims(rule)
         self._buffer = buffer
-        self._streams = streams
+        self._reception = reception
         self._log = log
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
-        """Take what a stream claims now; None where its publisher is not there."""
+        """Take the frames that a stream lists now; None where its publisher is gone."""
         contested = self._claims.update(name, description)
         if not contested:
             return
         for conflict in self._claims.news(contested):
-            self._tell(conflict)
+            self._report(conflict)
         frames = () if description is None else description.frames
         left = contested - {child for _, child, _ in frames}
-        rulings = self._claims.rulings(name, contested)
-        changed = [self._streams[each].exclude(ruling) for each, ruling in rulings.items()]
-        # A static transform that comes into its right, or that another has lain over, is not sent
-        # again.
-        for each, ruling in rulings.items():
-            won = ruling.won if any(changed) else ruling.won & left
-            self._streams[each].apply_statics(won - left if each == name else won)
+        resolutions = self._claims.resolutions(name, contested)
+        changed = [
+            self._reception(each).exclude(resolution) for each, resolution in resolutions.items()
+        ]
+        # A static transform that gets priority, or that another has replaced, is not sent again.
+        for each, resolution in resolutions.items():
+            accepted = resolution.accepted if any(changed) else resolution.accepted & left
+            self._reception(each).apply_statics(accepted - left if each == name else accepted)
 
     def restore(self, name: str, frames: frozenset[str]) -> None:
-        """Put back the static transforms of those who have the right of way of these frames, which
-        a stream has laid its own over since.
+        """Put back the static transforms of the streams with priority for these frames, which the
+        stream of this name has replaced since.
         """
-        for each, ruling in self._claims.rulings(name, frames).items():
+        for each, resolution in self._claims.resolutions(name, frames).items():
             if each != name:
-                self._streams[each].apply_statics(ruling.won)
+                self._reception(each).apply_statics(resolution.accepted)
 
-    def _tell(self, conflict: Conflict) -> None:
+    def _report(self, conflict: Conflict) -> None:
         first, other, rule = conflict.first, conflict.other, self._claims.rule
         wins = {
-            "latest": "whoever sent last wins",
-            "first": f"{first.stream!r} wins, as it was started first",
-            "priority": f"{first.stream!r} wins, by its priority or as it was started first",
+            "latest": "the last to send wins",
+            "first": f"{first.stream!r} wins, since it was started first",
+            "priority": f"{first.stream!r} wins, by its priority or since it was started first",
         }
         self._log.warning(
-            "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one of "
-            "them, or give its frame another name",
+            "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one, or "
+            "rename its frame",
             name_some(conflict.frames),
             first,
             other,

@@ -1,4 +1,4 @@
-"""The tree of frames as streams describe it, and what of it a lookup needs.
+"""The tree of frames by the streams' descriptions, and which of its edges a lookup needs.
 
 It knows which stream sends which edge, and on which key, without a transform.
 """
@@ -11,7 +11,7 @@ from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import static_transforms_key_beside, transforms_key_beside
 
-# Streams come and go; of those that have gone so many of the last are remembered.
+# Streams come and go: at most this many of those that are gone are remembered.
 _MOST_GONE = 1000
 
 # Target frame, source frame.
@@ -22,7 +22,7 @@ Pair = tuple[str, str]
 class DescribedEdge:
     """An edge from parent to child that a stream says it sends, and the key that carries it.
 
-    An edge that is in the buffer anyway has no stream, and no key.
+    An edge that only the buffer has has no stream and no key.
     """
 
     parent: str
@@ -35,25 +35,25 @@ class DescribedEdge:
 def described_edges(
     stream: str, stream_key: str, description: StreamDescription, names: FrameNames | None = None
 ) -> list[DescribedEdge]:
-    """The edges of a stream, whose token is at `stream_key`; `names` is how its frames are called
-    here, as the stream calls them where it is None.
+    """The edges of a stream whose token is at `stream_key`; `names` is how its frames are called
+    here, None for their own names.
     """
     whole = transforms_key_beside(stream_key)
     static_key = static_transforms_key_beside(stream_key)
     called = (lambda frame: frame) if names is None else names.outside
     edges = []
     for parent, child, static in description.frames:
-        moving_key = transforms_key_beside(stream_key, child) if description.split else whole
-        key = static_key if static else moving_key
+        dynamic_key = transforms_key_beside(stream_key, child) if description.split else whole
+        key = static_key if static else dynamic_key
         edges.append(DescribedEdge(called(parent), called(child), static, stream, key))
     return edges
 
 
 class DescribedTree:
-    """What all streams describe, put together; safe in one thread at a time.
+    """The edges that all streams describe. Not safe from several threads at once.
 
-    `parent_elsewhere(frame)` is asked for the parent of a frame that no stream describes as a
-    child: somebody may have put such an edge into the buffer himself.
+    `parent_elsewhere(frame)` gives the parent of a frame that no stream describes as a child: the
+    application may have put such an edge into the buffer.
     """
 
     def __init__(self, parent_elsewhere: Callable[[str], str | None] = lambda frame: None) -> None:
@@ -65,7 +65,7 @@ class DescribedTree:
         self._below: Counter[str] = Counter()
 
     def update(self, stream: str, edges: list[DescribedEdge], *, alive: bool) -> None:
-        """Take the edges of a stream in the place of its former ones."""
+        """Take the edges of a stream in place of its former ones."""
         self._remove(stream)
         self._streams[stream] = edges = list({edge.child: edge for edge in edges}.values())
         for edge in edges:
@@ -103,8 +103,8 @@ class DescribedTree:
         """The edges that lookups between the pairs of frames are made of.
 
         They are those above the target and the source, up to the lowest frame that is above both,
-        or to the roots where nothing joins them. Where streams do not agree about the parent of a
-        frame, which of them counts is seen by their transforms only: all ways up are needed then.
+        or to the roots where nothing joins them. Where streams disagree about the parent of a
+        frame, only their transforms show which one counts: then all ways up are needed.
         """
         return {edge for target, source in pairs for edge in self._between(target, source)}
 
@@ -113,7 +113,7 @@ class DescribedTree:
         return not self._ways_up(target).keys().isdisjoint(self._ways_up(source))
 
     def roots(self, frame: str) -> list[str]:
-        """The topmost frames above a frame, sorted; one, where streams agree."""
+        """The topmost frames above a frame, sorted; one where streams agree."""
         return sorted(above for above, edges in self._ways_up(frame).items() if not edges)
 
     def _between(self, target: str, source: str) -> list[DescribedEdge]:
@@ -136,7 +136,7 @@ class DescribedTree:
         return ways
 
     def _edges_above(self, frame: str) -> list[DescribedEdge]:
-        """The edges above a frame; streams that are gone only where no other has it."""
+        """The edges above a frame; those of gone streams only where no other has it."""
         edges = list(self._above.get(frame, {}).values())
         if not edges:
             parent = self._parent_elsewhere(frame)

@@ -1,4 +1,4 @@
-"""What a listener knows about one stream."""
+"""What a listener reports about one stream."""
 
 from dataclasses import dataclass, replace
 
@@ -8,19 +8,19 @@ from tfbus.listen.watch import StreamState
 
 @dataclass(frozen=True)
 class StreamInfo:
-    """A stream: who publishes it, whether he is there, and what has come of it so far.
+    """A stream: its publisher, whether it is there, and what has been received.
 
-    `node` (full name), `host`, `pid`, `session` and `priority` are as the stream describes
-    itself, empty before it has; `frames` are its rows of parent, child and whether it is static.
-    `alive` is whether its publisher is there. `epoch_ns` is that of its messages.
+    `node` (full name), `host`, `pid`, `session` and `priority` are from the stream's description,
+    empty before it; `frames` are its rows of parent, child and whether it is static. `alive` is
+    whether its publisher is there. `epoch_ns` is that of its messages.
 
-    `messages`, `transforms` and `bytes` are what was received. `missed` messages were sent and
-    never came; `outdated` ones were of a former epoch; `rejected` ones could not be read.
-    `excluded` are the transforms that another publisher of their frame had the right of way of.
-    `last_heard_ns` is when the last one came, by the system's clock, in ns since the Unix epoch.
-    `delay_s` is how old a transform is when it comes, by its stamp and our clock, smoothed over
-    some ten messages. `clock_offset_s` is how far the publisher's clock is ahead of ours. All
-    three are None while they are not known.
+    `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
+    `outdated` ones were of a former epoch; `rejected` ones could not be read. `excluded` transforms
+    were dropped, since another publisher has priority for their frame. `last_heard_ns` is when the
+    last message came, by the system's clock, in ns since the Unix epoch. `delay_s` is how old a
+    transform is when it comes, by its stamp and our clock, smoothed over about ten messages.
+    `clock_offset_s` is how far the publisher's clock is ahead of ours. All three are None while
+    they are not known.
     """
 
     name: str
@@ -45,34 +45,26 @@ class StreamInfo:
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
-    """What is known of a stream from its token and description, and from what came of it."""
+    """The report of a stream, from its token, its description, and what has been received."""
     info = StreamInfo(name)
     if state is not None:
         info = replace(info, alive=state.alive)
     if state is not None and state.description is not None:
-        told = state.description
+        description = state.description
         info = replace(
             info,
-            node=told.node,
-            host=told.host,
-            pid=told.pid,
-            session=told.session,
-            epoch_ns=told.epoch,
-            frames=told.frames,
-            priority=told.priority,
+            node=description.node,
+            host=description.host,
+            pid=description.pid,
+            session=description.session,
+            epoch_ns=description.epoch,
+            frames=description.frames,
+            priority=description.priority,
         )
     if stream is not None:
         info = replace(
             info,
             epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
-            messages=stream.messages,
-            transforms=stream.transforms,
-            bytes=stream.bytes,
-            missed=stream.missed,
-            outdated=stream.outdated,
-            rejected=stream.rejected,
-            excluded=stream.excluded_rows,
-            last_heard_ns=stream.last_heard_ns,
-            delay_s=stream.delay_s,
+            **vars(stream.counts),
         )
     return info

@@ -1,7 +1,8 @@
-"""Interest: a listener reads what the lookups of its buffer need, and nothing else.
+"""Which streams a listener subscribes to; all by default.
 
-Which streams they need follows from what all streams say of their frames. A thread subscribes and
-unsubscribes: whoever asks the buffer, and Zenoh's threads, only leave a note for it.
+With an interest it subscribes to those that the lookups of its buffer need, by what all streams say
+of their frames. A thread of its own subscribes and unsubscribes: lookups, and Zenoh's threads, only
+leave it a note.
 """
 
 import logging
@@ -9,26 +10,82 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.explain import unknown_frame
 from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
-from tfbus.listen.reading import Forget, Subscribe
 from tfbus.listen.watch import StreamState
 from tfbus.wire.fleet import FrameNames
-from tfbus.wire.keys import transforms_key_beside
+from tfbus.wire.keys import (
+    ALL_STATIC_TRANSFORMS,
+    ALL_STATIC_TRANSFORMS_EVERYWHERE,
+    ALL_TRANSFORMS,
+    ALL_TRANSFORMS_EVERYWHERE,
+    transforms_key_beside,
+)
 
-# A lookup that is not repeated for so long needs nothing any more; and what nothing needs is
-# read for as long again, as a path may lead there and back.
+# A lookup that is not repeated within this time needs nothing; and a key that no lookup needs is
+# read for as long again, since a path may lead there and back.
 KEPT_S = 60.0
-# How often it is asked which lookups are repeated.
+# How often in that time the buffer is asked which lookups are repeated.
 _ROUNDS = 4
-# Streams that were asked for longer ago should have sent something.
+# A stream that is read for longer should have sent something.
 _SOON_S = 1.0
 
 _log = logging.getLogger(__name__)
+
+
+# Subscribes to a key until the declaration is closed: stream, key, and whether it carries static
+# transforms; the stream is "" where the key covers all.
+Subscribe = Callable[[str, str, bool], Declaration]
+# A key is no longer read, and its frames would only grow old: stream, key, frames.
+Forget = Callable[[str, str, set[str]], object]
+
+
+class Reading(Protocol):
+    """Decides what a listener subscribes to."""
+
+    def need(self, target: str, source: str) -> None:
+        """Read what lookups of this pair need, from now until the end."""
+
+    def update(self, state: StreamState, names: FrameNames | None) -> None:
+        """Take the frames that a stream lists now; `names` is how they are called here."""
+
+    def keys_of(self, stream_key: str) -> list[str]:
+        """The keys of dynamic transforms that are read of the stream of this token."""
+
+    def close(self) -> None:
+        """Stop reading. Twice is fine."""
+
+
+class Everything:
+    """Reads all streams of a namespace; `everywhere` also those of the namespaces below it."""
+
+    def __init__(self, subscribe: Subscribe, *, everywhere: bool = False) -> None:
+        dynamic, static = (
+            (ALL_TRANSFORMS_EVERYWHERE, ALL_STATIC_TRANSFORMS_EVERYWHERE)
+            if everywhere
+            else (ALL_TRANSFORMS, ALL_STATIC_TRANSFORMS)
+        )
+        self._declarations = [subscribe("", dynamic, False), subscribe("", static, True)]
+
+    def need(self, target: str, source: str) -> None:
+        """Nothing to do: it is read."""
+
+    def update(self, state: StreamState, names: FrameNames | None) -> None:
+        """Nothing to do: it is read."""
+
+    def keys_of(self, stream_key: str) -> list[str]:
+        """All keys of the stream, as one key expression."""
+        return [f"{transforms_key_beside(stream_key)}/**"]
+
+    def close(self) -> None:
+        """Stop reading. Twice is fine."""
+        for declaration in self._declarations:
+            declaration.close()
 
 
 @dataclass
@@ -38,15 +95,15 @@ class _Question:
 
 
 @dataclass
-class _Reading:
+class _Subscription:
     stream: str
     declaration: Declaration
     idle_since: float | None = None
 
 
 class Interest:
-    """Reads what a buffer is asked for; what it is not asked for any more is left after `kept_s`
-    seconds of the clock. `subscribe` and `forget` are called in a thread of its own.
+    """Reads what lookups of a buffer need, and leaves it when they have not been repeated for
+    `kept_s` seconds of the clock. `subscribe` and `forget` are called on a thread of its own.
     """
 
     def __init__(
@@ -65,13 +122,12 @@ class Interest:
         self._kept_s = kept_s
         self._clock = clock
         self._log = log
-        # Holds together the questions and the tree; never held while something else is called,
-        # but the buffer.
+        # Guards the questions and the tree; only the buffer is called while it is held.
         self._lock = threading.Lock()
         self._tree = DescribedTree(self._parent_here)
-        self._wanted: set[Pair] = set()
+        self._needed: set[Pair] = set()
         self._asked: dict[Pair, _Question] = {}
-        self._readings: dict[str, _Reading] = {}
+        self._subscriptions: dict[str, _Subscription] = {}
         self._closed = False
         self._has_failed = False
         self._changed = threading.Event()
@@ -80,24 +136,24 @@ class Interest:
         self._thread.start()
 
     def close(self) -> None:
-        """Read nothing any more. Twice is fine."""
+        """Stop reading. Twice is fine."""
         self._end_watch()
         self._closed = True
         self._changed.set()
-        # It may be in a callback of the buffer's, on whose end it would wait.
+        # The thread itself may close the listener, in a callback of the buffer.
         if self._thread is not threading.current_thread():
             self._thread.join()
-        for reading in self._readings.values():
-            reading.declaration.close()
+        for subscription in self._subscriptions.values():
+            subscription.declaration.close()
 
     def need(self, target: str, source: str) -> None:
-        """Read what a lookup of this pair needs, from now on and for ever."""
+        """Read what lookups of this pair need, from now until the end."""
         with self._lock:
-            self._wanted.add((target, source))
+            self._needed.add((target, source))
         self._changed.set()
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
-        """Take what a stream says of its frames now, and what they are called here."""
+        """Take the frames that a stream lists now; `names` is how they are called here."""
         description = state.description
         if description is not None:
             edges = described_edges(state.name, state.key, description, names)
@@ -106,11 +162,11 @@ class Interest:
             self._changed.set()
 
     def keys_of(self, stream_key: str) -> list[str]:
-        """The keys of the dynamic transforms of the stream of a token that are read now."""
+        """The keys of dynamic transforms that are read of the stream of this token."""
         whole = transforms_key_beside(stream_key)
-        return [key for key in [*self._readings] if f"{key}/".startswith(f"{whole}/")]
+        return [key for key in [*self._subscriptions] if f"{key}/".startswith(f"{whole}/")]
 
-    # In the thread of who asks
+    # On the thread of a lookup
 
     def _on_question(self, target: str, source: str) -> None:
         now = self._clock()
@@ -122,7 +178,7 @@ class Interest:
             self._changed.set()
 
     def _explain(self, target: str, source: str) -> TransformException | None:
-        """Why a path is not there, where the streams' descriptions say more than the buffer."""
+        """Why there is no path, where the streams' descriptions say more than the buffer."""
         with self._lock:
             nowhere = [frame for frame in (target, source) if not self._tree.describes(frame)]
             known = self._tree.frames() if nowhere else set()
@@ -136,9 +192,9 @@ class Interest:
                 return unknown_frame(frame, known.union(self._buffer.frames()))
         if not connected:
             return ConnectivityException(
-                f"{target!r} and {source!r} are not connected, by what streams say of their "
-                f"frames: the root above the one is {roots[0]!r}, above the other {roots[1]!r}; "
-                "a transform between the two trees is missing",
+                f"{target!r} and {source!r} are not connected, by the frames that streams list: "
+                f"their roots are {roots[0]!r} and {roots[1]!r}; a transform between the two trees "
+                "is missing",
                 target_frame=target,
                 source_frame=source,
                 target_root=roots[0],
@@ -146,12 +202,12 @@ class Interest:
             )
         if not streams:
             return None
-        named = ", ".join(map(repr, sorted(streams)))
+        named = f"stream{'s' * (len(streams) > 1)} {', '.join(map(repr, sorted(streams)))}"
         age_s = 0.0 if question is None else self._clock() - question.first_asked
         since = "from now on" if age_s < _SOON_S else f"for {age_s:.3g} s"
         return LookupException(
-            f"{source!r} seen from {target!r} is not there yet: what it needs of stream {named} is "
-            f"read {since}; wait for it (timeout_s), or ask again",
+            f"no transform from {source!r} to {target!r} yet: reading {named} {since}; wait for it "
+            "(timeout_s), or query again",
             frame=(missing or [source])[0],
         )
 
@@ -162,16 +218,16 @@ class Interest:
             return False
         return True
 
-    # In any thread, with the lock held
+    # On any thread, with the lock held
 
     def _parent_here(self, frame: str) -> str | None:
-        """The parent that a frame has in the buffer, which somebody may have put there."""
+        """The parent that a frame has in the buffer, where the application may have put it."""
         try:
             return self._buffer.frame(frame).parent
         except LookupException:
             return None
 
-    # In the thread of the interest
+    # On the thread of the interest
 
     def _run(self) -> None:
         next_round = self._clock()
@@ -183,19 +239,19 @@ class Interest:
             try:
                 self._follow(now)
             except BusError:
-                return  # the session is closed, and there is nothing to read
+                return  # the session is closed
             except Exception:
-                self._tell_failed()
+                self._log_failure()
             self._changed.wait(max(next_round - self._clock(), 0.0))
             self._changed.clear()
 
-    def _tell_failed(self) -> None:
+    def _log_failure(self) -> None:
         if not self._has_failed:
             self._has_failed = True
-            self._log.exception("What lookups need could not be followed; it is tried again")
+            self._log.exception("Could not subscribe to what lookups need; retrying")
 
     def _forget_questions(self, now: float) -> None:
-        """Forget what has not been asked for of late, and ask what still is."""
+        """Forget lookups that were not repeated, and have the buffer report those that wait."""
         with self._lock:
             self._asked = {
                 pair: question
@@ -207,25 +263,25 @@ class Interest:
     def _follow(self, now: float) -> None:
         with self._lock:
             needed = {
-                edge.key: edge for edge in self._tree.edges_needed([*self._wanted, *self._asked])
+                edge.key: edge for edge in self._tree.edges_needed([*self._needed, *self._asked])
             }
         for key, edge in needed.items():
-            reading = self._readings.get(key)
-            if reading is None:
+            subscription = self._subscriptions.get(key)
+            if subscription is None:
                 declaration = self._subscribe(edge.stream, key, edge.static)
-                self._readings[key] = _Reading(edge.stream, declaration)
+                self._subscriptions[key] = _Subscription(edge.stream, declaration)
             else:
-                reading.idle_since = None
-        for key, reading in [*self._readings.items()]:
+                subscription.idle_since = None
+        for key, subscription in [*self._subscriptions.items()]:
             if key not in needed:
-                self._leave_in_time(key, reading, now)
+                self._leave_when_idle(key, subscription, now)
 
-    def _leave_in_time(self, key: str, reading: _Reading, now: float) -> None:
-        if reading.idle_since is None:
-            reading.idle_since = now
-        elif now - reading.idle_since >= self._kept_s:
-            del self._readings[key]
-            reading.declaration.close()
+    def _leave_when_idle(self, key: str, subscription: _Subscription, now: float) -> None:
+        if subscription.idle_since is None:
+            subscription.idle_since = now
+        elif now - subscription.idle_since >= self._kept_s:
+            del self._subscriptions[key]
+            subscription.declaration.close()
             with self._lock:
-                frames = self._tree.children(key, reading.stream)
-            self._forget(reading.stream, key, frames)
+                frames = self._tree.children(key, subscription.stream)
+            self._forget(subscription.stream, key, frames)

@@ -1,4 +1,4 @@
-"""What the frames of each stream are called here, and the reader of its messages."""
+"""How the frames of each stream are called here, and the reader of its messages."""
 
 from dataclasses import replace
 
@@ -7,13 +7,13 @@ from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of
 from tfbus.wire.transform_reader import TransformReader
 
-# Namespaces come from the bus: of so many the names are remembered.
+# Namespaces come from the bus: the names of at most this many are remembered.
 MOST_NAMESPACES = 1000
 
 
 class StreamNames:
-    """Streams of the robots of a fleet have names of their own for frames; without a fleet, all
-    are called as they call themselves.
+    """Frames of the robots of a fleet have the namespace in front; without a fleet all keep their
+    own names.
     """
 
     def __init__(self, fleet: Fleet | None) -> None:
@@ -22,7 +22,7 @@ class StreamNames:
         self._readers: dict[str, TransformReader] = {}
 
     def at(self, key: str) -> FrameNames | None:
-        """What frames are called of the stream of a key; None: as it calls them."""
+        """How the frames of a key's stream are called here; None: by their own names."""
         namespace = namespace_of(key) if self._fleet is not None else ""
         if self._fleet is None or not namespace:
             return None
@@ -33,12 +33,12 @@ class StreamNames:
         return names
 
     def of_message(self, key: str, frames: tuple[str, ...]) -> tuple[str, ...]:
-        """What the frames of a message on a key are called here."""
+        """How the frames of a message on a key are called here."""
         names = self.at(key)
         return frames if names is None else names.all_outside(frames)
 
     def called(self, state: StreamState) -> StreamState:
-        """The state of a stream, its frames as they are called here."""
+        """The state of a stream, with frames as they are called here."""
         names, description = self.at(state.key), state.description
         if names is None or description is None:
             return state
@@ -54,7 +54,7 @@ class StreamNames:
         return reader
 
     def _make_room(self) -> None:
-        # Whoever uses some of them keeps them himself.
+        # Receptions hold the readers that they use.
         if len(self._names) >= MOST_NAMESPACES:
             self._names.clear()
             self._readers.clear()

@@ -1,28 +1,27 @@
-"""What streams sent before a listener met them: asked for, and waited for by lookups."""
+"""What streams sent before a listener met them; lookups of the past wait for it."""
 
 import threading
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.errors import BusError
 from tfbus.listen.reception import StreamReception
 from tfbus.runtime.executor import Executor
 from tfbus.wire.keys import kept_transforms_selector
 
 _KEPT_WITHIN_S = 5.0
-# The way to a stream that was just met may not be open for questions.
-_ASK_AGAIN_S = (0.1, 0.4, 1.0)
+# The route to a stream that was just met may not be open for questions yet.
+_PAUSES = Pauses((0.1, 0.4, 1.0))
 
-# Lookups of the past wait no longer than this for a stream's history.
+# Lookups of the past wait at most this long for a stream's history.
 _EXPECTED_WITHIN_S = 5.0
 
 
 class _Expected:
-    """The past of one stream, as long as it may come: how many questions for it are open, and
-    what tells the buffer that it comes no more.
+    """The past of one stream while it may come: the count of open questions for it, and `end`,
+    which ends the buffer's wait for it.
     """
 
     def __init__(self, end: Callable[[], None]) -> None:
@@ -31,7 +30,7 @@ class _Expected:
 
 
 class AskedHistory:
-    """Asks streams for their last `history_s` seconds; where that is 0 it does nothing.
+    """Requests the last `history_s` seconds of streams; where that is 0 it does nothing.
 
     The first message of a stream often comes before its description, and so before the question.
     Lookups with a timeout wait for its past from that message until the question is answered.
@@ -46,16 +45,16 @@ class AskedHistory:
         self._history_s = history_s
         self._lock = threading.Lock()
         self._closed = False
-        # Keys that were asked for, and the streams that they are of.
-        self._asked: set[str] = set()
+        # By key; and the streams that the keys are of.
+        self._asked: dict[str, AskUntil] = {}
         self._streams: set[str] = set()
         self._expected: dict[str, _Expected] = {}
 
     def close(self) -> None:
-        """Expect no more. Twice is fine."""
+        """Expect nothing further. Twice is fine."""
         self._closed = True
         for stream, expected in list(self._expected.items()):
-            self._expect_no_more(stream, expected)
+            self._stop_expecting(stream, expected)
 
     def meet(self, stream: str) -> None:
         """A message on a new key of the stream has come."""
@@ -70,70 +69,60 @@ class AskedHistory:
         with self._lock:
             is_first = self._expected.setdefault(stream, made) is made
         if is_first:
-            self._executor.after(_EXPECTED_WITHIN_S, lambda: self._expect_no_more(stream, made))
+            self._executor.after(_EXPECTED_WITHIN_S, lambda: self._stop_expecting(stream, made))
         else:
             made.end()
 
     def keeps_nothing(self, stream: str) -> None:
-        """The stream says that there is nothing to ask it for."""
+        """The stream says that it keeps no history."""
         expected = self._expected.get(stream)
         if expected is not None and not expected.questions:
-            self._expect_no_more(stream, expected)
+            self._stop_expecting(stream, expected)
 
     def leave(self, keys: Iterable[str], stream: str) -> None:
-        """Have the keys asked for again when the stream is there again, or is read again."""
-        self._asked.difference_update(keys)
+        """Have the keys asked for again when the stream is back, or is read again."""
+        for key in keys:
+            asking = self._asked.pop(key, None)
+            if asking is not None:
+                asking.close()
         self._streams.discard(stream)
 
     def ask(self, key: str, stream: StreamReception) -> None:
         """Ask for what was sent on a key, unless that was done."""
         if not self._history_s or key in self._asked:
             return
-        self._asked.add(key)
         self._streams.add(stream.name)
         self.expect(stream.name)
         with self._lock:
             expected = self._expected.get(stream.name)
             if expected is not None:
                 expected.questions += 1
-        self._ask(key, stream, expected, _ASK_AGAIN_S)
+        asking = self._asked[key] = self._asking(key, stream, expected)
+        asking.start()
 
-    def _ask(
-        self,
-        key: str,
-        stream: StreamReception,
-        expected: _Expected | None,
-        pauses_s: tuple[float, ...],
-    ) -> None:
-        """Ask until there is an answer; a stream that has sent nothing so far gives none."""
+    def _asking(self, key: str, stream: StreamReception, expected: _Expected | None) -> AskUntil:
+        """Asks until there is an answer; a stream that has sent nothing so far gives none."""
         is_answered = False
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            selector = kept_transforms_selector(key, self._history_s)
+            self._session.ask_later(selector, None, on_answer, on_end, timeout_s=_KEPT_WITHIN_S)
 
         def on_answer(answer: Answer) -> None:
             nonlocal is_answered
-            if answer.refusal is None and key in self._asked:
+            if answer.refusal is None and not asking.is_over:
                 is_answered = True
                 stream.receive_kept(answer.payload)
 
-        def on_end() -> None:
-            if pauses_s and not is_answered:
-                self._executor.after(pauses_s[0], ask_again)
-            else:
-                self._end_question(stream.name, expected)
-
-        def ask_again() -> None:
-            if key in self._asked:
-                self._ask(key, stream, expected, pauses_s[1:])
-            else:
-                self._end_question(stream.name, expected)
-
-        with suppress(BusError):  # the session has been closed, and the listener with it
-            self._session.ask_later(
-                kept_transforms_selector(key, self._history_s),
-                None,
-                on_answer,
-                on_end,
-                timeout_s=_KEPT_WITHIN_S,
-            )
+        asking = AskUntil(
+            self._executor,
+            "history",
+            _PAUSES,
+            ask=ask,
+            is_settled=lambda: is_answered,
+            on_over=lambda: self._end_question(stream.name, expected),
+        )
+        return asking
 
     def _end_question(self, stream: str, expected: _Expected | None) -> None:
         if expected is None:
@@ -142,9 +131,9 @@ class AskedHistory:
             expected.questions -= 1
             is_last = not expected.questions
         if is_last:
-            self._expect_no_more(stream, expected)
+            self._stop_expecting(stream, expected)
 
-    def _expect_no_more(self, stream: str, expected: _Expected) -> None:
+    def _stop_expecting(self, stream: str, expected: _Expected) -> None:
         with self._lock:
             if self._expected.get(stream) is not expected:
                 return

@@ -1,33 +1,31 @@
-"""Which streams there are: by their liveliness tokens and descriptions, without their data."""
+"""Which streams there are, by their liveliness tokens and descriptions, without their data."""
 
-import itertools
 import logging
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
+from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import ask_retained_later, declare_retained_subscriber
 from tfbus.bus.session import Session
-from tfbus.errors import BusError, DecodeError
+from tfbus.errors import DecodeError
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
 
-# Streams come and go; of those that have gone so many of the last are remembered.
+# Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
 
-# A token may come before its publisher can answer, or has anything to tell.
+# A token may come before its publisher can answer, or has anything to describe.
 _ANSWER_WITHIN_S = 2.0
-# A question that is lost is not worth the wait for its end; while it is open others are asked.
-_ASK_ANOTHER_S = 0.5
-# The last of them is the pause before all further questions.
-_ASK_AGAIN_S = (0.1, 0.4, 1.0, 2.0, 4.0, 8.0)
-# One that came back, and is not described again after so many of them, is taken for the same.
+_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
+# One that is back, and not described again after this many pauses, is taken for the same.
 _PATIENCE = 3
+
+_WHAT = "a stream"
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class StreamState:
 
     `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
     is whether its publisher is there. `description` is the last it has sent, None before the
-    first. `key` is where its token and its description are.
+    first. `key` is that of its token and its description.
     """
 
     name: str
@@ -46,16 +44,16 @@ class StreamState:
 
 
 class StreamWatch:
-    """Knows at any time which streams there are; closed by `close()` or the session's end.
+    """Watches which streams there are; closed by `close()` or the session's end.
 
     `on_change(state)` is called after each change of one stream, one call at a time, on a thread
     of its own, or that of the `executor` given. With `everywhere` the streams of all namespaces
     below are watched. Descriptions that cannot be read are counted in `rejected` by their stream,
     and the first is logged.
 
-    A token that comes back may be that of a new process, which the last description says nothing
-    of. So with each token the stream's description is asked for, until it comes or what comes
-    cannot be read; a stream that comes back is alive as soon as that has come.
+    A token that comes back may be that of a new process, which the last description does not
+    describe. So with each token the description is asked for, until one comes, readable or not; a
+    stream that comes back is alive as soon as it has come.
     """
 
     def __init__(
@@ -70,40 +68,39 @@ class StreamWatch:
         self.rejected: Counter[str] = Counter()
         self._session = session
         self._on_change = on_change
-        self._log = log
+        log = log or logging.getLogger(__name__)
+        self._once = LogOnce(log)
         self._states: dict[str, StreamState] = {}
         self._gone: dict[str, None] = {}
         self._returning: set[str] = set()
-        # Which token that is there now, by its key, the questions are about.
-        self._asking: dict[str, int] = {}
-        self._tokens_seen = itertools.count()
+        # The questions about the token that is there now, by its key.
+        self._asking: dict[str, AskUntil] = {}
         self._closed = False
-        # What leads to questions is not done where Zenoh tells of it: there it holds locks.
-        self._executor = executor or Executor("streams", log or logging.getLogger(__name__))
+        # No questions in a callback of Zenoh, which may hold locks.
+        self._executor = executor or Executor("streams", log)
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
         self._descriptions = declare_retained_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
 
     def streams(self) -> dict[str, StreamState]:
-        """All streams by their names, and of those that have gone the last thousand."""
+        """All streams by their names, the last thousand of those that are gone among them."""
         return dict(self._states)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
-        """Take the description of this epoch for the stream's: another process of its name sends
-        it now. To be called on the thread of the executor.
+        """Ask for the description of this epoch: another process publishes the stream now. Call it
+        on the executor's thread.
         """
-        self._asking[key] = next(self._tokens_seen)
-        self._ask_for_description(key, self._asking[key], 0, epoch_ns)
+        self._ask_for_description(key, epoch_ns)
 
     def close(self) -> None:
-        """Watch no more. Twice is fine."""
+        """Stop watching. Twice is fine."""
         self._closed = True
         self._tokens.close()
         self._descriptions.close()
         self._executor.close()
 
     def _do(self, job: Callable[[], None]) -> None:
-        self._executor.submit("a stream", job)
+        self._executor.submit(_WHAT, job)
 
     def _on_token(self, key: str, alive: bool) -> None:
         self._do(lambda: self._take_token(key, alive))
@@ -127,10 +124,9 @@ class StreamWatch:
         else:
             self._returning.add(former.name)
         if alive:
-            self._asking[key] = next(self._tokens_seen)
-            self._ask_for_description(key, self._asking[key], 0)
+            self._ask_for_description(key)
         else:
-            self._asking.pop(key, None)
+            self._end_questions(key)
 
     def _take_description(self, key: str, description: StreamDescription) -> None:
         former = self._state(key)
@@ -138,59 +134,60 @@ class StreamWatch:
         self._returning.discard(former.name)
         self._set(replace(former, alive=alive, description=description))
 
-    def _ask_for_description(
-        self, key: str, token: int, turn: int, epoch_ns: int | None = None
-    ) -> None:
-        """Have what is retained sent: Zenoh does so for publishers that are met later too, but not
-        at keys that begin with `@`. With an epoch it is that of one of several publishers, and told
-        even where it was known before.
+    def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
+        """Ask for the retained description: Zenoh requests it for later publishers too, but not
+        at keys that begin with `@`. With an epoch, the description of that one among several
+        publishers is reported even where it was known before.
         """
-        if self._asking.get(key) != token:
-            return
         known = self._state(key).description
         answers: list[StreamDescription | None] = []
-        is_over = False
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
 
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
                 answers.append(self._read(key, answer.payload))
 
-        def on_end() -> None:
-            self._do(take_answers)
-
-        def take_answers() -> None:
-            nonlocal is_over
-            if self._asking.get(key) != token or self._closed:
-                return
+        def is_settled() -> bool:
+            if self._closed:
+                return True
             if self._state(key).description is not known:
                 # One that has come by itself in the meantime is at least as new.
-                self._asking.pop(key)
-                return
+                return True
             readable = [answer for answer in answers if answer]
             if epoch_ns is not None:
                 readable = [answer for answer in readable if answer.epoch == epoch_ns]
             if readable:
-                self._asking.pop(key)
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
-                return
-            if is_over:
-                return
-            is_over = True
-            if answers or turn >= _PATIENCE:
+            elif answers:
                 self._take_back(key)
-            if not answers:
-                pause_s = _ASK_AGAIN_S[min(turn, len(_ASK_AGAIN_S) - 1)]
-                ask_again = partial(self._ask_for_description, key, token, turn + 1, epoch_ns)
-                self._executor.after(pause_s, ask_again)
+            return bool(answers)
 
-        with suppress(BusError):  # the session has been closed
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
-            self._executor.after(_ASK_ANOTHER_S, take_answers)
+        def on_unanswered(turn: int) -> None:
+            if turn >= _PATIENCE:
+                self._take_back(key)
+
+        self._end_questions(key)
+        asking = self._asking[key] = AskUntil(
+            self._executor,
+            _WHAT,
+            _PAUSES,
+            ask=ask,
+            is_settled=is_settled,
+            on_unanswered=on_unanswered,
+        )
+        asking.start()
+
+    def _end_questions(self, key: str) -> None:
+        asking = self._asking.pop(key, None)
+        if asking is not None:
+            asking.close()
 
     def _take_back(self, key: str) -> None:
-        """Nobody describes the stream: what is known of it has to do."""
+        """No description comes: the last one stands."""
         former = self._state(key)
         if former.name in self._returning:
             self._returning.discard(former.name)
@@ -216,11 +213,5 @@ class StreamWatch:
             del self._gone[oldest], self._states[oldest]
 
     def _reject(self, stream: str, error: DecodeError) -> None:
-        first = not self.rejected
         self.rejected[stream if stream in self._states else ""] += 1
-        if first and self._log is not None:
-            self._log.warning(
-                "Dropped the description of stream %r: %s. More of them are only counted",
-                stream,
-                error,
-            )
+        self._once.warning("rejected", "Dropped the description of stream %r: %s", stream, error)

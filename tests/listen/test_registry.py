@@ -1,0 +1,96 @@
+"""What a listener knows of each stream and key, and what it forgets."""
+
+import logging
+
+import pytest
+
+from tfbus import Buffer
+from tfbus.listen import registry
+from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.registry import Registry
+from tfbus.listen.watch import StreamState
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.transform_reader import TransformReader
+
+
+class Met:
+    """A registry, and how often it was crowded."""
+
+    def __init__(self) -> None:
+        self.crowded = 0
+        self.registry = Registry(self.make, self.count_crowded)
+
+    def make(self, name: str, key: str) -> StreamReception:
+        log = logging.getLogger("test")
+        return StreamReception(name, Buffer(), log, lambda: 0, TransformReader())
+
+    def count_crowded(self) -> None:
+        self.crowded += 1
+
+    def describe(self, stream: str, *children: str) -> None:
+        """A split stream lists dynamic frames."""
+        rows = tuple(("world", child, False) for child in children)
+        description = StreamDescription(1, "/n", 1, rows, split=True)
+        key = f"@tfbus/stream/{stream}"
+        self.registry.forget_removed(StreamState(stream, True, description, key))
+
+
+@pytest.fixture
+def met() -> Met:
+    return Met()
+
+
+def test_all_keys_of_a_stream_have_one_record(met: Met) -> None:
+    """The keys of tokens, of dynamic and of static transforms are of one stream."""
+    dynamic, static = met.registry.meet("tf/arm"), met.registry.meet("tf_static/arm")
+    assert (type(dynamic), type(static)) == (DynamicReception, StaticReception)
+    assert dynamic.stream is static.stream is met.registry.stream("@tfbus/stream/arm").reception
+    assert met.registry.meet("tf/arm") is dynamic
+    assert list(met.registry.streams()) == ["arm"]
+    assert met.registry.get("sim") is None
+
+
+def test_keys_of_removed_frames_make_room(met: Met) -> None:
+    """What a split stream listed and no longer lists is forgotten; other keys stay."""
+    keys = ["tf/arm/a", "tf/arm/b", "tf/sim", "tf_static/arm"]
+    for key in keys:
+        met.registry.meet(key)
+    met.describe("arm", "a", "b")
+    assert list(met.registry.receptions) == keys
+    met.describe("arm", "b")
+    assert list(met.registry.receptions) == keys[1:]
+
+
+def test_keys_have_a_limit(met: Met) -> None:
+    """From the limit on the registry is full."""
+    met.registry.most_keys = 2
+    for key, is_full in (("tf/a", False), ("tf/b", True)):
+        met.registry.meet(key)
+        assert met.registry.is_full is is_full
+
+
+def test_strangers_are_forgotten_where_there_are_many(
+    met: Met, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Forgotten are streams that are gone or silent, but not those that are known or read."""
+    monkeypatch.setattr(registry, "MOST_GONE", 2)
+    met = Met()
+    gone, known, read, silent = (met.registry.stream(f"tf/{n}") for n in ("g", "k", "r", "s"))
+    assert met.crowded == 0
+    met.registry.meet("tf/g")
+    gone.state = known.state = read.state = StreamState("any")
+    gone.reception.counts.last_heard_ns = 10**30
+    read.read_keys.add("tf/r")
+    met.registry.stream("tf/new").reception.counts.last_heard_ns = 10**30
+    assert met.crowded == 1
+    met.registry.forget_strangers({"k"})
+    assert met.registry.streams().keys() == {"k", "r", "new"}
+    assert met.registry.receptions == {}
+    assert silent not in met.registry.streams().values()
+
+
+def test_a_few_strangers_are_kept(met: Met) -> None:
+    """Where there are few streams none is forgotten."""
+    met.registry.stream("tf/a")
+    met.registry.forget_strangers(set())
+    assert met.registry.get("a") is not None

@@ -1,0 +1,35 @@
+"""Counts of what has been received of one stream."""
+
+from dataclasses import dataclass
+
+# The weight of one message in the mean delay.
+_SMOOTHING = 0.1
+
+
+@dataclass
+class Counts:
+    """What has been received of one stream; the fields are those of `StreamInfo`.
+
+    Not safe by itself: hold the stream's lock to change it. Any thread may read it.
+    """
+
+    messages: int = 0
+    transforms: int = 0
+    bytes: int = 0
+    missed: int = 0
+    outdated: int = 0
+    rejected: int = 0
+    excluded: int = 0
+    last_heard_ns: int | None = None
+    delay_s: float | None = None
+
+    def add(self, transforms: int, size: int) -> None:
+        """Count one message of `transforms` rows and `size` bytes."""
+        self.messages += 1
+        self.transforms += transforms
+        self.bytes += size
+
+    def add_delay(self, delay_s: float) -> None:
+        """Take the delay of one message into the mean."""
+        former_s = delay_s if self.delay_s is None else self.delay_s
+        self.delay_s = former_s + _SMOOTHING * (delay_s - former_s)

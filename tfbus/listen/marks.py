@@ -1,0 +1,66 @@
+"""Marks the frames of one stream in the buffer as gone, or not."""
+
+from tfbus.buffer.buffer import Buffer
+from tfbus.listen.epochs import Epochs
+from tfbus.listen.listing import Listing
+from tfbus.listen.static_set import StaticSet, children_of
+
+
+class Marks:
+    """The marks of the frames of one stream, by its epochs, its statics and its list of frames.
+
+    Safe from any thread; not to be called with the stream's lock held, except `invalidate`.
+    """
+
+    def __init__(
+        self, stream: str, buffer: Buffer, epochs: Epochs, statics: StaticSet, listing: Listing
+    ) -> None:
+        # Frames of a former epoch, which the present one has not sent so far.
+        self.left_behind: frozenset[str] = frozenset()
+        self._stream = stream
+        self._buffer = buffer
+        self._epochs = epochs
+        self._statics = statics
+        self._listing = listing
+        # Counts changes of epochs and lists.
+        self._turns = 0
+
+    def invalidate(self) -> None:
+        """An epoch or a list has changed, and `update` follows; with the stream's lock held."""
+        self._turns += 1
+
+    def update(self) -> None:
+        """Mark each frame in the buffer.
+
+        All are gone where the publisher is. Else those are that a former epoch left behind: not
+        listed, and without a sample of this epoch. Before this epoch has a list, those that were
+        gone stay so until they are sent.
+        """
+        marked = -1
+        # It may change meanwhile, on another thread, whose marks must not be overwritten.
+        while marked != self._turns:
+            marked = self._turns
+            held = self._buffer.sent_by(self._stream)
+            if self._epochs.gone:
+                self.left_behind = frozenset()
+                self._buffer.mark_gone(held, True, self._stream)
+                continue
+            self.left_behind = self._find_left_behind(held)
+            if self._listing.epoch_ns == self._epochs.present_ns:
+                self._buffer.mark_gone(self.left_behind, True, self._stream)
+            self._buffer.mark_gone(held.keys() - self.left_behind, False, self._stream)
+
+    def restore(self, children: frozenset[str]) -> None:
+        """Frames that were left behind, and are sent again, are not gone."""
+        found = self.left_behind & children
+        self.left_behind -= found
+        self._buffer.mark_gone(found, False, self._stream)
+
+    def _find_left_behind(self, held: dict[str, int]) -> frozenset[str]:
+        current: set[str] = set()
+        present_ns, statics = self._epochs.present_ns, self._statics
+        if self._listing.epoch_ns == present_ns:
+            current |= self._listing.children
+        if statics.batch is not None and statics.epoch_ns == present_ns:
+            current |= children_of(statics.batch)
+        return frozenset({frame for frame, samples in held.items() if not samples} - current)

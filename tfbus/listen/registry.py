@@ -1,0 +1,121 @@
+"""What a listener knows of each stream, and what receives the messages of each key."""
+
+import time
+from collections.abc import Callable, Container
+from dataclasses import dataclass, field
+
+from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.watch import MOST_GONE, StreamState
+from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
+
+# Keys come from the bus: dynamic transforms are taken on at most this many.
+MOST_KEYS = 200_000
+
+# A stream without a token may be forgotten after this silence.
+_SILENT_NS = 60 * 10**9
+
+
+@dataclass
+class Stream:
+    """What is known of one stream.
+
+    `state` is the last of its token and description, with frames as they are called here; None
+    before the first. `is_lost` is whether its publisher is gone since. `split_keys` are the keys of
+    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one.
+    """
+
+    reception: StreamReception
+    state: StreamState | None = None
+    is_lost: bool = False
+    split_keys: set[str] = field(default_factory=set)
+    read_keys: set[str] = field(default_factory=set)
+
+
+class Registry:
+    """The streams and keys that a listener has met; safe from any thread.
+
+    `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream where
+    it is time for `forget_strangers`.
+    """
+
+    def __init__(
+        self, make: Callable[[str, str], StreamReception], on_crowded: Callable[[], object]
+    ) -> None:
+        self.most_keys = MOST_KEYS
+        # By key.
+        self.receptions: dict[str, DynamicReception | StaticReception] = {}
+        self._make = make
+        self._on_crowded = on_crowded
+        self._streams: dict[str, Stream] = {}
+        self._crowded_from = 2 * MOST_GONE
+
+    def streams(self) -> dict[str, Stream]:
+        """All streams by their names."""
+        return dict(self._streams)
+
+    def get(self, name: str) -> Stream | None:
+        """The stream of this name; None where it is not known."""
+        return self._streams.get(name)
+
+    def reception(self, name: str) -> StreamReception:
+        """The reception of the stream of this name; KeyError where it is not known."""
+        return self._streams[name].reception
+
+    def stream(self, key: str) -> Stream:
+        """The stream of a key, made where it is new."""
+        name = stream_of(key)
+        known = self._streams.get(name)
+        if known is not None:
+            return known
+        if len(self._streams) >= self._crowded_from:
+            self._on_crowded()
+        return self._streams.setdefault(name, Stream(self._make(name, key)))
+
+    @property
+    def is_full(self) -> bool:
+        """Whether further keys of dynamic transforms are refused."""
+        return len(self.receptions) >= self.most_keys
+
+    def meet(self, key: str) -> DynamicReception | StaticReception:
+        """What receives the messages of a key, made where it is new."""
+        made = StaticReception if is_static(key) else DynamicReception
+        # Two threads may come here at once: both get the same one.
+        return self.receptions.setdefault(key, made(self.stream(key).reception))
+
+    def forget_key(self, key: str) -> None:
+        """Make room: forget a key on which no messages are expected."""
+        self.receptions.pop(key, None)
+
+    def forget_removed(self, described: StreamState) -> None:
+        """Make room: forget the keys of frames that a split stream no longer lists."""
+        description = described.description
+        if description is not None and description.split:
+            stream = self.stream(described.key)
+            keys = {
+                transforms_key_beside(described.key, child)
+                for _, child, static in description.frames
+                if not static
+            }
+            for key in stream.split_keys - keys:
+                self.forget_key(key)
+            stream.split_keys = keys
+
+    def forget_strangers(self, known: Container[str]) -> None:
+        """Make room: forget streams that are not `known`, if they had a token, or are silent."""
+        if len(self._streams) < self._crowded_from:
+            return
+        silent_since_ns = time.time_ns() - _SILENT_NS
+        for name, stream in list(self._streams.items()):
+            is_silent = (stream.reception.counts.last_heard_ns or 0) < silent_since_ns
+            is_stranger = name not in known and not stream.read_keys
+            if is_stranger and (stream.state is not None or is_silent):
+                self._streams.pop(name, None)
+        for key, reception in list(self.receptions.items()):
+            if reception.stream.name not in self._streams:
+                self.forget_key(key)
+        self._crowded_from = len(self._streams) + MOST_GONE
+
+
+def is_static(key: str) -> bool:
+    """Whether a key carries static transforms."""
+    return STATIC_TRANSFORMS in key.split("/")

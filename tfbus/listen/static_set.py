@@ -1,0 +1,68 @@
+"""The static transforms of one stream: the set that came last, and what the stream lists."""
+
+from tfbus.geometry.batch import TransformBatch
+from tfbus.wire.transforms import TransformMessage
+
+
+class StaticSet:
+    """The static transforms of one stream; each message of them is the whole set.
+
+    Not safe by itself: hold the stream's lock around each method. `batch` and `epoch_ns` may be
+    read without it; a batch is never changed, only replaced.
+    """
+
+    def __init__(self) -> None:
+        self.batch: TransformBatch | None = None
+        self.epoch_ns: int | None = None
+        # The frames that the stream lists as static.
+        self.listed: frozenset[str] = frozenset()
+        self._seq: int | None = None
+        # False where the set may have changed since it last came.
+        self._is_current = True
+
+    def replace(self, message: TransformMessage, *, is_current: bool) -> frozenset[str] | None:
+        """Take the set of a message; `is_current` where its publisher is not gone.
+
+        Returns the children that the former set of this epoch had and the new one does not; None,
+        with nothing replaced, where a later set of this epoch is there.
+        """
+        self._is_current |= is_current
+        is_same_epoch = message.epoch_ns == self.epoch_ns
+        if is_same_epoch and _is_before(message.seq, self._seq):
+            return None
+        former = (
+            children_of(self.batch) if self.batch is not None and is_same_epoch else frozenset()
+        )
+        self.batch, self.epoch_ns, self._seq = message.batch, message.epoch_ns, message.seq
+        return former - children_of(message.batch)
+
+    def is_missing(self) -> bool:
+        """Whether a listed transform has not come, or may have changed since."""
+        if not self.listed:
+            return False
+        if self.batch is None or not self._is_current:
+            return True
+        return not self.listed <= children_of(self.batch)
+
+    def expire(self) -> None:
+        """The set may change unnoticed: its publisher is gone."""
+        self._is_current = False
+
+    def accept_any(self) -> None:
+        """Another process publishes the stream: take its set, whatever its epoch and number."""
+        self.epoch_ns = self._seq = None
+        self._is_current = False
+
+    def clear(self) -> None:
+        """Forget the set: it is no longer read."""
+        self.batch = self.epoch_ns = self._seq = None
+
+
+def children_of(batch: TransformBatch) -> frozenset[str]:
+    """The child frames of a batch."""
+    frames = batch.frames
+    return frozenset({frames[child] for child in batch.edges[:, 1].tolist()})
+
+
+def _is_before(seq: int | None, other: int | None) -> bool:
+    return seq is not None and other is not None and seq < other

@@ -1,4 +1,4 @@
-"""docs/performance.md, written by the benchmark."""
+"""docs/reference/performance.md, written by the benchmark."""
 
 from collections.abc import Mapping, Sequence
 

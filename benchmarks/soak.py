@@ -1,7 +1,7 @@
 """An hour of faults on one machine: python -m benchmarks.soak --minutes 60
 
 Publishers are killed and started again every few seconds, the router now and then, while three
-listeners go on: two peers, and a client of the router. Writes docs/soak.md and docs/soak.svg.
+listeners go on: two peers, and a client of the router. Writes docs/reference/soak.md and soak.svg.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from benchmarks.report import markdown_table
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / "tests" / "hosts"
-DOCS = ROOT / "docs"
+DOCS = ROOT / "docs" / "reference"
 
 PUBLISHERS = [f"robot{number}" for number in range(6)]
 LISTENERS = {"peer": False, "other peer": False, "client of the router": True}

@@ -4,7 +4,7 @@ Frames move at 30 Hz, all of them, in a tree two deep. For each number of frames
 measures the processor time of the view's process, and the bytes and messages a second that one
 browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
 pictures a second that it draws are counted; without a graphics card that is slow. With --write the
-part of docs/performance.md is written.
+part of docs/reference/performance.md is written.
 """
 
 import argparse
@@ -32,7 +32,7 @@ RATE_HZ = 30.0
 SIZES = (3, 300, 3000)
 BROWSERS = (0, 1, 3)
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parent.parent / "docs" / "reference"
 MARK = "<!-- the view -->"
 
 # How long a browser is given to get all that there is, before what follows is counted.

@@ -1,4 +1,4 @@
-"""The part of docs/performance.md that is about the bus, written by the benchmark."""
+"""The part of docs/reference/performance.md that is about the bus, written by the benchmark."""
 
 from collections.abc import Sequence
 
@@ -51,7 +51,7 @@ clock says little (a second, the start, the percentiles), and CPU says more.
   each came.
 - **By interest**: two hundred publishers send 100,000 transforms a second in all; one process reads
   everything, another what the lookups of one path need, which it makes twice a second. What an idle
-  session takes is in both. [What it saves](interest.md#what-it-saves) says more.
+  session takes is in both. [What it saves](../guide/interest.md#what-it-saves) says more.
 - **The first lookup** of a process is counted from the moment that it was started.
 
 What the start is made of:
@@ -92,7 +92,7 @@ that comes alone costs more than one of many: most of it is the waking of thread
 
 {frames}
 
-[How far it goes](scaling.md) says what follows for processes, hosts and routers.
+[How far it goes](../guide/scaling.md) says what follows for processes, hosts and routers.
 
 ### For long
 

@@ -1,4 +1,4 @@
-"""docs/performance.md has parts that are measured by themselves."""
+"""docs/reference/performance.md has parts that are measured by themselves."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What nodes and streams tell about themselves on the bus, as docs/wire.md has it."""
+"""What nodes and streams tell about themselves on the bus, as docs/reference/wire.md has it."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -96,10 +96,11 @@ class Reader:
         process = self._bus.start_command(
             ["bash", "-c", self._here(command.line)], env=self._env, cwd=self._folder
         )
-        shown = {same(self._here(line)) for line in command.output} - {"..."}
+        differ = command.numbers_differ
+        shown = {same(self._here(line), differ) for line in command.output} - {"..."}
 
         def missing() -> set[str]:
-            return shown - {same(line) for line in [*process.out, *process.err]}
+            return shown - {same(line, differ) for line in [*process.out, *process.err]}
 
         try:
             eventually(lambda: not missing())

@@ -58,10 +58,13 @@ def test_every_block_says_what_it_is(block: Block) -> None:
 def test_every_command_and_option_on_a_page_exists(page: Path) -> None:
     """tfbus knows `tfbus NAME --option` wherever a page writes it, run or not."""
     text = page.read_text().replace("\\\n", "")
-    mentioned = re.findall(
-        r"^(?:\w*\$ | {4,}|// +)?(tfbus [a-z].*)$|`(tfbus [a-z][^`]*)`", text, re.M
-    )
-    for line in filter(None, (block or inline for block, inline in mentioned)):
+    fenced = "\n".join(block["text"] for block in FENCE.finditer(text))
+    mentioned = [
+        *re.findall(r"^(?:\w*\$ +)?(tfbus [a-z].*)$", fenced, re.M),
+        *re.findall(r"^(?: {4,}|// +)(tfbus [a-z].*)$", text, re.M),
+        *re.findall(r"`(tfbus [a-z][^`]*)`", FENCE.sub("", text)),
+    ]
+    for line in mentioned:
         check_command_line(shlex.split(line.split(" | ")[0], comments=True)[1:])
 
 

@@ -36,10 +36,10 @@ What differs:
 - schiebung's latest is the newest of each edge, which need not be of one time.
 - pytransform3d takes whole series, so it has no insert; it interpolates along screws.
 - Inserts are timed with messages, transforms or arrays made in advance, 5,000 transforms at a time,
-  so that they are in the processor's caches like what has just arrived; with as many as fit into 50
-  ms, a faster peer would have to fetch more of them from memory. The names in columns are the same
-  texts each time. transform-tree has columns of one edge only, so 50 edges are 50 calls, as with
-  tf2.
+  so that they are in the processor's caches like what has just arrived; with as many as fit into
+  50 ms, a faster peer would have to fetch more of them from memory. The names in columns are the
+  same texts each time. transform-tree has columns of one edge only, so 50 edges are 50 calls, as
+  with tf2.
 - Many stamps in one call are the same ones from call to call, as many calls as fill 50 ms.
 - Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the peer
   is tfbus alone.
@@ -57,8 +57,8 @@ instead, under valgrind.
   and 28 for each edge, which is a search that mostly guesses right, a slerp by a series, and a
   product. The lock of Pythons before 3.13 takes 33 ns more, as it reads the time; their numbers are
   higher by that.
-- The latest needs neither search nor slerp where the newest samples of all edges have one time: 10
-  ns an edge.
+- The latest needs neither search nor slerp where the newest samples of all edges have one time:
+  10 ns an edge.
 - Samples are in rings, so that nothing moves when they are added and removed. The history of 50
   edges is 3.7 MB, more than the processor's nearer caches hold, and each row is written to another
   part of it. In a profile 58 % of the loop over the rows was at the first store that had to wait

@@ -1,6 +1,7 @@
-"""Measure tfbus beside its peers, print the table, and write docs/performance.md: `make bench`.
+"""Measure tfbus beside its peers, print the table, and write the page: `make bench`.
 
-The part about the bus alone: `make bench ARGS="--only bus"`.
+The page is docs/reference/performance.md; `make bench ARGS="--only bus"` writes its part about
+the bus.
 """
 
 import argparse
@@ -14,7 +15,7 @@ from benchmarks.bus.measure import measure as measure_bus
 from benchmarks.measure import Bench, measure
 from benchmarks.measures import comparisons
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parent.parent / "docs" / "reference"
 
 
 def main() -> None:

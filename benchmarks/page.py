@@ -1,4 +1,4 @@
-"""docs/performance.md, written by the benchmark."""
+"""docs/reference/performance.md, written by the benchmark."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,75 +9,73 @@ from benchmarks.measure import Result
 _PAGE = """\
 # How fast the buffer is
 
-`make bench` measured this and wrote this page; the numbers are of one machine, and of another
-they are others, so look at the ratios. {place}
+`make bench` measured this and wrote this page. The numbers are of one machine and differ on others,
+so look at the ratios. {place}
 
 {versions}
 
 ## Beside its peers
 
-The ratio is what the peer takes over what tfbus takes: above one, tfbus is faster (or smaller).
-*At least* is what we set out to reach.
+The ratio is what the peer takes over what tfbus takes: above one, tfbus is faster (or smaller). *At
+least* is our goal.
 
 {table}
 
-All are given the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps
-of today. Lookups go from end to end of a chain and interpolate on every edge, at stamps scattered
-over the last tenth of a second, as a robot mostly asks, unless the row says 10 s. Each peer is a
-process of its own, warmed up; those in one group of rows take turns, so that a busy moment of the
-machine hits all, and a number is the median of their runs. What a loop in Python costs is in all
-numbers of Python.
+All have the same chains of frames: 100 Hz, 1,000 samples an edge, poses that swing, stamps of
+today. Lookups go from end to end of a chain and interpolate on every edge, at stamps scattered over
+the last tenth of a second, as in most robots, unless the row says 10 s. Each peer is a process of
+its own, warmed up; those in one group of rows take turns, so that a busy moment of the machine hits
+all, and a number is the median of their runs. All numbers of Python include the loop in Python.
 
-What is not the same:
+What differs:
 
-- tf2 from C++ is called from C++, with strings that are made before; all others from Python.
-- transform-tree has a fixed topology, one writer an edge, and refuses what is out of order; its
-  plan is compiled before and needs no names; its latest is by plan, too. It and pytransform3d
+- tf2 from C++ is called from C++, with strings made in advance; all others from Python.
+- transform-tree has a fixed topology, one writer an edge, and refuses samples out of order; its
+  plan is compiled in advance and needs no names; its latest is by plan, too. It and pytransform3d
   answer with matrices, all others with a translation and a quaternion.
 - schiebung's latest is the newest of each edge, which need not be of one time.
-- pytransform3d takes its series whole, so it has no insert; it interpolates along screws.
-- Inserts are timed with messages, transforms or arrays that are made before, 5,000 transforms at a
-  time, so that they are as near to the processor as what has just arrived; were there as many as
-  fit into 50 ms, a faster peer would have to fetch more of them from afar. The names in columns are
-  the same texts each time. transform-tree has columns of one edge only, so 50 edges are
-  50 calls, as with tf2.
+- pytransform3d takes whole series, so it has no insert; it interpolates along screws.
+- Inserts are timed with messages, transforms or arrays made in advance, 5,000 transforms at a time,
+  so that they are in the processor's caches like what has just arrived; with as many as fit into
+  50 ms, a faster peer would have to fetch more of them from memory. The names in columns are the
+  same texts each time. transform-tree has columns of one edge only, so 50 edges are 50 calls, as
+  with tf2.
 - Many stamps in one call are the same ones from call to call, as many calls as fill 50 ms.
-- Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the
-  peer is tfbus alone.
-- Memory is what the process grows by, with a million samples over 100 edges.
+- Beside inserts: another thread of the same process inserts 2,000 batches of 50 a second; the peer
+  is tfbus alone.
+- Memory is the growth of the process, with a million samples over 100 edges.
 - The interpreted kernel is the same source without a C compiler.
 
 {left_out}
 
-Times of a busy machine are doubtful; `python -m benchmarks.instructions "lookup 3"` counts the
-instructions instead, under valgrind.
+Times of a busy machine vary; `python -m benchmarks.instructions "lookup 3"` counts the instructions
+instead, under valgrind.
 
 ## Where the time goes
 
-- A lookup of three edges is about 170 ns, of which 85 are the call, the names, the lock and the
-  answer, and 28 each edge: a search that mostly guesses right, a slerp by a series, and a product.
-  The lock of Pythons before 3.13 takes 33 ns more than none, as it asks for the time; their numbers
-  are higher by so much.
-- The latest needs neither search nor slerp where all edges have come to the same time: 10 ns an
-  edge.
-- Samples are in rings, so that nothing moves as they come and leave. The history of 50 edges is
-  3.7 MB, more than the processor's nearer caches hold, and each row is written to another part of
-  it. In a profile 58 % of the loop over the rows was at the first store that had to wait for the
-  stores before it; the slot of the next sample is therefore fetched ahead while this one is
-  written, by which columns of 50 edges took 66 ns a row instead of 92.
+- A lookup of three edges takes about 170 ns: 85 for the call, the names, the lock and the answer,
+  and 28 for each edge, which is a search that mostly guesses right, a slerp by a series, and a
+  product. The lock of Pythons before 3.13 takes 33 ns more, as it reads the time; their numbers are
+  higher by that.
+- The latest needs neither search nor slerp where the newest samples of all edges have one time:
+  10 ns an edge.
+- Samples are in rings, so that nothing moves when they are added and removed. The history of 50
+  edges is 3.7 MB, more than the processor's nearer caches hold, and each row is written to another
+  part of it. In a profile 58 % of the loop over the rows was at the first store that had to wait
+  for earlier stores; so the slot of the next sample is fetched while this one is written, which
+  made columns of 50 edges take 66 ns a row instead of 92.
 - The loop over the rows is in the module of what it calls, so that all of it is compiled as one and
-  no pose is handed from function to function: 40 ns a row instead of the 51 that it took by then,
-  with what is inserted near the processor. About 10 of them are
-  the copy of a batch's arrays (most of it the calls), which what comes from the bus does without.
-  The names of the frames are compared with those of the batch before, unless they are the same
-  texts, as off the bus, and here.
+  no pose passes from function to function: 40 ns a row instead of the 51 of that time, with the
+  rows in the caches. About 10 of them are the copy of a batch's arrays (most of it the calls),
+  which messages from the bus do not need. The names of the frames are compared with those of the
+  batch before, unless they are the same texts, as from the bus, and here.
 - Many stamps go edge by edge through blocks of 64. What two samples have in common is computed
   once, which makes sorted stamps twice as fast (41 ns each instead of 87, for three edges). Random
-  stamps are first put into about the order of their times, which takes 6 ns each (a full sort would
-  take 46); so they cost 52 ns each, and 93 without it.
+  stamps are first put roughly in order, which takes 6 ns each (a full sort would take 46); so they
+  cost 52 ns each, and 93 without it.
 
 These are times of the processor, of one thread of an EPYC on Python 3.13, the least of many runs;
-what the whole takes here and now is in the table above.
+the table above has the whole, measured now.
 
 ## How it grows
 

@@ -1,4 +1,4 @@
-"""The table, for people at a terminal and for docs/performance.md."""
+"""The table, for people at a terminal and for docs/reference/performance.md."""
 
 from collections.abc import Sequence
 

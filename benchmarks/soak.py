@@ -1,7 +1,7 @@
 """An hour of faults on one machine: python -m benchmarks.soak --minutes 60
 
 Publishers are killed and started again every few seconds, the router now and then, while three
-listeners go on: two peers, and a client of the router. Writes docs/soak.md and docs/soak.svg.
+listeners go on: two peers, and a client of the router. Writes docs/reference/soak.md and soak.svg.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from benchmarks.report import markdown_table
 
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / "tests" / "hosts"
-DOCS = ROOT / "docs"
+DOCS = ROOT / "docs" / "reference"
 
 PUBLISHERS = [f"robot{number}" for number in range(6)]
 LISTENERS = {"peer": False, "other peer": False, "client of the router": True}
@@ -36,15 +36,15 @@ _PAGE = """\
 `python -m benchmarks.soak --minutes {minutes:.0f}` measured this and wrote this page. {place}
 
 Six publishers of four frames each send at 20 Hz; every {kill:.0f} s one of them is killed with
-SIGKILL and started again, every {router:.0f} s the router. Three listeners go on all the time.
+SIGKILL and started again, every {router:.0f} s the router. Three listeners run all the time.
 In all {kills} publishers and {routers} routers were killed.
 
 ![Memory, open files and threads of the listeners over time](soak.svg)
 
 {table}
 
-*After the start* is when a tenth of the time has gone: by then every name has been seen and every
-buffer is full. Memory is what the process holds (resident).
+*After the start* is after a tenth of the time, when every name has been seen and every buffer is
+full. Memory is resident memory.
 """
 
 

@@ -4,7 +4,7 @@ Frames move at 30 Hz, all of them, in a tree two deep. For each number of frames
 measures the processor time of the view's process, and the bytes and messages a second that one
 browser is sent. These browsers only count. With --pictures a Chromium draws the page too, and the
 pictures a second that it draws are counted; without a graphics card that is slow. With --write the
-part of docs/performance.md is written.
+part of docs/reference/performance.md is written.
 """
 
 import argparse
@@ -32,7 +32,7 @@ RATE_HZ = 30.0
 SIZES = (3, 300, 3000)
 BROWSERS = (0, 1, 3)
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parent.parent / "docs" / "reference"
 MARK = "<!-- the view -->"
 
 # How long a browser is given to get all that there is, before what follows is counted.
@@ -49,18 +49,18 @@ _PART = """\
 
 - All frames move at 30 Hz, each message has all of them, and `tfbus view` sends at most 30 updates
   a second. A core is one second of processor time a second, of all threads of the view's process.
-  Where nobody has the page open it receives the frames, and looks at them once a second.
-- These browsers read what they are sent and draw nothing, so that they leave the processor to the
-  view. Fewer messages a second than 30 say that the view did not get round to more, or, under a
-  load far above one, that others had the cores.
+  While no page is open it receives the frames, and checks them once a second.
+- These browsers receive and draw nothing, to leave the processor to the view. Fewer than 30
+  messages a second mean that the view could not keep up or, under a load far above one, that other
+  processes had the cores.
 - Pictures a second are those that a Chromium draws of the page, 1280 by 800{drawn}.
 """
 
 # How the pictures came about.
 _DRAWN = {
     True: """. This machine has no
-  graphics card: SwiftShader draws them on the same cores, which the view and the publisher want
-  too, so that they are few. They are no measure of a browser with a graphics card""",
+  graphics card: SwiftShader draws them on the cores that the view and the publisher use too, so
+  they are few. They do not measure a browser with a graphics card""",
     False: "; they were not counted",
 }
 

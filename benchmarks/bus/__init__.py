@@ -1,1 +1,1 @@
-"""The bus measured: intake, latency, startup, growth; a section of docs/performance.md."""
+"""Measures the bus: intake, latency, startup, growth; a section of the page on performance."""

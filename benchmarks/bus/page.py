@@ -1,4 +1,4 @@
-"""The part of docs/performance.md that is about the bus, written by the benchmark."""
+"""The part of docs/reference/performance.md that is about the bus, written by the benchmark."""
 
 from collections.abc import Sequence
 
@@ -24,82 +24,81 @@ _PART = """\
 ## The bus
 
 `make bench ARGS="--only bus"` measured this part, between processes on loopback. {place}
-Where that load is not far below one, others took their share of the cores: then what is by the
-clock says little (a second, the start, the percentiles), and CPU says more.
+Where that load is not far below one, other processes used the cores: then times by the clock (a
+second, the start, the percentiles) say little, and CPU says more.
 
-| measure | taken | at least | reached |
+| measure | result | goal | reached |
 | --- | ---: | ---: | ---: |
 {rows}
 
-- **Off the bus**: one process sends messages that are made before, but for their stamps, as many
-  as the link bears; another has a `TransformListener` and a buffer of 0.1 s. At this rate those
+- **From the bus**: one process sends messages made in advance, except for their stamps, as fast as
+  the link takes them; another has a `TransformListener` and a buffer of 0.1 s. At this rate those
   are thousands of samples an edge, as many as the usual ten seconds hold of a frame that is sent
   some hundred times a second. A buffer of 1 s would hold tens of thousands, 150 MB of them, and
   took a third more CPU, for the pages of memory that it grew into. CPU is of all threads of that
-  process, Zenoh's included, over the transforms that it received. A second a core is what that
-  CPU comes to.
+  process, Zenoh's included, over the transforms that it received; *a second, a core* follows from
+  that CPU.
 - **tf2_ros**: `tf2_ros.TransformListener` of Debian's packages under rospy, with messages of the
-  same 50 transforms at 200 Hz and a buffer of 1 s, which is 200 samples an edge, its CPU taken
-  likewise; it is C++ below, but rospy's messages are made in Python.{ros}
+  same 50 transforms at 200 Hz and a buffer of 1 s, which is 200 samples an edge, its CPU measured
+  the same way; it is C++ below, but rospy's messages are made in Python.{ros}
 - **Latency** is from before `send_transform` until a lookup in the other process has answered with
-  that transform, 1,000 sends a second. It is asked in the thread that brings it, as soon as it is
-  in the buffer: that is when whoever asks has an answer, and no thread has to be woken to find out.
-  Bare Zenoh is two more processes that know nothing of tfbus: from before `put` until a callback
-  on Zenoh's own thread, the fastest it has, holds the payload, of the same size and priority. The
-  two pairs take turns of {turn} messages, since the first of a turn waits for a core that did
-  something else, and longer turns did not share the busy moments of the machine; {count:,} of
-  each came.
-- **By interest**: two hundred publishers send 100,000 transforms a second in all; one process reads
-  everything, another what the lookups of one path need, which it makes twice a second. What an idle
-  session takes is in both. [What it saves](interest.md#what-it-saves) says more.
-- **The first lookup** of a process is counted from the moment that it was started.
+  that transform, 1,000 sends a second. The lookup runs in the thread that delivers it, as soon as
+  it is in the buffer: from then on any lookup answers, and no thread has to be woken to find out.
+  Bare Zenoh is two more processes without tfbus: from before `put` until a callback on Zenoh's own
+  thread, its fastest, holds the payload, of the same size and priority. The two pairs take turns of
+  {turn} messages, since the first of a turn waits for a core that did something else, and longer
+  turns did not share the busy moments of the machine; {count:,} of each came.
+- **By interest**: two hundred publishers send 100,000 transforms a second in all; one process
+  receives everything, another what the lookups of one path need, which it makes twice a second.
+  Both include what an idle session takes. [What it saves](../guide/interest.md#what-it-saves) says
+  more.
+- **The first lookup** of a process counts from the start of the process.
 
-What the start is made of:
+The parts of the start:
 
 {startup}
 
 ### Where the latency goes
 
 Measured by hand in November 2026, part by part, between two processes that rest for a millisecond
-between the messages; so these numbers are not those of the table. Of 147 us 115 were Zenoh's.
-Before the put are 7 (the lock, the names, the bytes of the message), from Zenoh's callback to the
-buffer 8, the insert takes 3, the lookup 1, and 6 are those of a callback that is told its key. The
-same code takes a seventh of these times where it is called in a loop: what it waits for are caches
-that are cold after a millisecond. So what can wait is done after the put (what is kept for late
-joiners) and after the insert (counts, delays), and a transform that is sent alone has a way of its
-own. A stream that keeps no history takes 7 us more in Zenoh: a queryable at its key is what lets
-both ends call the key by a number.
+between the messages; so these numbers are not those of the table. Of 147 us, 115 were Zenoh's. The
+steps before the put take 7 (the lock, the names, the bytes of the message), from Zenoh's callback
+to the buffer 8, the insert 3, the lookup 1, and a callback that gets its key 6. The same code takes
+a seventh of these times in a loop: after a millisecond the caches are cold. So work that can wait
+runs after the put (the history for late joiners) and after the insert (counts, delays), and a
+transform that is sent alone has code of its own. A stream that keeps no history takes 7 us more in
+Zenoh: a queryable at its key lets both ends name the key by a number.
 
-In the slowest hundredth the way from the put to the callback takes 80 to 160 us more than usual, as
-bare Zenoh's does (90 to 110), and tfbus's own parts together 50 more: a tick of the system's clock
-or another process on the core is the likelier the longer the code is. That is why the 99th
+In the slowest hundredth the path from the put to the callback takes 80 to 160 us more than usual,
+as bare Zenoh's does (90 to 110), and tfbus's own parts together 50 more: the longer the code, the
+likelier is a tick of the system's clock or another process on the core. That is why the 99th
 percentile is farther from Zenoh's than the median.
 
-Of the CPU of a message of 50 (13 us when it was taken apart in November 2026; the table has less
-now) a third was the rows' way into the buffer, a fifth Python, a sixth Zenoh, a sixth the system,
-and the rest copies of memory.
+Of the CPU of a message of 50 (13 us when it was profiled in November 2026; the table has less now)
+a third was the insertion of the rows, a fifth Python, a sixth Zenoh, a sixth the system, and the
+rest copies of memory.
 
 ### How the bus grows
 
 ![The CPU of a listener, by publishers and by frames](performance-bus.svg)
 
-A listener that is sent {rate:,} transforms a second in all, as far as the publishers get round to
-it, from ever more streams of one frame, a transform to a message; and of ever more frames of one
-stream, a thousand to a message at most, so that 100,000 take ten seconds to be sent once. A message
-that comes alone costs more than one of many: most of it is the waking of threads.
+A listener that is sent {rate:,} transforms a second in all, as far as the publishers keep up: first
+from more and more streams of one frame, a transform to a message; then of more and more frames of
+one stream, at most 1,000 to a message, so that sending 100,000 once takes 10 s. A message that
+comes alone costs more than one of many: most of it is to wake threads.
 
 {publishers}
 
 {frames}
 
-[How far it goes](scaling.md) says what follows for processes, hosts and routers.
+[Scaling](../guide/scaling.md) says what follows for processes, hosts and routers.
 
-### For long
+### Over an hour
 
 ![Memory, open files and threads of the listeners over time](soak.svg)
 
 Three listeners for fifty minutes, in which publishers and the router were killed every few seconds:
-[its numbers](soak.md).
+[the numbers](soak.md).
 """
 
 
@@ -157,7 +156,7 @@ def _rows(measured: Measured) -> list[tuple[str, str, str, str]]:
         )
         rows.append(
             _row(
-                f"CPU of who reads what a path over {publishers} needs, over that of who reads all",
+                f"CPU to receive what a path over {publishers} needs, over that to receive all",
                 f"{by_need:.2f} % / {all_of_it:.1f} % = {100.0 * share:.1f} %",
                 f"at most {100.0 * _READING_SHARE:g} %",
                 share <= _READING_SHARE,
@@ -177,7 +176,7 @@ def _starts(starts: dict[str, dict[str, float]]) -> str:
         [text, *(f"{1000 * start[phase]:.0f} ms" for start in starts.values())]
         for phase, text in {**PHASES, "all": "all"}.items()
     ]
-    return markdown_table(["of it", *starts], cells, words=1)
+    return markdown_table(["part", *starts], cells, words=1)
 
 
 def _sizes(what: str, sizes: Sequence[Size]) -> str:

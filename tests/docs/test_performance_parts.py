@@ -1,4 +1,4 @@
-"""docs/performance.md has parts that are measured by themselves."""
+"""docs/reference/performance.md has parts that are measured on their own."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from benchmarks.parts import former, put_in
 
 
 def test_each_part_of_the_page_is_written_without_the_others(tmp_path: Path) -> None:
-    """In its place where there is one, or at the end; what is measured anew keeps all of them."""
+    """A part goes in its place where there is one, else to the end; the others stay."""
     page = tmp_path / "performance.md"
     page.write_text("# Fast\n")
     assert former(page) == ""

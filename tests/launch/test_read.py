@@ -622,11 +622,11 @@ def test_a_program_that_is_not_there_is_told_before_anything_starts(
 
 # -- the page about it
 
-PAGE = Path(__file__).parents[2] / "docs" / "launch.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "launch.md"
 
 
 def test_the_example_of_the_documentation_can_be_started(tmp_path: Path) -> None:
-    """The launch file shown in docs/launch.md means what it says there."""
+    """The launch file shown in docs/guide/launch.md means what it says there."""
     example = PAGE.read_text().split("```yaml\n")[1].split("```")[0]
     sim, broadcaster, echo = read(tmp_path, example)
     assert (sim.name, broadcaster.respawn, echo.after) == ("sim", Respawn(), ("/sim",))
@@ -643,7 +643,7 @@ def test_the_example_of_the_documentation_can_be_started(tmp_path: Path) -> None
     ],
 )
 def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: str) -> None:
-    """The tables of keys in docs/launch.md are those that the reader knows."""
+    """The tables of keys in docs/guide/launch.md are those that the reader knows."""
     table = PAGE.read_text().split(f"| {title} |")[1].split("\n\n")[0]
     documented = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in split(row)]
     with pytest.raises(LaunchFileError) as caught:

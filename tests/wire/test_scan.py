@@ -39,7 +39,7 @@ def told_by_columns(columns: Columns) -> Told:
 
 
 def packed(**changed: Any) -> bytes:
-    """The sample of docs/wire.md with some of its columns changed, or left out where None."""
+    """The sample of docs/reference/wire.md with some columns changed, or left out where None."""
     columns = msgpack.unpackb(SAMPLE) | changed
     return bytes(msgpack.packb({key: value for key, value in columns.items() if value is not None}))
 

@@ -1,4 +1,4 @@
-"""What nodes and streams tell about themselves on the bus; docs/wire.md has the format."""
+"""What nodes and streams say about themselves on the bus; docs/reference/wire.md has the format."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""Transforms as bytes: one msgpack map of columns a message, stated in docs/wire.md.
+"""Transforms as bytes: one msgpack map of columns a message, stated in docs/reference/wire.md.
 
 A batch is written and read column by column, without a Python object for each transform.
 """

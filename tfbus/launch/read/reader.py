@@ -1,6 +1,6 @@
 """From a launch file to its description: arguments, includes, nodes and what binds them.
 
-The format is described in docs/launch.md.
+The format is described in docs/guide/launch.md.
 """
 
 import os

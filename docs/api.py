@@ -1,0 +1,264 @@
+"""Writes docs/reference/api.md, the reference of all public names: `make docs-api`.
+
+Signatures and docstrings are read from the source, so that the page is the same whether the
+package is compiled or not.
+"""
+
+import ast
+import inspect
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import tfbus
+import tfbus.messages
+
+PAGE = Path(__file__).parent / "reference" / "api.md"
+PACKAGE = Path(tfbus.__file__).parent
+
+# The order of the page. A public name that is not listed comes at the end.
+GROUPS = {
+    "A process": "Node NodeSettings Parameter GoalHandle GoalResult",
+    "Transforms out": "TransformBroadcaster StaticTransformBroadcaster",
+    "Transforms in": "TransformListener Fleet",
+    "The buffer": "Buffer Sampling FrameInfo Change",
+    "Values": "Transform TransformStamped TransformArray TransformBatch TwistStamped",
+    "Time": "SystemClock SimulatedClock",
+    "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",
+    "Errors": "TfbusError TransformException InvalidArgumentException LookupException"
+    " ConnectivityException NoDataException ExtrapolationException PastExtrapolationException"
+    " FutureExtrapolationException SingleSampleException LoopException StaleException"
+    " TimeoutException BusError DecodeError InvalidNameError ParameterError ServiceError"
+    " SettingsError",
+}
+
+# Methods with underscores that people call all the same, by their operators.
+_OPERATORS = {"__matmul__", "__call__", "__getitem__", "__iter__", "__len__"}
+
+_HEAD = """\
+# API reference
+
+All public names, generated from their docstrings by `make docs-api`. Import them from `tfbus`, or
+from `tfbus.messages` where that is the heading. Lengths are metres, angles radians, quaternions
+x, y, z, w, and stamps (`stamp_ns`) integer nanoseconds since the Unix epoch.
+"""
+
+
+@dataclass(frozen=True)
+class Member:
+    """A method, property or field, and what it says of itself."""
+
+    name: str
+    signature: str
+    text: str
+
+
+def page() -> str:
+    """The whole page."""
+    listed = {name for names in GROUPS.values() for name in names.split()}
+    groups = {title: names.split() for title, names in GROUPS.items()}
+    groups["Others"] = sorted(set(tfbus.__all__) - listed)
+    parts = [_HEAD]
+    for title, names in groups.items():
+        if names:
+            parts += [f"## {title}\n", *(_entry(name, getattr(tfbus, name)) for name in names)]
+    parts += ["## What these hand out\n", "Made by the methods above, not by constructors.\n"]
+    parts += [
+        _entry(value.__name__, value, made=False)
+        for value in sorted(_returned(), key=lambda value: value.__name__)
+    ]
+    parts += ["## tfbus.messages\n", _paragraphs(tfbus.messages.__doc__ or "")]
+    parts += [
+        _entry(name, value)
+        for name, value in vars(tfbus.messages).items()
+        if inspect.isclass(value) and value.__module__ == "tfbus.messages"
+    ]
+    return "\n".join(parts)
+
+
+def _entry(name: str, value: object, *, made: bool = True) -> str:
+    if not inspect.isclass(value):
+        node = _definition(value.__module__, name)
+        return f"### {name}\n\n{_item(_function(node, name))}"
+    parts = [f"### {name}\n"]
+    bases = [base.__name__ for base in value.__bases__ if _is_ours(base) and base in _public()]
+    if bases:
+        parts.append(f"A {' and '.join(f'`{base}`' for base in bases)}.\n")
+    parts.append(_paragraphs(_docstring(value)))
+    if made and (signature := _constructor(value)):
+        parts.append(f"- `{name}({signature})`\n")
+    if not made and (fields := _fields(value)):
+        parts.append(f"- fields: {', '.join(f'`{field}`' for field in fields)}\n")
+    for nested in vars(value).values():
+        if inspect.isclass(nested) and nested.__qualname__ == f"{value.__name__}.{nested.__name__}":
+            signature = f"{nested.__qualname__}({_constructor(nested)})"
+            parts.append(_item(Member(nested.__name__, signature, _docstring(nested))))
+    parts += [_item(member) for member in _members(value)]
+    return "\n".join(part for part in parts if part)
+
+
+def _public() -> set[object]:
+    return {getattr(tfbus, name) for name in tfbus.__all__}
+
+
+def _item(member: Member) -> str:
+    text = "\n".join(f"  {line}".rstrip() for line in member.text.splitlines())
+    return f"- `{member.signature}`\n" + (f"\n{text}\n" if text else "")
+
+
+def _paragraphs(text: str) -> str:
+    return f"{inspect.cleandoc(text)}\n" if text else ""
+
+
+def _docstring(value: type) -> str:
+    return ast.get_docstring(_definition(value.__module__, value.__qualname__)) or ""
+
+
+def _is_ours(value: type) -> bool:
+    return value.__module__.partition(".")[0] == "tfbus"
+
+
+def _definition(module: str, qualname: str) -> ast.ClassDef | ast.FunctionDef:
+    """Where a class or function is defined, in the source."""
+    names = module.split(".")[1:]
+    file = PACKAGE.joinpath(*names)
+    file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
+    node: ast.AST = ast.parse(file.read_text())
+    for name in qualname.split("."):
+        node = next(
+            child
+            for child in ast.walk(node)
+            if isinstance(child, ast.ClassDef | ast.FunctionDef) and child.name == name
+        )
+    assert isinstance(node, ast.ClassDef | ast.FunctionDef)
+    return node
+
+
+def _bodies(value: type) -> Iterator[ast.ClassDef]:
+    """A class and its bases of tfbus, the class first."""
+    for base in value.__mro__:
+        if _is_ours(base):
+            node = _definition(base.__module__, base.__qualname__)
+            assert isinstance(node, ast.ClassDef)
+            yield node
+
+
+def _members(value: type) -> list[Member]:
+    """The methods and properties with a docstring, each as its most derived class says it."""
+    found: dict[str, Member] = {}
+    inherited: dict[str, Member] = {}
+    for body in _bodies(value):
+        for node in body.body:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _is_public(node):
+                into = found if body.name == value.__name__ else inherited
+                into.setdefault(node.name, _function(node, value.__name__))
+    return [*found.values(), *(member for name, member in inherited.items() if name not in found)]
+
+
+def _is_public(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    return not node.name.startswith("_") or (
+        node.name in _OPERATORS and ast.get_docstring(node) is not None
+    )
+
+
+def _function(node: ast.AST, owner: str) -> Member:
+    assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    kinds = {ast.unparse(decorator) for decorator in node.decorator_list}
+    returns = f" -> {_plain(node.returns)}" if node.returns else ""
+    text = ast.get_docstring(node) or ""
+    if "property" in kinds:
+        return Member(node.name, f"{node.name}{returns.replace(' ->', ':')}", text)
+    prefix = f"{owner}." if kinds & {"staticmethod", "classmethod"} else ""
+    word = "await " if isinstance(node, ast.AsyncFunctionDef) else ""
+    return Member(node.name, f"{word}{prefix}{node.name}({_arguments(node.args)}){returns}", text)
+
+
+def _constructor(value: type) -> str:
+    """The arguments of the constructor: of `__init__`, or the fields."""
+    for body in _bodies(value):
+        for node in body.body:
+            if isinstance(node, ast.FunctionDef) and node.name == "__init__":
+                return _arguments(node.args)
+    return ", ".join(_fields(value))
+
+
+def _fields(value: type) -> list[str]:
+    """The annotated fields of a dataclass or named tuple, those of its bases first."""
+    found = []
+    for body in reversed(list(_bodies(value))):
+        for node in body.body:
+            if isinstance(node, ast.AnnAssign) and not ast.unparse(node.target).startswith("_"):
+                default = f" = {_default(node.value)}" if node.value else ""
+                found.append(f"{ast.unparse(node.target)}: {_plain(node.annotation)}{default}")
+    return found
+
+
+def _default(node: ast.expr) -> str:
+    """A default value; of a field with a factory, what that makes."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) == "field":
+        given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+        factory = given.get("default_factory", "")
+        return given.get("default") or (f"{factory}()" if factory.isidentifier() else "...")
+    return ast.unparse(node)
+
+
+def _arguments(arguments: ast.arguments) -> str:
+    """The arguments as they are written, without `self` and quotes around types."""
+    plain = [*arguments.posonlyargs, *arguments.args]
+    defaults = [None] * (len(plain) - len(arguments.defaults)) + arguments.defaults
+    written = [_argument(*pair) for pair in zip(plain, defaults, strict=True)]
+    if plain and plain[0].arg in ("self", "cls"):
+        del written[0]
+    if arguments.vararg:
+        written.append(f"*{_argument(arguments.vararg, None)}")
+    elif arguments.kwonlyargs:
+        written.append("*")
+    written += map(_argument, arguments.kwonlyargs, arguments.kw_defaults)
+    if arguments.kwarg:
+        written.append(f"**{_argument(arguments.kwarg, None)}")
+    return ", ".join(written)
+
+
+def _argument(argument: ast.arg, default: ast.expr | None) -> str:
+    kind = f": {_plain(argument.annotation)}" if argument.annotation else ""
+    return f"{argument.arg}{kind}{f' = {ast.unparse(default)}' if default else ''}"
+
+
+def _plain(annotation: ast.expr | None) -> str:
+    return ast.unparse(annotation).replace("'", "") if annotation else ""
+
+
+def _returned() -> set[type]:
+    """The classes that a node and a listener hand out, and those that these hand out."""
+    found: set[type] = set()
+    ahead: list[tuple[type, str]] = [(tfbus.Node, "create_"), (tfbus.TransformListener, "streams")]
+    while ahead:
+        for name, module in _names_returned(*ahead.pop()):
+            value = getattr(sys.modules[module], name, None)
+            if inspect.isclass(value) and _is_ours(value) and value not in found:
+                found.add(value)
+                ahead.append((value, ""))
+    return found - _public()
+
+
+def _names_returned(value: type, prefix: str) -> Iterator[tuple[str, str]]:
+    """The names in what methods of a class return, and the module where each is known."""
+    for base in value.__mro__:
+        if _is_ours(base):
+            import_module(base.__module__)
+            node = _definition(base.__module__, base.__qualname__)
+            for method in node.body:
+                if (
+                    isinstance(method, ast.FunctionDef)
+                    and _is_public(method)
+                    and method.name.startswith(prefix)
+                ):
+                    for part in ast.walk(ast.parse(_plain(method.returns))):
+                        if isinstance(part, ast.Name):
+                            yield part.id, base.__module__
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page())

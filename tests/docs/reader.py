@@ -1,0 +1,166 @@
+"""A reader who follows a section of a page, and compares what it prints with what the page says."""
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import zenoh
+
+from tests.docs.pages import CONFIGURATIONS, Block, Command, commands
+from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port
+
+# Finds the command `tfbus` of this environment, activated or not.
+PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+
+# The router's port in the docs; a free port stands in for it.
+ROUTER_PORT = "7447"
+
+_DIFFERS = [
+    (re.compile(r"\b\d{10}\.\d{9}\b|\b\d{19}\b"), "STAMP"),
+    (re.compile(r"\b([Pp]id:? \[?)\d+"), r"\1PID"),
+    (re.compile(r"(Host: ).+"), r"\1HOST"),
+    (re.compile(r"(Up: )\d+ s"), r"\1TIME"),
+    (re.compile(r"\b[0-9a-f]{32}\b|(?<=_)[0-9a-f]{8}\b"), "ID"),
+]
+
+_KEYS = {"up": b"\x1b[A", "down": b"\x1b[B", "right": b"\x1b[C", "left": b"\x1b[D"}
+_NUMBER = re.compile(r"-?\d+\.\d+")
+
+
+class Reader:
+    """Does what a section says, in a folder and on a bus."""
+
+    def __init__(self, bus: Bus, folder: Path):
+        self._bus = bus
+        self._folder = folder
+        self._port = str(free_port())
+        self._env = bus.env | {
+            "PATH": PATH,
+            "ZENOH_CONFIG": str(_for_plain_zenoh(bus, folder / "zenoh.json5")),
+        }
+        self._going_on: list[Process] = []
+        copy_configurations(folder / "configs")
+
+    def follow(self, block: Block) -> None:
+        """Do what one block says."""
+        text = block.text.replace(ROUTER_PORT, self._port)
+        if block.rule == "file:":
+            (self._folder / block.rule_value).write_text(text)
+        elif block.language == "python":
+            self._run([sys.executable, "-c", text])
+        elif block.language == "yaml":
+            (self._folder / "block.yaml").write_text(text)
+            self._run([sys.executable, "-m", "tfbus", "launch", "./block.yaml", "--dry-run"])
+        elif block.language == "console":
+            *others, last = commands(block)
+            for command in others:
+                self._do(command)
+            if block.rule == "goes on":
+                self._going_on.append(self._start(last))
+            elif block.rule == "typed:":
+                self._type(last, block.rule_value.split())
+            else:
+                self._do(last, exit_code=int(block.rule_value or 0))
+
+    def end(self) -> None:
+        """Press Ctrl-C in every terminal where a command still runs, the last one first."""
+        for process in reversed(self._going_on):
+            assert process.stop() == 0, f"{process.command}: {process.err}"
+
+    def _do(self, command: Command, exit_code: int = 0) -> None:
+        if command.interrupted:
+            assert self._start(command).stop() == exit_code
+            return
+        printed = self._run(["bash", "-c", self._here(command.line)], exit_code)
+        assert _matches(
+            [same(line, command.numbers_differ) for line in printed.splitlines()],
+            [same(self._here(line), command.numbers_differ) for line in command.output],
+        ), f"$ {command.line}\nprinted:\n{printed}"
+
+    def _type(self, command: Command, keys: list[str]) -> None:
+        keyboard, terminal = pty.openpty()
+        at_terminal = f"exec {command.line} <{os.ttyname(terminal)}"
+        process = self._start(replace(command, line=at_terminal))
+        for key in keys:
+            os.write(keyboard, _KEYS.get(key, key.encode()))
+        assert process.wait() == 0
+        os.close(keyboard)
+        os.close(terminal)
+
+    def _start(self, command: Command) -> Process:
+        process = self._bus.start_command(
+            ["bash", "-c", self._here(command.line)], env=self._env, cwd=self._folder
+        )
+        differ = command.numbers_differ
+        shown = {same(self._here(line), differ) for line in command.output} - {"..."}
+
+        def missing() -> set[str]:
+            return shown - {same(line, differ) for line in [*process.out, *process.err]}
+
+        try:
+            eventually(lambda: not missing())
+        except AssertionError:
+            raise AssertionError(
+                f"$ {command.line}\ndid not print: {sorted(missing())}\n"
+                f"but: {process.out}\n{process.err}"
+            ) from None
+        return process
+
+    def _run(self, command: list[str], exit_code: int = 0) -> str:
+        done = subprocess.run(
+            command,
+            env=self._env,
+            cwd=self._folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=3 * DEADLINE_S,
+        )
+        assert done.returncode == exit_code, (
+            f"{command} ended with {done.returncode}: {done.stdout}"
+        )
+        return done.stdout
+
+    def _here(self, line: str) -> str:
+        return line.replace(ROUTER_PORT, self._port)
+
+
+def same(line: str, numbers_differ: bool = False) -> str:
+    """The line without what differs between two runs."""
+    if numbers_differ:
+        line = _NUMBER.sub("0", line)
+    for pattern, stands_for in _DIFFERS:
+        line = pattern.sub(stands_for, line)
+    return line.rstrip()
+
+
+def _matches(printed: list[str], shown: list[str]) -> bool:
+    """Whether the lines are those shown, where `...` stands for any number of lines."""
+    if not shown:
+        return not printed
+    if shown[0] == "...":
+        return any(_matches(printed[at:], shown[1:]) for at in range(len(printed) + 1))
+    return bool(printed) and printed[0] == shown[0] and _matches(printed[1:], shown[1:])
+
+
+def copy_configurations(folder: Path) -> None:
+    """Write configs/*.json5 without multicast, which would reach other buses than the test's."""
+    folder.mkdir()
+    for path in CONFIGURATIONS:
+        config = zenoh.Config.from_file(path)
+        config.insert_json5("scouting/multicast/enabled", "false")
+        (folder / path.name).write_text(str(config))
+
+
+def _for_plain_zenoh(bus: Bus, path: Path) -> Path:
+    """Write a configuration for programs that do not know tfbus's own settings."""
+    config = zenoh.Config.from_file(bus.config)
+    config.insert_json5("connect/endpoints", json.dumps([bus.endpoint]))
+    path.write_text(str(config))
+    return path

@@ -1,0 +1,116 @@
+"""Each file of examples/ does what its first lines say."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import ROOT
+from tests.live_bus import Bus, Process
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def start(bus: Bus, name: str) -> Process:
+    """An example as a process on the bus."""
+    return bus.start_command([sys.executable, str(ROOT / "examples" / name)])
+
+
+def run(bus: Bus, name: str) -> list[str]:
+    """What an example that ends by itself prints."""
+    process = start(bus, name)
+    assert process.wait(within_s=60.0) == 0, process.err
+    return process.out
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_an_example_says_what_it_shows_and_how_to_run_it(path: Path) -> None:
+    """The docstring is a sentence, and the command that runs the file."""
+    text = ast.get_docstring(ast.parse(path.read_text())) or ""
+    assert text.splitlines()[0].endswith(".")
+    assert f"python examples/{path.name}" in text
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_every_example_is_run_by_a_test(path: Path) -> None:
+    """This file starts it by its name."""
+    assert f'"{path.name}"' in Path(__file__).read_text()
+
+
+def test_a_listener_prints_where_the_broadcaster_has_its_camera(bus: Bus) -> None:
+    """listener.py follows broadcaster.py, and both end with Ctrl-C."""
+    listener, broadcaster = start(bus, "listener.py"), start(bus, "broadcaster.py")
+    listener.wait_for_line(r"camera in world: \(1\.00, 0\.00, 1\.50\) m, yaw ")
+    assert listener.stop() == 0
+    assert broadcaster.stop() == 0
+
+
+def test_a_listener_says_why_there_is_no_answer(bus: Bus) -> None:
+    """Without a broadcaster listener.py logs the reason, and goes on."""
+    listener = start(bus, "listener.py")
+    listener.wait_for_line("WARN.*'camera'|WARN.*'world'")
+    assert listener.stop() == 0
+
+
+def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
+    """wait_asyncio.py ends when static_frames.py and broadcaster.py have sent."""
+    waiting = start(bus, "wait_asyncio.py")
+    sensors, mast = start(bus, "static_frames.py"), start(bus, "broadcaster.py")
+    assert waiting.wait(within_s=60.0) == 0, waiting.err
+    assert sorted(waiting.out) == [
+        "camera in world: [1.  0.  1.5]",
+        "lidar in base_link: [0.  0.  0.3]",
+    ]
+    for process in (sensors, mast):
+        assert process.stop() == 0
+
+
+def test_the_buffer_works_alone(bus: Bus) -> None:
+    """buffer_alone.py interpolates, answers many stamps, refuses, and extrapolates."""
+    at, track, refused, beyond = run(bus, "buffer_alone.py")
+    assert at == "at 2.25 s: [2.45 0.   0.5 ]"
+    assert track == "track: (1001, 3) from [0.2 0.  0.5] to [10.2  0.   0.5]"
+    assert refused.startswith("FutureExtrapolationException: ")
+    assert beyond == "extrapolated: [10.3  0.   0.5]"
+
+
+def test_a_scan_is_undistorted(bus: Bus) -> None:
+    """undistort_scan.py finds the wall at one distance, that of the end of the scan."""
+    raw, straight = run(bus, "undistort_scan.py")
+    assert raw == "raw x:         [4.   3.95 3.9  3.85 3.8 ]"
+    assert straight == "undistorted x: [3.8 3.8 3.8 3.8 3.8]"
+
+
+def test_a_service_is_called_and_a_parameter_set(bus: Bus) -> None:
+    """service_and_parameter.py answers with as many digits as the parameter says."""
+    ruler, mast = start(bus, "service_and_parameter.py"), start(bus, "broadcaster.py")
+    ruler.wait_for_line("ready")
+    request = ("call", "distance", "{target: world, source: camera}")
+    answer = bus.run(*request)
+    assert answer.stdout == '{"distance_m": 1.803}\n', answer.stderr
+    assert bus.run("param", "set", "ruler", "digits", "1").returncode == 0
+    assert bus.run(*request).stdout == '{"distance_m": 1.8}\n'
+    for process in (ruler, mast):
+        assert process.stop() == 0
+
+
+def test_a_fleet_is_seen_and_a_robot_that_goes_is_marked(bus: Bus) -> None:
+    """fleet_listener.py prints each robot by its namespace."""
+    robots = [
+        bus.start("static", "map", "base_link", "--x", number, "--namespace", f"robot{number}")
+        for number in ("3", "7")
+    ]
+    tower = start(bus, "fleet_listener.py")
+    tower.wait_for_line(r"robot3: \(3\.0, 0\.0\) m$")
+    tower.wait_for_line(r"robot7: \(7\.0, 0\.0\) m$")
+    assert robots[1].stop() == 0
+    tower.wait_for_line(r"robot7: \(7\.0, 0\.0\) m \(gone\)")
+    assert tower.stop() == 0
+
+
+def test_simulated_time_drives_a_timer(bus: Bus) -> None:
+    """simulated_time.py lets ten simulated seconds pass, in which a timer ticks four times."""
+    seconds, ticks = run(bus, "simulated_time.py")
+    assert seconds == "simulated seconds: 10.0"
+    assert ticks == "ticks of the timer: [2.5, 5.0, 7.5, 10.0]"

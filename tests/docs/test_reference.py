@@ -1,0 +1,72 @@
+"""Pages that promise to be complete are complete."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from itertools import chain
+from typing import Any
+
+import pytest
+
+import tfbus
+import tfbus.messages
+from docs import api
+from tests.docs.pages import ROOT
+from tests.wire.test_transforms import SAMPLE
+
+ARCHITECTURE = ROOT / "docs" / "internals" / "architecture.md"
+REFERENCE = ROOT / "docs" / "reference"
+
+
+def test_the_api_page_is_up_to_date() -> None:
+    """docs/reference/api.md is what `make docs-api` writes."""
+    assert (REFERENCE / "api.md").read_text() == api.page(), "run `make docs-api`"
+
+
+@pytest.mark.parametrize("name", tfbus.__all__)
+def test_the_api_page_has_every_public_name(name: str) -> None:
+    """Each name of tfbus has a heading."""
+    assert f"\n### {name}\n" in (REFERENCE / "api.md").read_text()
+
+
+def message_types() -> Iterator[tuple[str, Any]]:
+    """The dataclasses of tfbus.messages, those of services and actions by their outer name."""
+    for name, value in vars(tfbus.messages).items():
+        if isinstance(value, type) and value.__module__ == "tfbus.messages":
+            for message_type in filter(is_dataclass, (value, *vars(value).values())):
+                yield name, message_type
+
+
+@pytest.mark.parametrize(("name", "message_type"), list(message_types()), ids=str)
+def test_the_pages_know_every_message_and_field(name: str, message_type: Any) -> None:
+    """docs/reference/messages.md has each message with its fields; the API page has its heading."""
+    text = (REFERENCE / "messages.md").read_text()
+    assert f"`{name}`" in text
+    assert [entry.name for entry in fields(message_type) if f"`{entry.name}`" not in text] == []
+    assert f"\n### {name}\n" in (REFERENCE / "api.md").read_text()
+
+
+def test_the_sample_in_the_docs_is_the_frozen_one() -> None:
+    """docs/reference/wire.md takes the frozen sample apart, byte by byte."""
+    (shown,) = re.findall(
+        r"<!-- sample -->\n```text\n(.*?)```", (REFERENCE / "wire.md").read_text(), re.S
+    )
+    assert bytes.fromhex("".join(re.split("  +", line)[0] for line in shown.splitlines())) == SAMPLE
+
+
+def test_the_architecture_page_knows_every_package() -> None:
+    """docs/internals/architecture.md says of every package of the library what its job is."""
+    text = ARCHITECTURE.read_text()
+    names = {path.parent.name for path in (ROOT / "tfbus").glob("*/__init__.py")}
+    names |= {path.stem for path in (ROOT / "tfbus").glob("[a-z]*.py")}
+    assert {name for name in names if f"`{name}`" not in text} == set()
+
+
+def test_the_architecture_page_knows_every_dependency() -> None:
+    """docs/internals/architecture.md says of every package that tfbus depends on why."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = chain(project["dependencies"], *project["optional-dependencies"].values())
+    names = {re.split(r"[^\w-]", entry)[0] for entry in needed} - {"tfbus"}
+    text = ARCHITECTURE.read_text()
+    assert {name for name in names if name not in text} == set()

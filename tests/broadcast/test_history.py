@@ -57,26 +57,26 @@ def test_what_is_kept_is_bounded() -> None:
 
 
 @given(st.lists(st.tuples(st.booleans(), st.sets(st.sampled_from("abc"), min_size=1))))
-def test_what_was_sent_of_a_removed_frame_is_kept_no_more(
+def test_nothing_is_kept_of_a_removed_frame(
     steps: list[tuple[bool, set[str]]],
 ) -> None:
     """Of each frame comes back what was sent since it was last removed, and nothing else."""
     kept = SentHistory(10.0, clock_ns=Clock())
-    wanted: dict[str, list[int]] = {}
+    expected: dict[str, list[int]] = {}
     for number, (is_sent, children) in enumerate(steps):
         for child in children if not is_sent else ():
             kept.remove(child)
-            wanted.pop(child, None)
+            expected.pop(child, None)
         if is_sent:
             batch = TransformBatch.from_transforms(
                 TransformStamped(number, "world", child, Transform()) for child in sorted(children)
             )
             kept.append("tf/sim", encode_transforms(TransformMessage(batch, 1, number)))
             for child in children:
-                wanted.setdefault(child, []).append(number)
+                expected.setdefault(child, []).append(number)
     found: dict[str, list[int]] = {}
     for key, payload in without_removed(kept.last(10.0)):
         assert key == "tf/sim"
         for ts in decode_transforms(payload).batch:
             found.setdefault(ts.child_frame_id, []).append(ts.stamp_ns)
-    assert found == wanted
+    assert found == expected

@@ -1,4 +1,4 @@
-"""Streams: how they number and divide what they send, when they begin anew, what they keep."""
+"""Streams: how they number and divide messages, when an epoch begins, what they keep."""
 
 import logging
 import sys
@@ -44,7 +44,7 @@ def at(
     return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
 
 
-# What a stream does, without a bus
+# Without a bus
 
 
 class Sent:
@@ -64,7 +64,7 @@ class Sent:
         return self
 
     def queryable(self, key: str, callback: object, *, long: bool) -> None:
-        """Nobody asks."""
+        """It gets no queries."""
 
     def after(self, delay_s: float, callback: Callable[[], None]) -> None:
         """Nothing happens later."""
@@ -308,7 +308,7 @@ def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> 
 
 
 def test_a_stream_answers_what_it_sent_last(sender: Node, receiver: Node) -> None:
-    """Who joins can ask a stream for what it sent in the last seconds, oldest first."""
+    """A query returns what a stream sent in the last seconds, oldest first."""
     broadcaster = TransformBroadcaster(sender)
     for x in range(300):
         broadcaster.send_transform(at(x))
@@ -339,10 +339,8 @@ def test_a_split_stream_answers_for_one_frame(sender: Node, receiver: Node) -> N
 
 
 @pytest.mark.parametrize("last_s", ["x", "-1", "nan", ""])
-def test_a_history_of_no_number_of_seconds_is_refused(
-    last_s: str, sender: Node, receiver: Node
-) -> None:
-    """A question for the history that makes no sense is refused with what is allowed."""
+def test_an_invalid_last_s_is_refused(last_s: str, sender: Node, receiver: Node) -> None:
+    """A query for the history with an invalid `last_s` is refused with what is valid."""
     TransformBroadcaster(sender).send_transform(at())
     refused = eventually(lambda: list(receiver.session.ask(f"tf/sender?last_s={last_s}")))
     assert [answer.refusal for answer in refused] == [
@@ -351,7 +349,7 @@ def test_a_history_of_no_number_of_seconds_is_refused(
 
 
 def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) -> None:
-    """With `history_s=0` a stream keeps nothing, and there is nobody to ask."""
+    """With `history_s=0` a stream keeps nothing, and answers no queries."""
     TransformBroadcaster(sender, history_s=0).send_transform(at(1))
     TransformBroadcaster(sender, stream="other").send_transform(at(2))
     eventually(lambda: answers(receiver, "tf/**?last_s=60") == [("tf/other", "turtle1", 2)])
@@ -418,7 +416,7 @@ def test_a_clock_that_goes_back_begins_a_new_epoch(sender: Node, buffer: Buffer)
 def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
     sender: Node, receiver: Node
 ) -> None:
-    """Description and static transforms have the epoch of what moves; the history begins anew."""
+    """Description and static transforms have the new epoch, and the history is empty."""
     descriptions = describe_to(receiver)
     statics: list[TransformMessage] = []
     declare_retained_subscriber(
@@ -436,8 +434,8 @@ def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
     assert answers(receiver, "tf/**?last_s=60") == [("tf/sender", "turtle1", 2)]
 
 
-def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
-    """One line of the log tells which frame went back, and by how much; more in a row are not."""
+def test_a_new_epoch_is_logged_in_one_line(sender: Node) -> None:
+    """One line of the log says which frame went back, and by how much; repetitions are not."""
     lines: list[str] = []
     handler = logging.Handler()
     handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
@@ -451,7 +449,7 @@ def test_a_new_epoch_is_told_in_one_line(sender: Node) -> None:
     ]
 
 
-def test_a_stream_of_two_clocks_is_told_of_once(sender: Node) -> None:
+def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
     """Where a frame goes back again and again, one warning names it and says what to do."""
     lines: list[str] = []
     handler = logging.Handler(logging.WARNING)
@@ -480,19 +478,17 @@ def describe_to(node: Node) -> list[StreamDescription]:
     return heard
 
 
-def test_a_description_tells_how_a_stream_sends(sender: Node, receiver: Node) -> None:
+def test_a_description_has_the_options_of_a_stream(sender: Node, receiver: Node) -> None:
     """Priority, split and the seconds kept are in the description, also before anything is sent."""
     descriptions = describe_to(receiver)
     TransformBroadcaster(sender, stream="arm", split=True, priority=-3, history_s=2.5)
     eventually(lambda: bool(descriptions))
-    told = descriptions[-1]
-    assert (told.frames, told.split, told.priority, told.history_s) == ((), True, -3, 2.5)
+    last = descriptions[-1]
+    assert (last.frames, last.split, last.priority, last.history_s) == ((), True, -3, 2.5)
 
 
-def test_a_frame_that_moves_to_another_parent_and_back_is_described_so(
-    sender: Node, receiver: Node
-) -> None:
-    """The description tells where each frame hangs now, however often it moves."""
+def test_a_description_has_the_last_parent_of_each_frame(sender: Node, receiver: Node) -> None:
+    """The description has the current parent of each frame, however often it changes."""
     descriptions = describe_to(receiver)
     broadcaster = TransformBroadcaster(sender)
     for parent in ("table", "hand", "table", "hand", "table"):
@@ -502,7 +498,7 @@ def test_a_frame_that_moves_to_another_parent_and_back_is_described_so(
 
 
 def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node) -> None:
-    """A stream in which nothing moves has no history to ask for."""
+    """A stream without dynamic transforms has no history."""
     descriptions = describe_to(receiver)
     StaticTransformBroadcaster(sender).send_transform(at(1, "camera"))
     eventually(lambda: descriptions and descriptions[-1].frames)
@@ -510,7 +506,7 @@ def test_a_stream_of_statics_only_keeps_no_history(sender: Node, receiver: Node)
 
 
 def test_frames_that_come_one_by_one_are_described_together(sender: Node, receiver: Node) -> None:
-    """A thousand new frames, sent one after the other, are told in a few descriptions."""
+    """A thousand new frames, sent one after the other, take a few descriptions."""
     descriptions = describe_to(receiver)
     broadcaster = TransformBroadcaster(sender)
     broadcaster.send_transform(at(child="first"))
@@ -546,18 +542,16 @@ def test_a_static_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
     assert buffer.can_transform("world", "lidar")
 
 
-def test_a_static_frame_that_moves_now_is_static_no_more(
-    sender: Node, receiver: Node, buffer: Buffer
-) -> None:
-    """Who sends a static frame as moving can take it out, for those who come later too."""
-    static, moving = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer: Buffer) -> None:
+    """A static frame that is sent as dynamic can be taken out, for late listeners too."""
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
     static.send_transform([at(1, "arm"), at(2, "lamp")])
     eventually(lambda: buffer.can_transform("arm", "lamp"))
     send_until(
-        lambda: moving.send_transform(at(3, "arm")),
+        lambda: dynamic.send_transform(at(3, "arm")),
         lambda: buffer.lookup_transform("world", "arm").transform.x == 3,
     )
-    moving.remove("arm")
+    dynamic.remove("arm")
     eventually(lambda: "arm" not in buffer.frames())
     static.send_transform(at(4, "post"))
     late = Buffer()
@@ -566,7 +560,7 @@ def test_a_static_frame_that_moves_now_is_static_no_more(
             eventually(lambda each=each: each.frames() == ["lamp", "post", "world"])
 
 
-def test_a_static_frame_that_begins_to_move_is_never_missing(
+def test_a_static_frame_that_becomes_dynamic_is_never_missing(
     sender: Node, receiver: Node, buffer: Buffer
 ) -> None:
     """The set of static frames is sent without it, and it stays where it was sent to last."""
@@ -589,12 +583,12 @@ def test_a_static_frame_that_begins_to_move_is_never_missing(
 
 
 def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Node) -> None:
-    """However short a frame was there, others are told that it was, and then that it is not."""
+    """However short a frame was there, a description has it, and a later one does not."""
     descriptions = describe_to(receiver)
     broadcaster = TransformBroadcaster(sender)
 
-    def told() -> bool:
-        children = [[child for _, child, _ in told.frames] for told in descriptions]
+    def is_described() -> bool:
+        children = [[child for _, child, _ in each.frames] for each in descriptions]
         at = children.index(["leg", "arm"]) if ["leg", "arm"] in children else len(children)
         return ["leg"] in children[at:]
 
@@ -602,7 +596,7 @@ def test_a_frame_that_was_just_sent_can_be_taken_out(sender: Node, receiver: Nod
         broadcaster.send_transform([at(1, "leg"), at(2, "arm")])
         broadcaster.remove("arm")
 
-    send_until(send_and_remove, told)
+    send_until(send_and_remove, is_described)
 
 
 def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
@@ -628,7 +622,7 @@ def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
 
 
 def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
-    """Two broadcasters of one stream ask for the same, and the second is told where not."""
+    """Broadcasters of one stream have the same options; others are refused."""
     TransformBroadcaster(sender, split=True, priority=1)
     TransformBroadcaster(sender, split=True, priority=1)
     TransformBroadcaster(sender, stream="other")
@@ -649,15 +643,15 @@ def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
         ({"priority": 2**31}, "priority must be a 32-bit integer, not 2147483648"),
     ],
 )
-def test_impossible_options_are_refused(options: dict[str, Any], reason: str, sender: Node) -> None:
-    """What a stream cannot be is refused where its broadcaster is made."""
+def test_invalid_options_are_refused(options: dict[str, Any], reason: str, sender: Node) -> None:
+    """Invalid options are refused where the broadcaster is made."""
     with pytest.raises(InvalidArgumentException) as caught:
         TransformBroadcaster(sender, **options)
     assert str(caught.value) == reason
 
 
 @pytest.mark.parametrize("name", ["", "/leg"])
-def test_a_batch_with_a_name_of_no_frame_is_refused(name: str, sender: Node) -> None:
+def test_a_batch_with_an_invalid_frame_name_is_refused(name: str, sender: Node) -> None:
     """What no buffer would take is refused where it is sent."""
     poses = np.array([[0, 0, 0, 0, 0, 0, 1.0]])
     batch = TransformBatch(("world", name), np.uint32([[0, 1]]), np.array([100 * S]), poses)
@@ -666,7 +660,7 @@ def test_a_batch_with_a_name_of_no_frame_is_refused(name: str, sender: Node) -> 
 
 
 def test_two_streams_of_a_node_may_send_one_frame(sender: Node, receiver: Node) -> None:
-    """Which of two streams counts for a frame is judged by those who listen."""
+    """Listeners decide which of two streams counts for a frame."""
     heard: set[str] = set()
     receiver.session.subscriber("tf/*", lambda key, payload: heard.add(key))
     broadcasters = [TransformBroadcaster(sender, stream=stream) for stream in ("left", "right")]

@@ -1,4 +1,4 @@
-"""The settings of a node: what is given, what the environment gives, and what cannot be."""
+"""The settings of a node: given ones, those of the environment, and invalid ones."""
 
 import dataclasses
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_only_a_name_is_needed() -> None:
     assert (dict(settings.parameters), dict(settings.remappings)) == ({}, {})
 
 
-def test_the_environment_gives_what_is_not_given(
+def test_defaults_come_from_the_environment(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """One environment can set up all processes of a machine."""

@@ -1,4 +1,4 @@
-"""The graph: topics and services with their ends, from what nodes and streams tell."""
+"""The graph: topics and services with their ends, from descriptions of nodes and streams."""
 
 import logging
 
@@ -10,7 +10,7 @@ from tfbus.wire.descriptions import NodeDescription, StreamDescription
 
 
 def node(name: str, **interfaces: dict[str, str]) -> NodeDescription:
-    """What a node of this full name tells, with these of its interfaces."""
+    """The description of a node of this full name, with these endpoints."""
     ends = {kind: interfaces.get(kind, {}) for kind in ("publishes", "subscribes", "serves")}
     return NodeDescription(name, "host", 7, "0.1.0", "session", 0, (), (), **ends, calls={})
 
@@ -58,7 +58,7 @@ def test_types_that_differ_are_all_told() -> None:
 
 
 def test_streams_are_topics_of_what_they_carry() -> None:
-    """A stream is a topic of moving frames, of static ones, or both; who hears it is unknown."""
+    """A stream is a topic of dynamic frames, of static ones, or both; subscribers are unknown."""
     stream = StreamDescription(
         1, "/robot7/sim", 0, (("w", "a", False), ("w", "b", True)), host="h", pid=3
     )
@@ -69,15 +69,17 @@ def test_streams_are_topics_of_what_they_carry() -> None:
 
 
 def test_streams_are_asked_for_at_once(bus: Bus) -> None:
-    """What living streams tell about themselves is there for the asking, by their keys."""
+    """The descriptions of living streams can be queried, by their keys."""
     sim, camera = bus.node("sim", namespace="robot7"), bus.node("camera")
     pose = TransformStamped(1, "world", "turtle1", Transform.identity())
     TransformBroadcaster(sim).send_transform(pose)
     StaticTransformBroadcaster(camera).send_transform(pose)
     session = bus.node("looker").session
     log = logging.getLogger("test")
-    told = eventually(lambda: len(found := describe_streams(session, log.warning)) == 2 and found)
-    assert {key: (it.node, it.frames) for key, it in told.items()} == {
+    streams = eventually(
+        lambda: len(found := describe_streams(session, log.warning)) == 2 and found
+    )
+    assert {key: (it.node, it.frames) for key, it in streams.items()} == {
         "@tfbus/stream/camera": ("/camera", (("world", "turtle1", True),)),
         "robot7/@tfbus/stream/sim": ("/robot7/sim", (("world", "turtle1", False),)),
     }

@@ -1,4 +1,4 @@
-"""Who is there: nodes come, are listed and described, and go."""
+"""Presence: nodes start, are listed and described, and end."""
 
 import logging
 import sys
@@ -33,8 +33,8 @@ def test_from_within_a_namespace_only_its_nodes_are_seen(bus: Bus) -> None:
     eventually(lambda: list_nodes(session) == ["/robot7/looker", "/robot7/sim"])
 
 
-def test_a_node_that_is_closed_is_listed_no_more(bus: Bus) -> None:
-    """A node that leaves is gone from the list."""
+def test_a_closed_node_is_not_listed(bus: Bus) -> None:
+    """A node that closes goes from the list."""
     session = look(bus)
     node = bus.node("sim")
     eventually(lambda: "/sim" in list_nodes(session))
@@ -42,7 +42,7 @@ def test_a_node_that_is_closed_is_listed_no_more(bus: Bus) -> None:
     eventually(lambda: "/sim" not in list_nodes(session))
 
 
-def test_a_node_that_is_killed_is_listed_no_more(bus: Bus) -> None:
+def test_a_killed_node_is_not_listed(bus: Bus) -> None:
     """A process that dies takes its node with it."""
     session = look(bus)
     process = bus.start_command(
@@ -65,7 +65,7 @@ def test_a_node_is_described_by_any_way_of_writing_its_name(bus: Bus) -> None:
         (inside, "sim"),
         (inside, "/robot7/sim"),
     ):
-        assert [told.name for told in describe_nodes(session, name)] == ["/robot7/sim"]
+        assert [node.name for node in describe_nodes(session, name)] == ["/robot7/sim"]
 
 
 def test_nodes_that_share_a_name_are_all_described(bus: Bus) -> None:
@@ -74,10 +74,10 @@ def test_nodes_that_share_a_name_are_all_described(bus: Bus) -> None:
     session = look(bus)
     wanted = sorted([first.started_ns, second.started_ns])
     eventually(lambda: "/sim" in list_nodes(session))
-    eventually(lambda: sorted(told.started_ns for told in describe_nodes(session, "sim")) == wanted)
+    eventually(lambda: sorted(node.started_ns for node in describe_nodes(session, "sim")) == wanted)
 
 
-def test_a_node_that_is_not_there_is_said_with_the_nearest(bus: Bus) -> None:
+def test_an_unknown_node_is_refused_with_the_nearest_name(bus: Bus) -> None:
     """A name that no node has is refused with the nearest name, or with all there are."""
     bus.node("simulator")
     session = look(bus)
@@ -90,8 +90,8 @@ def test_a_node_that_is_not_there_is_said_with_the_nearest(bus: Bus) -> None:
     assert str(caught.value) == "there is no node 'xyz'; there are: /looker, /simulator"
 
 
-def test_nobody_at_all_is_said(bus: Bus) -> None:
-    """Where no node is there, the message asks what may be wrong."""
+def test_an_empty_bus_is_reported(bus: Bus) -> None:
+    """Where there is no node at all, the message asks what may be wrong."""
     settings = NodeSettings("x", config=str(bus.config), connect=(bus.endpoint,))
     session = Session(settings, logging.getLogger("test"))
     with session, pytest.raises(BusError) as caught:
@@ -101,8 +101,8 @@ def test_nobody_at_all_is_said(bus: Bus) -> None:
     )
 
 
-def test_a_watch_knows_who_comes_and_goes(bus: Bus) -> None:
-    """A watch knows the nodes that were there before it, that come, and that go."""
+def test_a_watch_knows_which_nodes_are_alive(bus: Bus) -> None:
+    """A watch knows nodes that start before it, that start later, and that end."""
     first = bus.node("first")
     session = look(bus)
     watch = NodeWatch(session)

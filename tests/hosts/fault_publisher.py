@@ -1,4 +1,4 @@
-"""A publisher for the test of faults: one frame that moves and three fixed to it.
+"""A publisher for the test of faults: one dynamic frame and three static ones on it.
 
 python fault_publisher.py NAME
 """
@@ -17,20 +17,20 @@ STATICS = 3
 PERIOD_S = 0.05
 
 
-def moving_frame(name: str) -> str:
-    """The frame that a publisher moves."""
+def dynamic_frame(name: str) -> str:
+    """The dynamic frame of a publisher."""
     return f"{name}_base"
 
 
 def static_frame(name: str, number: int) -> str:
-    """One of the frames that a publisher fixes, `number` metres ahead of what moves."""
+    """One of a publisher's static frames, `number` metres ahead of its dynamic one."""
     return f"{name}_sensor{number}"
 
 
 def main(name: str) -> None:
     """Publish until a signal."""
     with Node(name) as node:
-        base = moving_frame(name)
+        base = dynamic_frame(name)
         now_ns = node.now_ns()
         StaticTransformBroadcaster(node).send_transform(
             TransformStamped(now_ns, base, static_frame(name, i), Transform([float(i), 0.0, 0.0]))

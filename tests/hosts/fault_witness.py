@@ -17,15 +17,15 @@ _NS_PER_S = 1e9
 def describe_frame(buffer: Buffer, name: str, now_ns: int) -> dict[str, object]:
     """What the buffer knows of a frame that has a parent."""
     frame = buffer.frame(name)
-    told: dict[str, object] = {"gone": frame.gone, "static": frame.static}
+    known: dict[str, object] = {"gone": frame.gone, "static": frame.static}
     if not frame.static and frame.newest_ns is not None:
-        told["age_s"] = (now_ns - frame.newest_ns) / _NS_PER_S
+        known["age_s"] = (now_ns - frame.newest_ns) / _NS_PER_S
     if frame.static and frame.parent is not None:
         try:
-            told["x"] = buffer.lookup_transform(frame.parent, name).transform.x
+            known["x"] = buffer.lookup_transform(frame.parent, name).transform.x
         except TransformException as error:
-            told["error"] = str(error)
-    return told
+            known["error"] = str(error)
+    return known
 
 
 def resident_kb() -> int:

@@ -1,4 +1,4 @@
-"""Hosts that are injured: what can break there, how it heals, and what must hold after that."""
+"""Hosts with faults: what can break, how it heals, and what must hold after that."""
 
 import json
 import random
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.hosts.fault_publisher import STATICS, moving_frame, static_frame
+from tests.hosts.fault_publisher import STATICS, dynamic_frame, static_frame
 from tests.hosts.network import Hosts
 from tests.live_bus import Bus, Process, eventually
 
@@ -55,11 +55,11 @@ class InjuredHosts:
     def report(self, witness: str) -> dict[str, Any]:
         """The last line that a witness printed."""
         out = self._processes[witness].out
-        told: dict[str, Any] = json.loads(out[-1]) if out else {}
-        return told
+        report: dict[str, Any] = json.loads(out[-1]) if out else {}
+        return report
 
     def died(self) -> list[str]:
-        """Who has ended without having been killed, and what it said last."""
+        """Processes that ended without having been killed, with their last lines."""
         router = {} if self._router is None else {"router": self._router}
         return [
             f"{name}: {process.err[-5:]}"
@@ -81,7 +81,7 @@ class InjuredHosts:
             time.sleep(pause_s)  # a fault lasts, and the next comes in the midst of its healing
 
     def heal(self) -> None:
-        """Mend the links, start the router and the witnesses, and most of the publishers."""
+        """Restore the links, start the router and the witnesses, and most of the publishers."""
         self.history.append("heal")
         for host in sorted(self._links_down):
             self._hosts.set_link(host, up=True)
@@ -137,7 +137,7 @@ class InjuredHosts:
     # What must hold
 
     def wrongs(self, witness: str) -> list[str]:
-        """What a witness does not know, or knows wrongly; nothing where all is well."""
+        """What a witness does not know, or knows wrongly; [] where all is well."""
         report = self.report(witness)
         if not report:
             return ["it has said nothing yet"]
@@ -150,25 +150,25 @@ class InjuredHosts:
         of_living = {
             frame
             for name in living
-            for frame in (moving_frame(name), *(static_frame(name, i) for i in range(STATICS)))
+            for frame in (dynamic_frame(name), *(static_frame(name, i) for i in range(STATICS)))
         }
         wrong += [
             f"{frame} is there although its publisher is not"
-            for frame, told in report["frames"].items()
-            if frame not in of_living and not told["gone"]
+            for frame, known in report["frames"].items()
+            if frame not in of_living and not known["gone"]
         ]
         return wrong
 
 
 def _wrongs_of_frames(frames: dict[str, Any], publisher: str) -> list[str]:
     wrong = []
-    moving = frames.get(moving_frame(publisher), {})
-    if moving.get("gone", True) or not moving.get("age_s", FRESH_S) < FRESH_S:
-        wrong.append(f"{moving_frame(publisher)} is {moving or 'not known'}")
+    dynamic = frames.get(dynamic_frame(publisher), {})
+    if dynamic.get("gone", True) or not dynamic.get("age_s", FRESH_S) < FRESH_S:
+        wrong.append(f"{dynamic_frame(publisher)} is {dynamic or 'not known'}")
     for number in range(STATICS):
-        told = frames.get(static_frame(publisher, number))
-        if told != {"gone": False, "static": True, "x": float(number)}:
-            wrong.append(f"{static_frame(publisher, number)} is {told or 'not known'}")
+        static = frames.get(static_frame(publisher, number))
+        if static != {"gone": False, "static": True, "x": float(number)}:
+            wrong.append(f"{static_frame(publisher, number)} is {static or 'not known'}")
     return wrong
 
 
@@ -181,6 +181,8 @@ def wait_until_well(world: InjuredHosts) -> None:
     try:
         eventually(is_well, within_s=HEALED_WITHIN_S)
     except AssertionError:
-        told = {witness: world.wrongs(witness) for witness in WITNESSES}
+        wrongs = {witness: world.wrongs(witness) for witness in WITNESSES}
         history = "\n".join(world.history)
-        raise AssertionError(f"not well: {json.dumps(told, indent=2)}\nafter:\n{history}") from None
+        raise AssertionError(
+            f"not well: {json.dumps(wrongs, indent=2)}\nafter:\n{history}"
+        ) from None

@@ -89,8 +89,8 @@ class Network:
 
 def frames(witness: Process) -> dict[str, Any]:
     """What the witness knew of each frame when it printed its last line."""
-    told: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
-    return told
+    known: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
+    return known
 
 
 def _ip(*arguments: str) -> None:

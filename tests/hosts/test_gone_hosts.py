@@ -1,4 +1,4 @@
-"""Hosts that are unplugged and routers that are restarted: what is known of their frames."""
+"""Hosts that are unplugged and routers that restart: what listeners know of their frames."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -31,12 +31,12 @@ def knows(witness: Process, *, gone: bool, camera_x: float) -> Callable[[], bool
     """Whether all three frames are known, so, and the camera is where it should be."""
 
     def known() -> bool:
-        told = frames(witness)
+        found = frames(witness)
         return (
-            set(told) == {"robot", "camera", "lamp"}
-            and all(frame["gone"] is gone for frame in told.values())
-            and told["camera"]["x"] == camera_x
-            and (gone or told["robot"]["age_s"] < 1.0)
+            set(found) == {"robot", "camera", "lamp"}
+            and all(frame["gone"] is gone for frame in found.values())
+            and found["camera"]["x"] == camera_x
+            and (gone or found["robot"]["age_s"] < 1.0)
         )
 
     return known
@@ -54,8 +54,8 @@ def test_the_frames_of_an_unplugged_host_are_gone_until_it_is_back(network: Netw
     eventually(knows(witness, gone=False, camera_x=1.0), within_s=HEALED_WITHIN_S)
     # Its transforms may come before its token does.
     witness.wait_for_line("is back")
-    told = [line for line in witness.err if "is gone" in line or "is back" in line]
-    assert len(told) == 2
+    lines = [line for line in witness.err if "is gone" in line or "is back" in line]
+    assert len(lines) == 2
 
 
 def test_statics_come_back_after_the_routers_restart(network: Network) -> None:

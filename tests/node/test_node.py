@@ -1,4 +1,4 @@
-"""What a node says and hears: topics, services, goals, parameters, its name and its end."""
+"""Nodes: topics, services, actions, parameters, their names and their end."""
 
 import logging
 import threading
@@ -56,7 +56,7 @@ def other(bus: Bus) -> Node:
 
 
 def wait_until_heard(publisher_node: Node, key: str) -> None:
-    """Wait until what the node publishes on the key reaches somebody."""
+    """Wait until the node's publishers of the key have a subscriber."""
     querier = publisher_node.session.zenoh.declare_publisher(key)
     eventually(lambda: querier.matching_status.matching)  # type: ignore[attr-defined]  # wrong in stubs
     querier.undeclare()  # type: ignore[no-untyped-call]  # Zenoh's stubs
@@ -234,7 +234,7 @@ class TestServices:
         assert str(caught.value) == "there is a turtle 'turtle1' already"
 
     def test_a_handler_that_fails_is_a_refusal(self, node: Node, other: Node) -> None:
-        """A handler that raises something else is logged there, and the caller told."""
+        """A handler that raises something else is logged there, and the caller gets a refusal."""
         log = Records(node)
         node.create_service(Spawn, "spawn", lambda request: 1 / 0)
         with pytest.raises(ServiceError, match=r"the service failed \(ZeroDivisionError: division"):
@@ -263,8 +263,8 @@ class TestServices:
         with pytest.raises(DecodeError, match="field 'name' is missing"):
             other.create_client(Spawn, "spawn").call(Spawn.Request(0, 0))
 
-    def test_a_service_that_nobody_serves_is_said(self, other: Node) -> None:
-        """A call of what nobody serves waits as long as it may, and says so."""
+    def test_a_missing_service_is_an_error(self, other: Node) -> None:
+        """A call without a service waits for its timeout, and says so."""
         client = other.create_client(Spawn, "spawn")
         assert not client.wait_for_service(0)
         with pytest.raises(ServiceError, match=r"^no service 'spawn' after 0.1 s$"):
@@ -284,8 +284,8 @@ class TestServices:
         service.close()
         eventually(lambda: not client.wait_for_service(0))
 
-    def test_no_answer_in_time_is_said(self, node: Node, other: Node) -> None:
-        """A service that takes longer than the caller waits is not waited for."""
+    def test_a_call_times_out(self, node: Node, other: Node) -> None:
+        """A call does not wait longer than its timeout for the answer."""
         leave = threading.Event()
 
         def handler(request: Spawn.Request) -> Spawn.Response:
@@ -311,7 +311,7 @@ class TestServices:
         eventually(lambda: answers == [Spawn.Response("x")])
 
 
-class TestGoals:
+class TestActions:
     """RotateAbsolute: a heading to turn to, what remains as feedback, the turn as result."""
 
     @pytest.fixture
@@ -324,7 +324,7 @@ class TestGoals:
     def test_feedback_comes_in_order_and_then_the_result(
         self, node: Node, other: Node, handles: list[GoalHandle]
     ) -> None:
-        """A goal tells how far it is, then how it ended."""
+        """A goal sends feedback, then how it ended."""
         remaining: list[float] = []
         ended: list[object] = []
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(
@@ -344,10 +344,8 @@ class TestGoals:
         eventually(lambda: ended == [result])
         assert not handle.active
 
-    def test_a_goal_is_cancelled_by_its_sender(
-        self, other: Node, handles: list[GoalHandle]
-    ) -> None:
-        """The sender asks the server to end the goal; the result tells how far it came."""
+    def test_a_client_cancels_its_goal(self, other: Node, handles: list[GoalHandle]) -> None:
+        """The client asks the server to cancel the goal; the result has how far it came."""
         client = other.create_goal_client(RotateAbsolute, "rotate")
         first, second = client.send(RotateAbsolute.Goal(1)), client.send(RotateAbsolute.Goal(2))
         eventually(lambda: len(handles) == 2)
@@ -360,7 +358,7 @@ class TestGoals:
         second.cancel()
 
     def test_an_empty_id_cancels_all_goals(self, other: Node, handles: list[GoalHandle]) -> None:
-        """Every goal under way is ended where none is named."""
+        """Without an id all goals are cancelled."""
         client = other.create_goal_client(RotateAbsolute, "rotate")
         sent = [client.send(RotateAbsolute.Goal(theta)) for theta in (1, 2)]
         eventually(lambda: len(handles) == 2)
@@ -370,7 +368,7 @@ class TestGoals:
         assert decode_map(answer.payload) == {"canceled": 2}
         assert {goal.result(timeout_s=DEADLINE_S).status for goal in sent} == {"canceled"}
 
-    def test_an_aborted_goal_tells_why(self, other: Node, handles: list[GoalHandle]) -> None:
+    def test_an_aborted_goal_has_a_reason(self, other: Node, handles: list[GoalHandle]) -> None:
         """A goal that cannot be finished ends with the reason; later endings do nothing."""
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         (handle,) = eventually(lambda: handles)
@@ -396,7 +394,7 @@ class TestGoals:
         eventually(lambda: server._active == {})
 
     def test_a_handler_that_fails_ends_the_goal(self, node: Node, other: Node) -> None:
-        """A handler that raises something else does not leave the sender waiting."""
+        """A handler that raises something else does not leave the client waiting."""
         log = Records(node)
         node.create_goal_server(RotateAbsolute, "rotate", lambda handle: 1 / 0)  # type: ignore[arg-type,return-value]  # never returns
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
@@ -404,14 +402,16 @@ class TestGoals:
             sent.result(timeout_s=DEADLINE_S)
         eventually(lambda: log.lines)
 
-    def test_nobody_takes_the_goal(self, other: Node) -> None:
-        """A goal is not sent where nobody takes it, and says so."""
+    def test_a_missing_action_is_an_error(self, other: Node) -> None:
+        """A goal is not sent without an action server, and the error says so."""
         client = other.create_goal_client(RotateAbsolute, "rotate")
         with pytest.raises(ServiceError, match=r"^no action 'rotate' after 0.1 s$"):
             client.send(RotateAbsolute.Goal(1), timeout_s=0.1)
 
-    def test_the_server_goes_away(self, node: Node, other: Node, handles: list[GoalHandle]) -> None:
-        """A goal whose server has gone ends, and says so."""
+    def test_a_goal_ends_with_its_server(
+        self, node: Node, other: Node, handles: list[GoalHandle]
+    ) -> None:
+        """A goal whose server is gone ends, and says so."""
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         eventually(lambda: handles)
         node.close()
@@ -427,9 +427,7 @@ class TestGoals:
         assert answer.refusal == "there is no field 'speed'; RotateAbsolute.Goal has theta"
         assert handles == []
 
-    def test_a_result_that_is_not_there_in_time(
-        self, other: Node, handles: list[GoalHandle]
-    ) -> None:
+    def test_a_wait_for_a_result_times_out(self, other: Node, handles: list[GoalHandle]) -> None:
         """Waiting for a result ends after the time given; the goal goes on."""
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         (handle,) = eventually(lambda: handles)
@@ -438,8 +436,8 @@ class TestGoals:
         handle.succeed(RotateAbsolute.Result(1))
         assert sent.result(timeout_s=DEADLINE_S).status == "succeeded"
 
-    def test_a_result_of_the_wrong_shape_is_told_as_such(self, node: Node, other: Node) -> None:
-        """A result that cannot be read is not taken for a server that has gone."""
+    def test_a_result_of_the_wrong_shape_is_an_error(self, node: Node, other: Node) -> None:
+        """An unreadable result is reported as such, not as a server that is gone."""
         node.create_goal_server(RotateAbsolute, "rotate", lambda handle: handle.succeed(Vector3()))
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         with pytest.raises(ServiceError) as caught:
@@ -457,7 +455,7 @@ class TestParameters:
         return answers[0].refusal or ""
 
     def test_a_parameter_has_the_type_of_its_default(self, node: Node, other: Node) -> None:
-        """A value of another type is refused; a text is read as the type that is wanted."""
+        """A value of another type is refused; a text is read as the parameter's type."""
         parameters = {
             "flag": node.declare_parameter("flag", False),
             "count": node.declare_parameter("count", 1),
@@ -506,7 +504,7 @@ class TestParameters:
         node.declare_parameter("rate", 1.0, minimum=0)
         assert self.set(other, "rate", float("nan")) == "'rate' must be finite, not nan"
 
-    def test_a_change_is_told_on_the_nodes_thread_and_may_be_refused(
+    def test_on_change_runs_on_the_nodes_thread_and_may_refuse(
         self, node: Node, other: Node
     ) -> None:
         """`on_change` is called with the new value and may refuse it; then nothing changes."""
@@ -526,7 +524,7 @@ class TestParameters:
         assert (number.value, seen) == (2, [2, 13, 14])
 
     def test_a_parameter_is_described_on_the_bus(self, node: Node, other: Node) -> None:
-        """Asked for its parameters, a node tells the type, value, bounds and meaning of each."""
+        """A query for its parameters returns type, value, bounds and description of each."""
         node.declare_parameter("rate", 1.5, description="In Hz.", minimum=0)
         key = node_parameters_key("server")
         (answer,) = eventually(lambda: list(other.session.ask(key)))
@@ -565,8 +563,8 @@ class TestParameters:
         with pytest.raises(ParameterError, match=r"^'rate' must be a number, not 'fast'$"):
             node.declare_parameter("rate", 1.0)
 
-    def test_a_value_for_a_parameter_that_is_never_declared_is_said(self, bus: Bus) -> None:
-        """A misspelt parameter is told when the node is ready, with those there are."""
+    def test_a_value_of_an_undeclared_parameter_is_warned_of(self, bus: Bus) -> None:
+        """A misspelt parameter is warned of when the node is ready, with the nearest name."""
         node = bus.node("node", parameters={"raet": "2"})
         log = Records(node)
         node.declare_parameter("rate", 1.0)
@@ -594,16 +592,16 @@ class TestParameters:
 
 
 class TestNames:
-    def test_the_second_node_of_a_name_says_so(
+    def test_the_second_node_of_a_name_warns(
         self, bus: Bus, capsys: pytest.CaptureFixture[str]
     ) -> None:
         """Of two nodes of one name the one that started later warns, and says what to do."""
         first_log = Records(bus.node("sim"))
         bus.node("sim")
         # It may warn before there is a handler of ours in its log.
-        told: list[str] = []
-        eventually(lambda: told.extend(capsys.readouterr().err.splitlines()) or told)
-        (line,) = told
+        lines: list[str] = []
+        eventually(lambda: lines.extend(capsys.readouterr().err.splitlines()) or lines)
+        (line,) = lines
         assert "[WARN]" in line
         assert "[sim]: There is another node /sim, on " in line
         assert line.endswith(
@@ -631,8 +629,8 @@ class TestNames:
         assert heard == {"robot7": [Number(7)], "robot8": []}
         assert [log.lines for log in logs.values()] == [[], []]
 
-    def test_a_node_tells_what_it_does(self, node: Node, other: Node) -> None:
-        """Asked for, a node tells its name, process, version and interfaces."""
+    def test_a_node_describes_itself(self, node: Node, other: Node) -> None:
+        """A query for a node returns its name, process, version and endpoints."""
         node.create_publisher(Pose, "pose")
         node.create_subscription(Number, "count", print)
         node.create_service(Spawn, "spawn", print)
@@ -640,13 +638,13 @@ class TestNames:
         node.create_client(Spawn, "other/spawn")
         node.declare_parameter("rate", 1.0)
         (answer,) = eventually(lambda: list(other.session.ask(node_key("server"))))
-        told = decode_map(answer.payload)
-        assert told["name"] == "/server"
-        assert told["publishes"] == {"pose": "Pose"}
-        assert told["subscribes"] == {"count": "Number"}
-        assert told["serves"] == {"spawn": "Spawn", "rotate": "RotateAbsolute"}
-        assert told["calls"] == {"other/spawn": "Spawn"}
-        assert [entry["name"] for entry in told["parameters"]] == ["rate"]
+        described = decode_map(answer.payload)
+        assert described["name"] == "/server"
+        assert described["publishes"] == {"pose": "Pose"}
+        assert described["subscribes"] == {"count": "Number"}
+        assert described["serves"] == {"spawn": "Spawn", "rotate": "RotateAbsolute"}
+        assert described["calls"] == {"other/spawn": "Spawn"}
+        assert [entry["name"] for entry in described["parameters"]] == ["rate"]
 
 
 class TestLife:
@@ -709,13 +707,13 @@ class TestLife:
         assert log.lines == ["INFO: ready"]
 
     def test_a_node_that_cannot_join_the_bus_says_why(self, bus: Bus) -> None:
-        """A place to listen that cannot be had is a BusError in one sentence."""
+        """An endpoint it cannot listen at is a BusError in one sentence."""
         settings = NodeSettings("x", config=str(bus.config), listen=("tcp/192.0.2.1:7447",))
         with pytest.raises(BusError, match=r"could not join the bus.*Can not create a new TCP"):
             Node(settings=settings)
 
-    def test_a_configuration_that_zenoh_refuses_is_told(self, bus: Bus) -> None:
-        """A configuration file that is not Zenoh's is told with its name and what is wrong."""
+    def test_a_configuration_that_zenoh_refuses_is_an_error(self, bus: Bus) -> None:
+        """The error names the configuration file and what is wrong with it."""
         bus.config.write_text("{mode: 'boss'}")
         with pytest.raises(SettingsError, match=r"zenoh\.json5 is not a conf.*unknown variant"):
             Node(settings=NodeSettings("x", config=str(bus.config)))

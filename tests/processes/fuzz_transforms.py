@@ -31,7 +31,7 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_tr
 S = 10**9
 # What is sent to one buffer before it is examined as a whole, and another takes its place.
 ROUND = 500
-# And after so many the publisher is started again, on a host with another clock.
+# After this many the publisher restarts, on a host with another clock.
 REAPPEARS = 5
 
 # Bytes that mean something to MessagePack, or stand at the ends of ranges.
@@ -94,7 +94,7 @@ class Payloads:
         return bytes(spoilt)
 
     def _changed(self, sample: bytes) -> bytes:
-        """A message of which a column is another value."""
+        """A message with another value for a column."""
         columns: dict[str, Any] = msgpack.unpackb(sample)
         key = self._random.choice([*columns, "seq", "more"])
         columns[key] = self._value(key, columns.get(key))
@@ -240,7 +240,7 @@ class Target:
         self.reasons[reason.partition(" ")[0]] += 1
         self.refused += 1
         if self.refused == 1:
-            assert reason in self.logged.texts[-1], "the first reason is told"
+            assert reason in self.logged.texts[-1], "the first reason is logged"
 
     def _reason(self, payload: bytes) -> str | None:
         """Why it is refused, None where it is read; and the fast way agrees."""
@@ -294,7 +294,7 @@ def _check_equal(columns: Columns, message: TransformMessage) -> None:
 
 
 def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
-    """Send so many payloads, for at most so long: how many were sent, read, and refused why."""
+    """Send this many payloads in at most this time: how many were sent, read, and refused why."""
     made = Payloads(seed)
     told: Counter[str] = Counter()
     ends = time.monotonic() + seconds

@@ -8,7 +8,7 @@ SECOND = 1_000_000_000
 
 
 def start_clock(bus: Bus, *options: str) -> Process:
-    """`tfbus clock` with these options, once it tells the time."""
+    """`tfbus clock` with these options, once it publishes the time."""
     clock = bus.start("clock", *options)
     clock.wait_for_line("It is ")
     return clock

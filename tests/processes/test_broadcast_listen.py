@@ -54,7 +54,7 @@ def buffer(receiver: Node) -> Iterator[Buffer]:
 
 
 def x_of(buffer: Buffer, target: str = "world", source: str = "turtle1") -> float | None:
-    """Where the source is along the target's x axis; None while nobody knows."""
+    """Where the source is along the target's x axis; None while it is unknown."""
     if not buffer.can_transform(target, source):
         return None
     return float(buffer.lookup_transform(target, source).transform.xyz[0])
@@ -172,7 +172,7 @@ def test_a_stream_can_be_named(bus: Bus, sender: Node, buffer: Buffer) -> None:
 
 
 def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
-    """Who joins, early or late, learns a stream's node, epoch and frames without its data."""
+    """Early and late listeners learn a stream's node, epoch and frames without its data."""
     early = StreamWatch(receiver.session, lambda state: None)
     TransformBroadcaster(sender).send_transform([at(1), at(2, "turtle1", "drone")])
     StaticTransformBroadcaster(sender).send_transform(at(3, child="camera"))
@@ -229,7 +229,7 @@ def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) 
 
 
 def test_a_transform_that_the_buffer_refuses_is_reported_once(sender: Node, receiver: Node) -> None:
-    """A pose that cannot be is counted and reported once; the others of its message are kept."""
+    """An invalid pose is counted and logged once; the others of its message are kept."""
     log = Lines(receiver)
     buffer = Buffer()
     poses = np.array([[np.nan, 0, 0, 0, 0, 0, 1], [7.0, 0, 0, 0, 0, 0, 1]])
@@ -261,7 +261,7 @@ def test_namespaces_keep_trees_apart(bus: Bus) -> None:
 
 
 def test_a_closed_listener_keeps_its_buffer(sender: Node, receiver: Node) -> None:
-    """A listener that is closed hears no more; what it has heard stays. Twice is fine."""
+    """A closed listener receives nothing; what it has received stays. Twice is fine."""
     buffer, other = Buffer(), Buffer()
     listener = TransformListener(buffer, receiver)
     TransformListener(other, receiver)

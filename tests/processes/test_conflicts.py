@@ -1,4 +1,4 @@
-"""Two processes that send one frame: who is told, and whose transforms are taken."""
+"""Two processes that publish one frame: what is logged, and whose transforms count."""
 
 import signal
 
@@ -70,7 +70,7 @@ def test_a_publisher_started_twice_is_told_and_followed(bus: Bus) -> None:
 
 
 def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
-    """One warning and one change name both; without a rule whoever sent last wins, as in tf2."""
+    """One warning and one change name both; by default the last sender counts, as in tf2."""
     listening = Listening(bus, "receiver", "latest")
     first = start(bus, "one", "--moving", "robot", "--x", "1")
     eventually(lambda: listening.x_of("robot") == 1)
@@ -93,7 +93,7 @@ def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
 
 @pytest.mark.parametrize("kind", ["--moving", "--static"])
 def test_the_first_wins_in_every_listener(bus: Bus, kind: str) -> None:
-    """With "first" all listeners take who was started first, whomever they met first."""
+    """With "first" all listeners accept the publisher that started first."""
     early = Listening(bus, "early", "first")
     start(bus, "one", kind, "robot", "--x", "1")
     start(bus, "two", kind, "robot", "--x", "2", "--moving", "other")
@@ -127,7 +127,7 @@ def test_when_the_winner_is_killed_the_next_takes_over(bus: Bus, kind: str) -> N
 
 
 def test_the_higher_priority_wins_in_every_listener(bus: Bus) -> None:
-    """With "priority" all listeners take the stream of the higher one, whoever came first."""
+    """With "priority" all listeners accept the stream of the higher priority."""
     early = Listening(bus, "early", "priority")
     start(bus, "one", "--moving", "robot", "--x", "1")
     two = start(bus, "two", "--moving", "robot", "--x", "2", "--priority", "5")

@@ -130,7 +130,7 @@ def test_another_signal_interrupts_what_waits_after_the_first(bus: Bus) -> None:
 
 
 def test_a_signal_while_a_node_is_made_is_not_lost(bus: Bus) -> None:
-    """Ctrl-C during `Node()` ends it, and is told as KeyboardInterrupt."""
+    """Ctrl-C during `Node()` ends it with KeyboardInterrupt."""
     process = bus.start_command([sys.executable, "-c", SIGNAL_WHILE_IT_IS_MADE])
     assert process.wait() == 0
     assert process.out == ["interrupted"]
@@ -139,7 +139,7 @@ def test_a_signal_while_a_node_is_made_is_not_lost(bus: Bus) -> None:
 
 @pytest.mark.parametrize("number", [SIGINT, SIGTERM])
 def test_a_node_ends_from_the_moment_it_is_there(bus: Bus, number: int) -> None:
-    """A node that is told to end as soon as it is listed ends with 0 and without a traceback."""
+    """A node that gets a signal as soon as it is listed ends with 0 and without a traceback."""
     watcher: Node = bus.node("watcher")
     watch = NodeWatch(watcher.session)
     for at in range(4):

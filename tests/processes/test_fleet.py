@@ -35,7 +35,7 @@ def edge(parent: str, child: str, x: float, stamp_ns: int = 10**9) -> TransformS
 
 
 def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
+    """Where the source is along the target's x axis, to the nanometre; None while it is unknown."""
     if not buffer.can_transform(target, source):
         return None
     return round(buffer.lookup_transform(target, source).transform.x, 9)
@@ -97,7 +97,7 @@ def test_what_is_outside_of_all_namespaces_keeps_its_names(bus: Bus, receiver: N
 
 
 def test_only_the_robots_of_a_lookup_are_read(bus: Bus, receiver: Node) -> None:
-    """A fleet can be read by need: nothing comes of robots that nobody asks for."""
+    """A fleet can be read by need: no transforms come of robots that no lookup needs."""
     for number in (3, 5, 7):
         robot(bus, number)
     buffer = Buffer()

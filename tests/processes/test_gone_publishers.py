@@ -74,7 +74,7 @@ def test_a_publisher_that_ends_leaves_marked_frames(
 def test_a_publisher_that_is_started_again_is_back(
     bus: Bus, buffer: Buffer, receiver: Node
 ) -> None:
-    """A restarted publisher has its frames back, even with stamps of long ago."""
+    """A restarted publisher's frames are back, even with much older stamps."""
     log = Lines(receiver)
     changes: list[Change] = []
     first = start(bus, "sim", "--moving", "robot", "--static", "camera", "--static", "old")
@@ -130,7 +130,7 @@ def test_a_lookup_waits_until_the_publisher_is_back(bus: Bus, buffer: Buffer) ->
 
 
 def test_streams_are_known_with_their_counts(bus: Bus, receiver: Node) -> None:
-    """A listener tells of each stream who publishes it, what came, and what was missed."""
+    """A listener knows of each stream its publisher, what came, and what was missed."""
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         process = start(bus, "sim", "--moving", "robot", "--static", "camera")

@@ -70,7 +70,7 @@ def test_what_a_publisher_sent_before_it_was_met_comes_too(bus: Bus) -> None:
     with TransformListener(buffer, bus.node("first"), history_s=10.0):
         for _ in range(2):
             process = start(bus, "sim", "--moving", "robot", "--from", "1000")
-            # The very first message was sent before anybody could hear it.
+            # The first message was sent before there was a subscriber.
             eventually(
                 lambda: (
                     "robot" in buffer.frames()
@@ -83,7 +83,7 @@ def test_what_a_publisher_sent_before_it_was_met_comes_too(bus: Bus) -> None:
 
 @pytest.mark.parametrize("comes_first", ["listener", "publisher"])
 def test_history_comes_through_a_router(bus: Bus, comes_first: str) -> None:
-    """Clients of a router have what was sent before they met, whoever of them came first."""
+    """Clients of a router have what was sent before they met, whichever came first."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus.start("router", "--listen", endpoint).wait_for_line("Routing on")
     env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
@@ -98,7 +98,7 @@ def test_history_comes_through_a_router(bus: Bus, comes_first: str) -> None:
         eventually(lambda: oldest_ns(buffer, "robot") == 1000 * S)
 
 
-def test_history_that_nobody_answers_for_is_asked_for_again(
+def test_unanswered_queries_for_history_are_repeated(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the first questions find no way to the publisher, the next one does."""
@@ -191,7 +191,7 @@ def test_a_message_may_come_long_before_the_history_is_asked_for(
             assert past.result().stamp_ns == 2 * S
 
 
-def test_a_past_that_nobody_has_kept_is_not_waited_for(bus: Bus) -> None:
+def test_lookups_do_not_wait_for_a_past_that_no_stream_keeps(bus: Bus) -> None:
     """A time before all history fails as soon as that has come, with the true reason."""
     start(bus, "sim", "--moving", "robot", "--from", "1000")
     buffer = Buffer()

@@ -1,4 +1,4 @@
-"""Many publishers of static frames, and listeners that come at any time: nobody misses one."""
+"""Many publishers of static frames, and listeners that come at any time: none misses a frame."""
 
 import logging
 import sys
@@ -37,7 +37,7 @@ class BareQueries:
         self.took_s: dict[str, float] = {}
         self._seen_s: dict[str, float] = {}
         self._session = session
-        # Zenoh may not be asked where it tells of something.
+        # Zenoh must not be called from its callbacks.
         self._executor = Executor("bare queries", logging.getLogger("test"))
         session.at_close(self._executor.close)
         session.watch_living("@tfbus/node/*", self._on_token)
@@ -138,12 +138,12 @@ class Meeting:
 
 
 def are_ready(publishers: Process, number: int) -> bool:
-    """Whether so many of the publishers have joined the bus."""
+    """Whether this many of the publishers have joined the bus."""
     return sum("ready" in line for line in publishers.err) >= number
 
 
 @pytest.mark.parametrize("clients", [False, True], ids=["peers", "clients"])
-def test_whoever_comes_first_all_statics_are_known(bus: Bus, clients: bool) -> None:
+def test_all_statics_are_known_whichever_process_starts_first(bus: Bus, clients: bool) -> None:
     """A listener knows the twenty static frames of each of fifty processes within a second of
     being connected with it, and of what a bare query takes; it may come before, amid or after
     them.

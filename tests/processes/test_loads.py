@@ -98,7 +98,7 @@ def test_each_send_of_a_burst_comes_or_is_counted_as_missed(
     assert told.messages > before.messages
 
 
-def test_a_stopped_subscriber_holds_nobody_up_and_counts_what_it_missed(
+def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
     bus: Bus, node: Node, listener: TransformListener
 ) -> None:
     """While a subscriber is stopped the publisher goes on, without piling up what it sends, and

@@ -25,7 +25,7 @@ def buffer(bus: Bus) -> Iterator[Buffer]:
 
 
 def test_a_frame_that_is_removed_leaves_every_listener(bus: Bus, buffer: Buffer) -> None:
-    """Taken out by its broadcaster a frame goes, moving or static; who is late never sees it."""
+    """A frame that its broadcaster removes goes, dynamic or static; late listeners never see it."""
     changes: list[Change] = []
     buffer.on_change(changes.append)
     frames = ["--moving", "robot", "--moving", "arm", "--static", "camera", "--static", "lamp"]

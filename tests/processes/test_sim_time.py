@@ -12,7 +12,7 @@ from tfbus.messages import Clock, SetClock
 
 
 def test_without_a_clock_time_is_0_and_nothing_goes_on(bus: Bus) -> None:
-    """Before somebody tells the time it is 0, and a node that is ready says what it waits for."""
+    """Before the first message the time is 0, and a node that is ready logs what it waits for."""
     process = bus.start("carrot", "--sim-time")
     process.wait_for_line("Waiting for the clock: no message on 'clock' yet")
     node = follower(bus)
@@ -25,7 +25,7 @@ def test_without_a_clock_time_is_0_and_nothing_goes_on(bus: Bus) -> None:
 
 
 def test_who_comes_late_knows_the_time_of_a_paused_clock(bus: Bus) -> None:
-    """A node that starts after the clock was paused is told what time it is."""
+    """A node that starts after the clock was paused gets the time."""
     start_clock(bus, "--paused", "--start", "100s")
     node = follower(bus)
     assert node.wait_for_clock(DEADLINE_S)
@@ -73,7 +73,7 @@ def test_timers_stand_still_while_the_clock_is_paused(bus: Bus) -> None:
         Clock, "clock", lambda clock: clock.paused and paused.append((clock.stamp_ns, len(ticks)))
     )
     remote.pause()
-    # The time is told again and again, also while it stands still.
+    # The time is repeated, also while it stands still.
     eventually(lambda: len(paused) > 3)
     assert len(set(paused[1:])) == 1
     count = len(ticks)
@@ -100,7 +100,7 @@ def test_jumps_of_a_paused_clock_bring_timers_one_tick(bus: Bus) -> None:
     assert ticks == [150.0, 10.25]
 
 
-def test_a_node_that_is_closed_waits_no_more(bus: Bus) -> None:
+def test_closing_a_node_ends_its_waits(bus: Bus) -> None:
     """A loop by simulated time ends with its node, from whatever thread it was closed."""
     node = follower(bus)
     loops: list[bool] = []
@@ -112,7 +112,7 @@ def test_a_node_that_is_closed_waits_no_more(bus: Bus) -> None:
     assert not node.wait(1.0)
 
 
-def test_a_clock_outside_of_namespaces_is_that_of_all(bus: Bus) -> None:
+def test_a_clock_without_a_namespace_serves_all(bus: Bus) -> None:
     """One clock without a namespace serves every robot; one with a namespace only its own."""
     start_clock(bus, "--paused", "--start", "7s")
     robot7 = follower(bus, namespace="robot7")

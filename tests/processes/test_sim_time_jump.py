@@ -38,7 +38,7 @@ def latest(buffer: Buffer) -> int:
 
 
 def test_lookups_go_on_after_a_jump_back(bus: Bus, buffer: Buffer) -> None:
-    """Set back by a quarter of an hour, listeners know the new present and no more of the old."""
+    """Set back by a quarter of an hour, listeners know the new present and nothing of the old."""
     remote = bus.node("remote", sim_time=True)
     Remote(remote).pause_and_set(10.0)
     Remote(remote).resume()

@@ -74,7 +74,7 @@ def test_the_tools_end_at_once_while_the_clock_is_paused(bus: Bus, number: int) 
         assert process.stop(number) == 0
 
 
-def test_echo_gives_up_where_nobody_tells_the_time(bus: Bus) -> None:
+def test_echo_times_out_without_a_clock(bus: Bus) -> None:
     """echo with a timeout ends with 1 where there is no clock to count it by."""
     echo = bus.run("echo", "world", "turtle1", "--sim-time", "--timeout", "0.2")
     assert echo.returncode == 1
@@ -96,7 +96,7 @@ def test_a_turtle_drives_in_simulated_time(bus: Bus) -> None:
     sim.wait_for_line("ready")
     assert node.wait_for_clock(DEADLINE_S)
 
-    # The simulator has followed the clock, and is told to drive.
+    # The simulator has followed the clock, and gets a command to drive.
     second = 100.0
 
     def step() -> Pose | None:

@@ -88,14 +88,14 @@ def test_fields_with_a_default_may_be_missing() -> None:
 
 
 def test_an_integer_stands_for_a_number() -> None:
-    """An integer is taken where a number with a fraction is wanted, and becomes one."""
+    """An integer in a float field becomes a float."""
     point = from_map(Point, {"x": 3})
     assert (point, type(point.x)) == (Point(3.0), float)
 
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_nought_and_one_stand_for_false_and_true(number: int) -> None:
-    """0 and 1 are taken where a boolean is wanted, as people write turtlesim's `off: 1`."""
+    """0 and 1 are valid in a boolean field, as people write turtlesim's `off: 1`."""
     assert from_map(Everything, VALUES | {"yes": number}).yes is bool(number)
 
 
@@ -133,7 +133,7 @@ def test_unknown_fields_of_a_request_are_refused() -> None:
     ],
 )
 def test_a_field_of_the_wrong_type_is_named(change: dict[str, object], reason: str) -> None:
-    """A field of the wrong type is refused, with its path, what it is, and what is wanted."""
+    """A field of the wrong type is refused with its path, the expected type, and its own."""
     assert refusal(VALUES | change) == reason
 
 
@@ -176,7 +176,7 @@ def test_a_value_that_the_message_refuses_is_no_message() -> None:
     ],
 )
 def test_bytes_that_are_no_map_are_refused(payload: bytes, reason: str) -> None:
-    """Bytes that are not one msgpack map are refused, and the reason is told."""
+    """Bytes that are not one msgpack map are refused with the reason."""
     with pytest.raises(DecodeError) as caught:
         decode_map(payload)
     assert str(caught.value) == reason
@@ -227,7 +227,7 @@ class Row:
     edge: tuple[str, int]
 
 
-def test_a_tuple_of_several_types_is_a_list_of_so_many() -> None:
+def test_a_tuple_of_several_types_is_a_list_of_that_length() -> None:
     """A field of `tuple[str, int]` is a list of a text and an integer, and nothing else."""
     assert decode_message(Row, encode_message(Row(("world", 1)))) == Row(("world", 1))
     assert refusal({"edge": ["world"]}, Row) == "field 'edge' must be a list of 2"

@@ -139,7 +139,7 @@ def test_names_that_no_node_can_have(name: str) -> None:
 
 
 def test_a_node_name_with_a_slash_points_to_the_namespace() -> None:
-    """A node's name with a slash in it is refused, and told where the namespace goes."""
+    """A node's name with a slash is refused with where the namespace goes."""
     with pytest.raises(InvalidNameError, match=r"the namespace is an option of its own"):
         keys.check_node_name("robot7/sim")
 
@@ -163,7 +163,7 @@ def test_names_that_no_topic_can_have(name: str) -> None:
 
 
 def test_a_topic_from_ros_is_told_what_to_write() -> None:
-    """A topic with ROS's leading slash is refused, and told what to write."""
+    """A topic with ROS's leading slash is refused with what to write."""
     with pytest.raises(InvalidNameError) as caught:
         keys.check_topic("/turtle1/pose")
     assert str(caught.value) == (

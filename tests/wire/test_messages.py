@@ -60,8 +60,8 @@ def test_a_message_never_changes(message_type: type) -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_number_that_nobody_could_use_is_refused(bad: float) -> None:
-    """What is not finite cannot be said, in any message that asks for something."""
+def test_a_number_that_is_not_finite_is_refused(bad: float) -> None:
+    """No message takes a number that is not finite."""
     for make in (
         lambda: Vector3(0.0, 0.0, bad),
         lambda: Spawn.Request(bad, 0.0),
@@ -84,7 +84,7 @@ def test_a_part_of_a_colour_is_a_byte(bad: int) -> None:
 
 @pytest.mark.parametrize("bad", [-1, 2**63])
 def test_a_time_is_a_stamp(bad: int) -> None:
-    """A clock tells what a stamp can be, from 1970 on."""
+    """A clock's time is a valid stamp, from 1970 on."""
     for make in (Clock, SetClock.Request):
         with pytest.raises(
             ValueError, match=f"stamp_ns must be nanoseconds from 0 to .*, not {bad}"
@@ -92,7 +92,7 @@ def test_a_time_is_a_stamp(bad: int) -> None:
             make(bad)
 
 
-def test_what_cannot_be_said_is_not_heard() -> None:
+def test_invalid_messages_are_not_decoded() -> None:
     """Bytes that hold an impossible message do not decode, and the error says which part."""
     data = encode_map({"linear": {"x": math.nan}, "angular": {}})
     with pytest.raises(DecodeError, match="x must be finite, not nan"):

@@ -53,7 +53,7 @@ def test_keys_are_texts() -> None:
 
 @pytest.mark.parametrize("text", ["{", "{[1]: 2}", "&a {x: *a}", "!!bool 5", "9" * 5000, "\0"])
 def test_what_is_no_yaml_says_itself(text: str) -> None:
-    """A text that cannot be read as YAML is that text."""
+    """A text that is not YAML is its own value."""
     assert read_value(text) == text
 
 

@@ -9,17 +9,20 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, full_name, node_key, stream_of
+from tfbus.wire.keys import (
+    ALL_NODES_EVERYWHERE,
+    ALL_STREAMS_EVERYWHERE,
+    full_name,
+    node_key,
+    stream_of,
+)
 from tfbus.wording import did_you_mean
-
-# The nodes of this namespace and of those below it.
-_ALL_NODES = "**/@tfbus/node/*"
 
 
 def list_nodes(session: Session) -> list[str]:
     """The full names of the nodes that are alive, sorted: `/sim`, `/robot7/sim`."""
     namespace = session.settings.namespace
-    return sorted(full_name(key, namespace) for key in session.living(_ALL_NODES))
+    return sorted(full_name(key, namespace) for key in session.living(ALL_NODES_EVERYWHERE))
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
@@ -44,7 +47,7 @@ def describe_all(
 ) -> list[NodeDescription]:
     """The descriptions of all nodes; calls `on_unreadable(error)` for those it cannot read."""
     described = []
-    for answer in session.ask(_ALL_NODES, timeout_s=timeout_s):
+    for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=timeout_s):
         if answer.refusal is None:
             try:
                 described.append(_read(session, answer))
@@ -91,7 +94,7 @@ class NodeWatch:
         self._namespace = session.settings.namespace
         self._present: set[str] = set()
         self._changed = threading.Condition()
-        self._subscriber = session.watch_living(_ALL_NODES, self._on_token)
+        self._subscriber = session.watch_living(ALL_NODES_EVERYWHERE, self._on_token)
 
     def close(self) -> None:
         """End the watch."""

@@ -1,9 +1,11 @@
 """Two nodes of one name: the second one warns."""
 
 import logging
+from contextlib import suppress
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
+from tfbus.errors import BusError
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
@@ -49,7 +51,9 @@ class DuplicateNameWatch:
             if answer.refusal is None:
                 self._compare(decode_message(NodeDescription, answer.payload), at_start)
 
-        self._session.ask_later(node_key(self._name), None, on_answer, lambda: None, timeout_s=1.0)
+        key = node_key(self._name)
+        with suppress(BusError):  # the session may be closed meanwhile, where the node is not
+            self._session.ask_later(key, None, on_answer, lambda: None, timeout_s=1.0)
 
     def _compare(self, other: NodeDescription, at_start: bool) -> None:
         is_second = at_start or (self._started_ns, self._session.id) > (

@@ -86,7 +86,7 @@ def test_people_get_a_page(bus: Bus) -> None:
     assert re.fullmatch(r"ok      install +tfbus .* on Python 3.*", lines[0])
     assert re.fullmatch(r"fail    conflicts", lines[1])
     assert lines[2].startswith("    - 'camera' is published by several at once: ")
-    assert lines[-2] == "    To mend it: stop one of the two, or rename one of the frames"
+    assert lines[-2] == "    Fix: stop one of the two, or rename one of the frames"
     assert lines[-1] == "1 ok, 1 fail"
     assert max(map(len, lines)) <= 80
 
@@ -114,7 +114,7 @@ def test_a_simulated_time_that_is_not_ours_is_told(bus: Bus) -> None:
     move(robot, "base")
     code, found = examined(bus, "--for", "1")
     assert code == 0
-    told = "told here, by /clock; the stamps of 1 of 1 publisher follow it, and this doctor does"
+    told = "the stamps of 1 of 1 publisher follow it, and this doctor does not"
     assert told in found["clock"]["evidence"][0]
     assert "--sim-time" in found["clock"]["remedy"]
     assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}

@@ -99,14 +99,14 @@ def test_a_pair_without_a_transform_says_why(robot: Bus) -> None:
     done = robot.run("monitor", "world", "camra")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("Error: there is no frame 'camra'; did you mean 'camera'")
-    assert done.stderr.endswith("(tfbus why world camra says what to do)\n")
+    assert done.stderr.endswith("(see: tfbus why world camra)\n")
 
 
 def test_one_frame_is_no_pair(bus: Bus) -> None:
     """A single frame is a mistake, told with exit code 2."""
     done = bus.run("monitor", "world")
     assert done.returncode == 2
-    assert "a pair is two frames: tfbus monitor world FRAME, or none" in done.stderr
+    assert "give two frames, as in: tfbus monitor world FRAME; or none" in done.stderr
 
 
 def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:

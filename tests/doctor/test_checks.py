@@ -8,9 +8,11 @@ import pytest
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, Flow, Host
+from tfbus.doctor.examination import Examination, Host
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
+from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.window import spread_of
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 
 NS = 1_000_000_000
@@ -55,7 +57,13 @@ STREAM = StreamInfo(
     clock_offset_s=0.001,
 )
 OTHER = replace(STREAM, name="other", node="/other", pid=8, frames=())
-FLOW = Flow("sim", "base", rate_hz=10.0, jitter_s=0.002, longest_gap_s=0.11, delay_s=0.001)
+FLOW = EdgeFlow(
+    *("sim", "world", "base"),
+    rate_hz=10.0,
+    jitter_s=0.002,
+    delays_s=spread_of([0.001, 0.003]),
+    longest_gap_s=0.11,
+)
 
 
 def filled() -> Buffer:
@@ -184,7 +192,7 @@ TROUBLES = {
     "clock": (
         with_nodes(CLOCK, FOLLOWER),
         "warn",
-        "a simulated time is told here, by /clock; the stamps of 1 of 1 publisher follow it",
+        "/clock publishes a simulated time; the stamps of 1 of 1 publisher follow it",
     ),
     "clock-skew": (
         with_streams(replace(STREAM, clock_offset_s=-2.5)),
@@ -199,7 +207,11 @@ TROUBLES = {
     "jitter": (with_flow(jitter_s=0.08), "warn", "the time between two is spread by 80 ms"),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
     "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' came after"),
-    "stamps": (with_flow(delay_s=-0.5), "fail", "samples of 'base' are 500 ms in the future"),
+    "stamps": (
+        with_flow(delays_s=spread_of([-0.5])),
+        "fail",
+        "samples of 'base' are 500 ms in the future",
+    ),
     "refused": (
         lambda seen: replace(seen, rejected={"not finite": 3}),
         "fail",
@@ -284,7 +296,9 @@ def test_what_cannot_be_seen_is_skipped(
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
     """Where a publisher goes by a clock that is told, its stamps are not compared with ours."""
     names = ("rates", "stamps", "gaps", "jitter")
-    odd = with_flow(rate_hz=100.0, delay_s=-40.0, longest_gap_s=3.0, jitter_s=0.02)(healthy)
+    odd = with_flow(rate_hz=100.0, delays_s=spread_of([-40.0]), longest_gap_s=3.0, jitter_s=0.02)(
+        healthy
+    )
     assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
     told = with_nodes(CLOCK, FOLLOWER)(odd)
     assert {CHECKS[name](told).verdict for name in names} == {"ok"}
@@ -309,7 +323,7 @@ def test_stamps_of_other_years_are_of_another_clock(
     sim_time: bool, delay_s: float, evidence: str, healthy: Examination
 ) -> None:
     """It is told once, and nothing else is concluded from them."""
-    seen = with_flow(rate_hz=100.0, delay_s=delay_s)(healthy)
+    seen = with_flow(rate_hz=100.0, delays_s=spread_of([delay_s]))(healthy)
     seen = replace(seen, settings=NodeSettings("doctor", sim_time=sim_time))
     finding = CHECKS["stamps"](seen)
     assert len(finding.evidence) == 1

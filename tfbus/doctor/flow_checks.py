@@ -3,10 +3,11 @@
 from collections import Counter
 
 from tfbus.doctor.clock_checks import of_our_time, of_system_time
-from tfbus.doctor.examination import Examination, Flow
+from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.snapshot import who
 from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
+from tfbus.monitor.meter import EdgeFlow
 from tfbus.wording import counted, duration
 
 # Above this a lookup at one's own "now" fails, or is a guess.
@@ -47,16 +48,16 @@ def check_clock_skew(seen: Examination) -> Finding:
 
 def check_rates(seen: Examination) -> Finding:
     """Frames come as often as they did before."""
-    publishers = Counter(flow.frame for flow in seen.flows)
+    publishers = Counter(flow.child for flow in seen.flows)
     evidence = []
     for flow in _of_near_stamps(seen):
-        before_hz = seen.tree.frames[flow.frame].rate_hz if flow.frame in seen.tree.frames else None
+        before_hz = seen.tree.frames[flow.child].rate_hz if flow.child in seen.tree.frames else None
         # Of a frame that several publish the former rate is that of all of them; see conflicts.
-        if flow.rate_hz and before_hz and publishers[flow.frame] == 1:
+        if flow.rate_hz and before_hz and publishers[flow.child] == 1:
             factor = flow.rate_hz / before_hz
             if not 1 / _RATE_FACTOR < factor < _RATE_FACTOR:
                 evidence.append(
-                    f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
+                    f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
                     f"{before_hz:.1f} Hz"
                 )
     return _of_flows(
@@ -67,7 +68,7 @@ def check_rates(seen: Examination) -> Finding:
 def check_jitter(seen: Examination) -> Finding:
     """Frames come regularly."""
     evidence = [
-        f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, but the time between two is spread by "
+        f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, but the time between two is spread by "
         f"{duration(flow.jitter_s)}"
         # A simulated time goes on in steps, and may go so fast that any delay is a long one.
         for flow in of_system_time(seen)
@@ -85,7 +86,7 @@ def check_gaps(seen: Examination) -> Finding:
         limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
         if flow.longest_gap_s > limit_s:
             evidence.append(
-                f"{flow.frame!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
+                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
                 "are interpolated across that"
             )
     evidence += [
@@ -101,7 +102,7 @@ def check_gaps(seen: Examination) -> Finding:
 def check_order(seen: Examination) -> Finding:
     """Samples come in the order of their stamps."""
     evidence = [
-        f"{counted(flow.out_of_order, 'sample')} of {flow.frame!r} came after a newer one"
+        f"{counted(flow.out_of_order, 'sample')} of {flow.child!r} came after a newer one"
         for flow in seen.flows
         if flow.out_of_order
     ]
@@ -111,22 +112,24 @@ def check_order(seen: Examination) -> Finding:
 def check_stamps(seen: Examination) -> Finding:
     """No stamp is in the future, or zero."""
     evidence = [
-        f"{counted(flow.at_zero, 'sample')} of {flow.frame!r} came with the stamp 0"
+        f"{counted(flow.at_zero, 'sample')} of {flow.child!r} came with the stamp 0"
         for flow in seen.flows
         if flow.at_zero
     ]
     far = [
-        f"samples of {flow.frame!r} are {duration(abs(flow.delay_s))} "
-        f"{'in the future' if flow.delay_s < 0 else 'old'}: "
+        f"samples of {flow.child!r} are {duration(abs(flow.least_delay_s))} "
+        f"{'in the future' if flow.least_delay_s < 0 else 'old'}: "
         f"{'is its node without --sim-time?' if seen.settings.sim_time else ASK_IF_SIMULATED}"
         for flow in of_our_time(seen)
-        if flow.delay_s is not None and is_another_time(flow.delay_s) and not flow.at_zero
+        if flow.least_delay_s is not None
+        and is_another_time(flow.least_delay_s)
+        and not flow.at_zero
     ]
     evidence += far
     evidence += [
-        f"samples of {flow.frame!r} are {duration(-flow.delay_s)} in the future"
+        f"samples of {flow.child!r} are {duration(-flow.least_delay_s)} in the future"
         for flow in _of_near_stamps(seen)
-        if flow.delay_s is not None and flow.delay_s < -_FUTURE_S
+        if flow.least_delay_s is not None and flow.least_delay_s < -_FUTURE_S
     ]
     return _of_flows(
         seen,
@@ -170,10 +173,10 @@ def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str)
         return skipped("no moving frame came while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
-    frames = {flow.frame for flow in seen.flows}
+    frames = {flow.child for flow in seen.flows}
     return ok(f"{counted(len(frames), 'moving frame')} in {seen.listened_s:.0f} s")
 
 
-def _of_near_stamps(seen: Examination) -> list[Flow]:
+def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:
     """The flows by whose stamps something can be said here: those by a clock like ours."""
-    return [flow for flow in of_our_time(seen) if not is_another_time(flow.delay_s)]
+    return [flow for flow in of_our_time(seen) if not is_another_time(flow.least_delay_s)]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import click
 
 from tfbus import Node, NodeSettings, Number, node_options
-from tfbus.command.moment import Moment, parse_moment
+from tfbus.command import Moment, MomentType
 from tfbus.messages import Clock, Empty, SetClock
 
 # The time is told no more often than this; where steps come sooner, several are told as one.
@@ -100,26 +100,21 @@ class SimulatedTime:
         return SetClock.Response()
 
 
-def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
-    try:
-        return Moment(0, is_relative=True) if text == "now" else parse_moment(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-
-
 @click.command(epilog="Example: tfbus clock --rate 10 --start 0")
 @click.option(
     "--rate",
     type=Number(least=SLOWEST, most=FASTEST),
     default=1.0,
-    help="Simulated seconds in a real one; 1.",
+    show_default=True,
+    help="Simulated seconds per real second.",
 )
 @click.option(
     "--start",
     metavar="TIME",
     default="now",
-    callback=_start,
-    help="Seconds or ns since 1970, ISO 8601, or from now as -3s; now.",
+    type=MomentType(),
+    show_default=True,
+    help="Where to start: seconds or ns since 1970, ISO 8601, -3s from now, or now.",
 )
 @click.option(
     "--step",
@@ -127,9 +122,10 @@ def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
     type=Number(least=1e-9, most=1e6),
     default=0.01,
     metavar="SECONDS",
-    help="The time goes on by so much at once; 0.01.",
+    show_default=True,
+    help="How far one step sets the time forward.",
 )
-@click.option("--paused", is_flag=True, help="Stand still until clock/resume is called.")
+@click.option("--paused", is_flag=True, help="Start paused; clock/resume starts it.")
 @node_options("clock")
 def main(settings: NodeSettings, rate: float, start: Moment, step_s: float, paused: bool) -> None:
     """Tell the simulated time to all nodes with --sim-time."""

@@ -21,7 +21,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.command.moment import Moment
+from tfbus.command import Moment
 
 # What is missing is said this often, at most.
 _SAY_EVERY_S = 1.0

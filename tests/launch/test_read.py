@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.yaml_file import Place, YamlFileError
+from tfbus.errors import TfbusError
 from tfbus.launch.description import Argument, Process, Respawn
-from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, Place
+from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
@@ -138,7 +140,7 @@ def test_any_text_expands_or_is_a_mistake_with_its_place(text: str) -> None:
     """No text makes substitution fail otherwise than by an error that says where."""
     try:
         Scope({}, {}, "/files").expand(text, Place("f", 3, "nodes"))
-    except LaunchFileError as error:
+    except YamlFileError as error:
         assert str(error).startswith("f:3: nodes: ")
 
 
@@ -270,9 +272,9 @@ MISTAKES = [
     ("- a", "1", "must be a mapping"),
     ("nodes:\n  - {node: [}", "2", "is not YAML"),
     ("nodes:\n\t- a", "2", "is not YAML"),
-    ("noodes: []", "1: noodes", "unknown key 'noodes'; did you mean 'nodes'? Known here: desc"),
-    ("nodes: 5", "1: nodes", "must be a list, and is one value"),
-    ("nodes:\n", "1: nodes", "must be a list, and is empty"),
+    ("noodes: []", "1: noodes", "unknown key 'noodes'; did you mean 'nodes'?"),
+    ("nodes: 5", "1: nodes", "must be a list, not one value"),
+    ("nodes:\n", "1: nodes", "must be a list, not empty"),
     ("nodes:\n  - simulator", "2: nodes[0]", "must be a mapping with 'node' or 'command'"),
     ("nodes:\n  - name: a", "2: nodes[0]", "needs either 'node'"),
     ("nodes:\n  - {node: a, command: b}", "2: nodes[0]", "needs either 'node'"),
@@ -280,7 +282,7 @@ MISTAKES = [
     ("nodes:\n  - node: a\n    node: b", "3: nodes[0].node", "written twice, first in line 2"),
     ("nodes:\n  - node: a\n    ? [x]\n    : 1", "3: nodes[0]", "a key must be a word"),
     ("nodes:\n  - node: a\n    name: a b", "3: nodes[0].name", "cannot be a node's name"),
-    ("nodes:\n  - node: a\n    name: [x]", "3: nodes[0].name", "must be one value, and is a list"),
+    ("nodes:\n  - node: a\n    name: [x]", "3: nodes[0].name", "must be one value, not a list"),
     ("nodes:\n  - node: a\n    name:", "3: nodes[0].name", "has no value"),
     ("nodes:\n  - node: a\n    namespace: a//b", "3: nodes[0].namespace", "cannot be the name"),
     ("nodes:\n  - node: no.py", "2: nodes[0].node", "there is no file"),
@@ -297,7 +299,7 @@ MISTAKES = [
     (
         "nodes:\n  - node: a\n    parameters:\n      x: {y: 1}",
         "4: nodes[0].parameters.x",
-        "must be one value, and is a mapping",
+        "must be one value, not a mapping",
     ),
     (
         "nodes:\n  - node: a\n    remappings:\n      pose: /pose",
@@ -314,7 +316,7 @@ MISTAKES = [
     (
         "nodes:\n  - node: a\n    respawn:\n      delay: -1",
         "4: nodes[0].respawn.delay",
-        "a number of seconds, 0 or more, and is '-1'",
+        "a number of seconds, 0 or more, not '-1'",
     ),
     (
         "nodes:\n  - node: a\n    respawn:\n      delay: nan",
@@ -326,8 +328,12 @@ MISTAKES = [
         "4: nodes[0].respawn.limit",
         "a whole number",
     ),
-    ("nodes:\n  - node: a\n    if: perhaps", "3: nodes[0].if", "true or false, and is 'perhaps'"),
-    ("nodes:\n  - node: a\n    name: ${x}", "3: nodes[0].name", "no argument is called 'x'"),
+    ("nodes:\n  - node: a\n    if: perhaps", "3: nodes[0].if", "true or false, not 'perhaps'"),
+    (
+        "nodes:\n  - node: a\n    name: ${x}",
+        "3: nodes[0].name",
+        "no argument 'x' under 'arguments:'",
+    ),
     (
         "arguments: {turtle: {default: a}}\nnodes:\n  - node: a\n    name: ${trutle}",
         "4: nodes[0].name",
@@ -337,7 +343,7 @@ MISTAKES = [
     ("nodes:\n  - node: a\n    name: ${env:NO}", "3: nodes[0].name", "'NO' is not set"),
     ("nodes:\n  - node: a\n    name: '${x'", "3: nodes[0].name", "without its '}'"),
     ("nodes:\n  - node: a\n  - node: a", "3: nodes[1]", "the name '/a' is taken by"),
-    ("nodes:\n  - node: a\n    after: sim", "3: nodes[0].after", "nobody here is called 'sim'"),
+    ("nodes:\n  - node: a\n    after: sim", "3: nodes[0].after", "no node 'sim' in this launch"),
     (
         "nodes:\n  - {node: a, name: simm}\n  - node: a\n    after:\n      - sim",
         "5: nodes[1].after[0]",
@@ -362,7 +368,7 @@ MISTAKES = [
     ("includes:\n  - turtle", "2: includes[0]", "must be a mapping with 'file'"),
     ("includes:\n  - namespace: a", "2: includes[0]", "needs 'file'"),
     ("includes:\n  - file: ./no.yaml", "2: includes[0].file", "there is no launch file"),
-    ("includes:\n  - file: trutle", "2: includes[0].file", "no launch file called 'trutle'"),
+    ("includes:\n  - file: trutle", "2: includes[0].file", "no launch file 'trutle'"),
     (
         "includes:\n  - file: robot.yaml",
         "2: includes[0].file",
@@ -376,7 +382,7 @@ def test_a_mistake_is_told_with_its_line_and_key(
     tmp_path: Path, text: str, where: str, what: str
 ) -> None:
     """Whatever is wrong in a launch file, the error names file, line, key and cause."""
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, text)
     place, _, reason = str(caught.value).partition(f"robot.yaml:{where}: ")
     assert place == f"{tmp_path}/", f"wrong place: {caught.value}"
@@ -387,7 +393,7 @@ def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
     """Files that include each other are told in their order."""
     write(tmp_path, "includes:\n  - file: ./b.yaml\n", "a.yaml")
     write(tmp_path, "includes:\n  - file: ./robot.yaml\n", "b.yaml")
-    with pytest.raises(LaunchFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
+    with pytest.raises(YamlFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
         read(tmp_path, "includes:\n  - file: ./a.yaml\n")
 
 
@@ -396,7 +402,7 @@ def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
     [
         ("{}", 3, "needs a value for its argument 'turtle'"),
         ("\n      trutle: a", 4, "takes no argument 'trutle'; did you mean 'turtle'?"),
-        ("\n      turtle: c", 4, "is one of a, b, and not 'c'"),
+        ("\n      turtle: c", 4, "must be one of a, b, not 'c'"),
     ],
 )
 def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
@@ -405,7 +411,7 @@ def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
     """Arguments of an include are checked as those of the command line are, with their line."""
     write(tmp_path, "arguments: {turtle: {choices: [a, b]}}\nnodes: [{node: a}]", "one.yaml")
     text = f"includes:\n  - file: ./one.yaml\n    arguments: {arguments}\n"
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, text)
     assert f"robot.yaml:{where}: includes[0].arguments" in str(caught.value)
     assert what in str(caught.value)
@@ -414,16 +420,16 @@ def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
 def test_a_mistake_in_an_included_file_is_told_with_that_file(tmp_path: Path) -> None:
     """The line of a mistake is that of the file it stands in."""
     write(tmp_path, "\n\nnodes:\n  - nod: a\n", "one.yaml")
-    with pytest.raises(LaunchFileError, match=r"one\.yaml:4: nodes\[0\]\.nod: unknown key"):
+    with pytest.raises(YamlFileError, match=r"one\.yaml:4: nodes\[0\]\.nod: unknown key"):
         read(tmp_path, "includes:\n  - file: one.yaml\n")
 
 
 def test_a_file_that_cannot_be_read_is_said_in_a_sentence(tmp_path: Path) -> None:
     """A file that is not text, and one that is not there, are told without a traceback."""
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(LaunchError, match="is not a text file"):
+    with pytest.raises(YamlFileError, match="is not a text file"):
         read_launch_file(tmp_path / "binary.yaml")
-    with pytest.raises(LaunchError, match="cannot be read: No such file"):
+    with pytest.raises(YamlFileError, match="cannot be read: No such file"):
         read_launch_file(tmp_path / "nowhere.yaml")
 
 
@@ -436,7 +442,7 @@ def test_any_text_is_read_or_refused_in_a_sentence(
     path.write_bytes(text.encode(errors="surrogatepass"))
     try:
         read_launch_file(path)
-    except LaunchError as error:
+    except TfbusError as error:
         assert str(error)
 
 
@@ -462,7 +468,7 @@ def test_arguments_are_given_or_have_a_default(tmp_path: Path) -> None:
     [
         ({}, "needs a value for its argument 'turtle' (whose frames)"),
         ({"turtle": "a", "stile": "x"}, "no argument 'stile'; did you mean 'style'?"),
-        ({"turtle": "a", "style": "x"}, "is one of foxy, newest, and not 'x'"),
+        ({"turtle": "a", "style": "x"}, "must be one of foxy, newest, not 'x'"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path: Path, given: dict[str, str], what: str) -> None:
@@ -504,11 +510,13 @@ def test_a_launch_file_is_found_by_name_or_path(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_is_answered_with_those_there_are(tmp_path: Path) -> None:
-    """The error for an unknown name lists the names there are, the nearest one first."""
+    """The error for an unknown name has the nearest name, or all names."""
     write(tmp_path, "", "mine.yaml")
-    with pytest.raises(LaunchError, match=r"did you mean 'turtle'\? There are: .*turtle"):
+    with pytest.raises(LaunchError, match=r"; did you mean 'turtle'\?"):
         find_launch_file("turtel")
-    with pytest.raises(LaunchError, match=r"did you mean '\./mine\.yaml', a file in this folder"):
+    with pytest.raises(LaunchError, match=r"; there are: carrot, .*turtle"):
+        find_launch_file("xyz")
+    with pytest.raises(LaunchError, match=r"; did you mean '\./mine\.yaml'\?"):
         find_launch_file("mine", tmp_path)
 
 
@@ -605,9 +613,9 @@ def test_a_dry_run_prints_what_a_shell_would_do_alike(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "what"),
     [
-        ("node: simulatro", "no node 'simulatro'; did you mean 'simulator'?"),
-        ("command: no-such-program-here", "there is no program 'no-such-program-here'"),
-        ("command: ./robot.yaml", "there is no program './robot.yaml' that can be run"),
+        ("node: simulatro", "(a file of your own ends with .py); did you mean 'simulator'?"),
+        ("command: no-such-program-here", "no executable program 'no-such-program-here'"),
+        ("command: ./robot.yaml", "no executable program './robot.yaml'"),
     ],
 )
 def test_a_program_that_is_not_there_is_told_before_anything_starts(
@@ -615,7 +623,7 @@ def test_a_program_that_is_not_there_is_told_before_anything_starts(
 ) -> None:
     """Every program is looked for first, so that no launch stops half way."""
     [process] = read(tmp_path, f"nodes:\n  - {entry}\n    name: a\n    directory: .\n")
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         check_startable(process, {"simulator"})
     assert "robot.yaml:2: nodes[0]: " in str(caught.value) and what in str(caught.value)
 
@@ -646,9 +654,9 @@ def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: 
     """The tables of keys in docs/launch.md are those that the reader knows."""
     table = PAGE.read_text().split(f"| {title} |")[1].split("\n\n")[0]
     documented = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in split(row)]
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, mistake)
-    known = caught.value.reason.split("Known here: ")[1].split(", ")
+    known = str(caught.value).split("; there are: ")[1].split(", ")
     assert sorted(documented) == sorted(known)
 
 

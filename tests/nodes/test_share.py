@@ -191,7 +191,7 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),
         (["robot7", "base", "--to", "a*"], "--to: 'a*' cannot be the name of a namespace"),
         (["/", "base", "--to", "a"], "ROBOT: the name of a robot is not empty"),
-        (["robot7", "base", "--to", "a", "--rate", "0"], "0 is not a number of at least 0.01"),
+        (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, got 0"),
     ],
 )
 def test_mistakes_are_told_in_a_sentence(arguments: list[str], mistake: str) -> None:

@@ -13,9 +13,8 @@ from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.message import checked_map, encode_values
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import ServiceName
+from tfbus.command.types import POSITIVE, ServiceName
 from tfbus.errors import ServiceError
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map

@@ -12,9 +12,9 @@ import click
 from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import complete_argument, complete_file
-from tfbus.command.numbers import NOT_NEGATIVE
+from tfbus.command.types import NOT_NEGATIVE
 from tfbus.errors import TfbusError
-from tfbus.launch.place import LaunchArgumentError
+from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file
 from tfbus.launch.read.reader import read_arguments, read_launch_file
@@ -108,7 +108,7 @@ def _told_as_click_does() -> Iterator[None]:
     try:
         yield
     except LaunchArgumentError as error:
-        raise click.UsageError(f"{error}. Arguments are given as NAME:=VALUE") from error
+        raise click.UsageError(f"{error} (write arguments as NAME:=VALUE)") from error
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
 

@@ -4,8 +4,8 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import is_terminal
-from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
+from tfbus.command.types import own_name
 from tfbus.errors import TfbusError
 from tfbus.frames.listening import listening
 from tfbus.wire.fleet import Fleet

@@ -6,10 +6,9 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.command.moment import Moment, parse_moment
-from tfbus.command.names import own_name
+from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
-from tfbus.command.types import FrameName
+from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_elsewhere
 from tfbus.frames.listening import listening
 from tfbus.frames.why import Explanation, Step, explain
@@ -22,13 +21,6 @@ _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 _LONGEST_BACK_S = 3600.0
 
 
-def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
-    try:
-        return None if text is None else parse_moment(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-
-
 @click.command(epilog="Examples: tfbus why world turtle1; tfbus why world turtle1 --at -3s")
 @click.argument("target", type=FrameName())
 @click.argument("source", type=FrameName())
@@ -37,8 +29,8 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
     "--at",
     "moment",
     metavar="TIME",
-    callback=_moment,
-    help="At a time: seconds or ns since 1970, ISO 8601, or from now as -3s; else the latest.",
+    type=MomentType(),
+    help="Seconds or ns since 1970, ISO 8601, or -3s from now; the latest time if not given.",
 )
 @json_option("Print a JSON object.")
 @listening_options(own_name("_why"))

@@ -1,15 +1,19 @@
-"""Names as a command line takes them: checked, and completed with those that are on the bus.
+"""Types for click's arguments and options: names on the bus, numbers, times, files to write.
 
-Types for click's arguments and options: `@click.argument("target", type=FrameName())`.
+`@click.argument("target", type=FrameName())`. Names are completed from the bus.
 """
 
+import math
+import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.wire.keys import check_topic
 
@@ -73,15 +77,18 @@ class FrameName(_BusName):
     ) -> str:
         """The name; a usage error where it can be none."""
         name = str(value)
-        if not name:
-            self.fail("a frame's name is not empty", param, ctx)
-        if name.startswith("/"):
-            self.fail(
-                f"{name!r} begins with a slash, which frames do not: write {name.lstrip('/')!r}",
-                param,
-                ctx,
-            )
+        if mistake := frame_mistake(name):
+            self.fail(mistake, param, ctx)
         return name
+
+
+def frame_mistake(name: str) -> str:
+    """What is wrong with a frame's name, and what to write instead; "" for a valid name."""
+    if not name:
+        return "a frame's name must not be empty"
+    if name.startswith("/"):
+        return f"{name!r} must not start with a slash: write {name.lstrip('/')!r}"
+    return ""
 
 
 class NodeName(_BusName):
@@ -135,6 +142,87 @@ class ParameterName(_BusName):
         """The parameters of that node."""
         node = str(ctx.params.get("node") or "").strip("/")
         return dict.fromkeys(names.parameters.get(node, ()), "")
+
+
+class Number(click.ParamType[float]):
+    """A finite number from `least`, or above it where `more_than_least`, to `most`."""
+
+    name = "number"
+
+    def __init__(
+        self,
+        *,
+        least: float = -math.inf,
+        most: float = math.inf,
+        more_than_least: bool = False,
+    ):
+        self._least = least
+        self._most = most
+        self._more = more_than_least
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number; a usage error where it is none, or out of range."""
+        try:
+            number = float(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"must be finite, got {value}", param, ctx)
+        if number > self._most:
+            self.fail(f"must be at most {self._most:g}, got {number:g}", param, ctx)
+        if number < self._least or (self._more and number == self._least):
+            relation = "more than" if self._more else "at least"
+            self.fail(f"must be {relation} {self._least:g}, got {number:g}", param, ctx)
+        return number
+
+
+# Seconds: what a clock can wait for, thirty years.
+NOT_NEGATIVE = Number(least=0.0, most=1e9)
+POSITIVE = Number(least=0.0, most=1e9, more_than_least=True)
+
+
+class MomentType(click.ParamType[Moment]):
+    """A time: seconds or nanoseconds since 1970, ISO 8601, `-3s` from now, or `now`."""
+
+    name = "time"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Moment:
+        """The moment; a usage error where the text says none."""
+        try:
+            return value if isinstance(value, Moment) else parse_moment(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+class OutputFile(click.Path):
+    """A file to write, whose name ends with one of `endings`; its folder must exist."""
+
+    def __init__(self, *endings: str):
+        super().__init__(path_type=Path, dir_okay=False)
+        self._endings = endings
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Path:
+        """The path; a usage error for another ending or a folder that does not exist."""
+        path = Path(value)
+        if path.suffix not in self._endings:
+            self.fail(f"{path} must end with {' or '.join(self._endings)}", param, ctx)
+        if not path.parent.is_dir():
+            self.fail(f"there is no folder {path.parent} to write {path.name} into", param, ctx)
+        return path
+
+
+def own_name(kind: str) -> str:
+    """A node's name that no other process has: `echo_5d205229`."""
+    return f"{kind}_{os.urandom(4).hex()}"
 
 
 def names_at(ctx: click.Context) -> "LiveNames":

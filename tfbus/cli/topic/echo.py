@@ -14,9 +14,8 @@ from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import type_of, visiting
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import POSITIVE, TopicName
 from tfbus.errors import DecodeError
 from tfbus.wording import counted
 

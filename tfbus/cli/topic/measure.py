@@ -14,9 +14,8 @@ from tfbus.cli.output import json_option
 from tfbus.cli.topic import reports
 from tfbus.cli.topic.meter import Meter, measure
 from tfbus.cli.topic.source import type_of, visiting
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
 from tfbus.wire.codec import decode_map

@@ -20,9 +20,8 @@ from tfbus.cli.messages.message import (
 from tfbus.cli.messages.prototype import complete_message
 from tfbus.cli.output import as_json, say, warn
 from tfbus.cli.topic.source import TELL_AFTER_S, type_of, visiting
-from tfbus.command.numbers import NOT_NEGATIVE, POSITIVE, Number
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
 from tfbus.node.topic import RawPublisher

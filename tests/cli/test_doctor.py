@@ -73,7 +73,7 @@ def test_trouble_is_found_and_fails(bus: Bus) -> None:
     assert "'camera' is published by several at once" in found["conflicts"]["evidence"][0]
     assert found["disconnected"]["verdict"] == "warn"
     assert found["unread"]["verdict"] == "ok"
-    assert "nobody reads the moving frames of stream" in found["unread"]["evidence"][0]
+    assert "no node reads the dynamic frames of stream" in found["unread"]["evidence"][0]
 
 
 def test_people_get_a_page(bus: Bus) -> None:

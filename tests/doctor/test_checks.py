@@ -181,7 +181,7 @@ TROUBLES = {
     "static-dynamic": (
         with_streams(STREAM, replace(OTHER, frames=(("base", "camera", False),))),
         "fail",
-        "'camera' is static by /sim on robot, pid 7 and moving by /other on robot, pid 8",
+        "'camera' is static by /sim on robot, pid 7 and dynamic by /other on robot, pid 8",
     ),
     "gone": (with_tree(gone(), STREAM), "warn", "the publisher of 'base' is gone: /sim on robot"),
     "silent": (
@@ -204,7 +204,7 @@ TROUBLES = {
         "warn",
         "'base' comes at 3.0 Hz, by its stamps it is sent at 10.0 Hz",
     ),
-    "jitter": (with_flow(jitter_s=0.08), "warn", "the time between two is spread by 80 ms"),
+    "jitter": (with_flow(jitter_s=0.08), "warn", "but with a jitter of 80 ms"),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
     "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' came after"),
     "stamps": (
@@ -225,7 +225,7 @@ TROUBLES = {
     "unread": (
         with_nodes(replace(SIM, unread=tuple(f"s{number}" for number in range(12)))),
         "warn",
-        "nobody reads the moving frames of stream 's0' of /sim",
+        "no node reads the dynamic frames of stream 's0' of /sim",
     ),
     "buffers": (
         with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
@@ -280,7 +280,7 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     [
         ("scouting", with_host(scouted=None), "scouting is off, by the mode or the configuration"),
         ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
-        ("rates", lambda seen: replace(seen, flows=()), "no moving frame came while listening"),
+        ("rates", lambda seen: replace(seen, flows=()), "no dynamic frame came while listening"),
         ("buffers", with_nodes(), "no node has a buffer"),
         ("dropped", with_nodes(), "no node has a buffer"),
     ],
@@ -335,11 +335,11 @@ def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
     """That two share a frame is a conflict, and no trouble with its rate."""
     flows = (replace(FLOW, rate_hz=5.0), replace(FLOW, stream="other", rate_hz=5.0))
     finding = CHECKS["rates"](replace(healthy, flows=flows))
-    assert (finding.verdict, finding.evidence) == ("ok", ("1 moving frame in 3 s",))
+    assert (finding.verdict, finding.evidence) == ("ok", ("1 dynamic frame in 3 s",))
 
 
 def test_a_stream_that_nobody_reads_yet_is_told_in_passing(healthy: Examination) -> None:
     """It is how a first turtle begins, and nothing to mend."""
     finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
     assert finding.verdict == "ok"
-    assert finding.evidence == ("nobody reads the moving frames of stream 'sim' of /sim",)
+    assert finding.evidence == ("no node reads the dynamic frames of stream 'sim' of /sim",)

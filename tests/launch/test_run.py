@@ -29,7 +29,7 @@ from tfbus.launch.run.console import Console, Lines, Stream
 from tfbus.launch.run.escalation import Patience
 from tfbus.launch.run.orphans import adopting_orphans
 from tfbus.launch.run.program import Program
-from tfbus.launch.run.run import Wishes
+from tfbus.launch.run.run import Debounce
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
 NEVER_S = 1000.0
@@ -286,8 +286,13 @@ def test_a_second_wish_to_stop_hurries_and_a_third_kills() -> None:
 
 def test_the_same_signal_twice_within_an_instant_is_one_wish() -> None:
     """What `timeout` sends to a process and to its group is not taken for impatience."""
-    wishes = Wishes()
-    assert [wishes.is_new(now_s) for now_s in (5.0, 5.01, 5.5, 5.55)] == [True, False, True, False]
+    debounce = Debounce()
+    assert [debounce.is_new(now_s) for now_s in (5.0, 5.01, 5.5, 5.55)] == [
+        True,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_grandchildren_end_as_well() -> None:
@@ -308,7 +313,7 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
         [shell("a", f"{stubborn} {wait.format('/dev/null')}")],
         Patience(NEVER_S, 0.05, NEVER_S, NEVER_S),
     )
-    launch.wait_for("[WARNING] [a]: left processes behind: sending signal 'SIGTERM' to them")
+    launch.wait_for("[WARNING] [a]: left processes behind: sending them 'SIGTERM'")
     # `read` from an empty file fails, and the shell ends with the 0 of `exit`.
     assert launch.exit_code() == 0
     for line in said(launch.stdout, "a"):
@@ -470,9 +475,9 @@ def test_a_process_is_started_when_those_it_waits_for_are_there() -> None:
     bus = Bus()
     follower = shell("follower", "echo here", after=("/sim", "/robot7/sim"))
     launch = Launch([follower, shell("sim", OBEDIENT)], NOTICING, presence=bus)
-    launch.wait_for("[INFO] [follower]: waiting for /sim to be on the bus", times=2)
+    launch.wait_for("[INFO] [follower]: waiting for /sim", times=2)
     bus.arrive("/sim")
-    launch.wait_for("[INFO] [follower]: waiting for /robot7/sim to be on the bus")
+    launch.wait_for("[INFO] [follower]: waiting for /robot7/sim")
     assert said(launch.stdout, "follower") == []
     bus.arrive("/robot7/sim")
     launch.wait_for("[follower] here")
@@ -500,8 +505,8 @@ def test_nobody_waits_for_a_process_that_has_ended() -> None:
         presence=Bus(),
     )
     assert launch.exit_code() == 1
-    launch.wait_for("[ERROR] [a]: will not be started: /sim has ended")
-    launch.wait_for("[ERROR] [b]: will not be started: /a has ended")
+    launch.wait_for("[ERROR] [a]: not started: /sim has ended")
+    launch.wait_for("[ERROR] [b]: not started: /a has ended")
 
 
 def test_trouble_with_the_bus_ends_a_launch_that_waits() -> None:
@@ -648,7 +653,7 @@ def test_launch_ends_when_nobody_reads_its_output(tmp_path: Path) -> None:
         ["sh", "-c", script], capture_output=True, text=True, timeout=DEADLINE_S, check=True
     )
     assert done.stdout == "[a] y\n"
-    assert "[WARNING] [launch]: nobody reads the output any more" in done.stderr
+    assert "[WARNING] [launch]: the reader of the output is gone" in done.stderr
 
 
 def test_in_a_terminal_names_have_colours_and_ctrl_c_stops(tmp_path: Path) -> None:

@@ -130,7 +130,9 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     """`--at` a time before all that is known fails without waiting for what cannot come."""
     done = bus.run("echo", "world", "hand", "--at", "2022-04-04T21:56:58Z")
     assert done.returncode == 1
-    assert "known is what is sent while echo runs, and what publishers keep" in done.stderr
+    assert (
+        "echo knows what is sent while it runs, and the history that publishers keep" in done.stderr
+    )
     assert "Waiting" not in done.stderr
 
 
@@ -155,10 +157,10 @@ def test_it_says_once_when_what_it_shows_is_not_sent_any_more(bus: Bus) -> None:
     echo = bus.start("echo", "world", "camera", "--rate", "20")
     eventually(lambda: echo.out)
     static.stop(signal.SIGKILL)
-    echo.wait_for_line("'camera': not sent any more; what follows is where it was last")
+    echo.wait_for_line("'camera': publisher gone; showing its last pose")
     before = len(echo.out)
     eventually(lambda: len(echo.out) > before + 30)
-    assert len([line for line in echo.err if "not sent any more" in line]) == 1
+    assert len([line for line in echo.err if "publisher gone" in line]) == 1
     assert echo.stop() == 0
 
 
@@ -175,7 +177,7 @@ def test_data_that_stands_still_is_told_once(bus: Bus) -> None:
     )
     eventually(lambda: echo.out)
     sending.cancel()
-    echo.wait_for_line(r"Nothing newer has come for 5\.\d s; what follows is where it was last")
+    echo.wait_for_line(r"Nothing newer for 5\.\d s; showing the last pose")
     before = len(echo.out)
     eventually(lambda: len(echo.out) > before + 30)
     assert len([line for line in echo.err if "Nothing newer" in line]) == 1

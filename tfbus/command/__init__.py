@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tfbus.command.yaml_file import Value as Value
     from tfbus.command.yaml_file import YamlFileError as YamlFileError
     from tfbus.command.yaml_file import read_yaml_file as read_yaml_file
+    from tfbus.wording import listed as listed
 
 _MODULE_OF = {
     "Moment": "tfbus.command.moment",
@@ -24,6 +25,7 @@ _MODULE_OF = {
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
     "frame_mistake": "tfbus.command.types",
+    "listed": "tfbus.wording",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.command.yaml_file",
 }

@@ -1,4 +1,4 @@
-"""`tfbus echo`: print where a frame is, again and again, as tf2_echo does.
+"""`tfbus echo`: print the pose of a frame repeatedly, as tf2_echo does.
 
 Try it: tfbus echo world turtle1
 """

@@ -74,7 +74,7 @@ def main(
     path: Path | None,
     **numbers: float | None,
 ) -> None:
-    """Publish transforms that never change."""
+    """Publish static transforms."""
     given = {name: value for name, value in numbers.items() if value is not None}
     frames = _frames(frame_id, child_frame_id, frame_option, child_option)
     if path is not None:

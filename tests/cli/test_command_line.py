@@ -138,7 +138,7 @@ class TestTools:
         assert err == ["Error: there is no field 'z'; Spawn.Request has x, y, theta, name"]
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 1)
-        assert err[0].startswith("Error: nobody serves 'spwan'; ")
+        assert err[0].startswith("Error: no service 'spwan'; ")
 
     @pytest.mark.parametrize(
         "request_text",
@@ -199,12 +199,12 @@ class TestOthers:
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
-        assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
+        assert err[0].startswith("Warning: the parameters of node '/evil' cannot be read")
         assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 2)
-        assert err[1] == "Error: nobody serves 'spwan'; did you mean 'spawn'?"
+        assert err[1] == "Error: no service 'spwan'; did you mean 'spawn'?"
         token.close()
 
     def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
@@ -306,10 +306,10 @@ class TestCommands:
     @pytest.mark.parametrize(
         ("command", "hint"),
         [
-            (["tf2_echo", "a", "b"], "'tf2_echo'; here it is: tfbus echo"),
+            (["tf2_echo", "a", "b"], "'tf2_echo'; use: tfbus echo"),
             (["run", "turtlesim"], "'run'; a node is a command itself, as in: tfbus simulator"),
             (["topic", "lst"], "'lst'; did you mean 'list'?"),
-            (["param", "delete", "sim"], "'delete'; a parameter belongs to its node"),
+            (["param", "delete", "sim"], "'delete'; a node keeps its parameters while it runs"),
         ],
     )
     def test_what_is_called_otherwise_in_ros_is_told(

@@ -75,7 +75,7 @@ def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--shared", "map"), "--shared names what the robots of a fleet share: add --fleet"),
+        (("--shared", "map"), "--shared needs --fleet"),
         (("--fleet", "--shared", "/map"), "--shared: frame id '/map' begins with a slash"),
     ],
 )

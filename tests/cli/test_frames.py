@@ -62,7 +62,7 @@ def test_without_frames_it_fails(bus: Bus) -> None:
     done = bus.run("frames", "--wait-time", "0.2")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
-        "Error: no frame is known after 0.2 s: is a broadcaster running, on this network?\n"
+        "Error: no frame after 0.2 s: is a broadcaster running, on this network?\n"
     )
 
 

@@ -39,7 +39,7 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
     [
         ("z", "there is no field 'z': no 'z' there; there are: cells, linear, x"),
         ("liner.x", "there is no field 'liner.x': no 'liner' there; did you mean 'linear'?"),
-        ("x.y", "there is no field 'x.y': 'y' is asked of a value that has no fields"),
+        ("x.y", "there is no field 'x.y': there is a value without fields, not 'y'"),
         ("cells[2]", "there is no field 'cells[2]': '2' is not an index of a list of 2"),
     ],
 )

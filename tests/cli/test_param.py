@@ -56,7 +56,7 @@ class TestParameters:
         code, _, sentence = run(bus, "param", "set", "sim", "red", "7", "rates")
         assert (code, sentence) == (
             2,
-            "Error: parameters and values come in pairs: what is 'rates' to be?",
+            "Error: parameters and values come in pairs: 'rates' has no value",
         )
 
     def test_a_negative_number_is_a_value(self, bus: Bus, sim: Node) -> None:
@@ -169,5 +169,5 @@ class TestServices:
         assert run(bus, "service", "call", "spwan") == (
             1,
             "",
-            "Error: nobody serves 'spwan'; did you mean 'spawn'?",
+            "Error: no service 'spwan'; did you mean 'spawn'?",
         )

@@ -189,7 +189,7 @@ class TestEcho:
         code, out, err = run(bus, "echo", "turtle1/pse", "--timeout", "0.5")
         assert (code, out) == (1, "")
         assert err.splitlines() == [
-            "Waiting for a message on 'turtle1/pse': nobody publishes it; "
+            "Waiting for a message on 'turtle1/pse': it has no publisher; "
             "did you mean 'turtle1/pose'?",
             "Error: no message came on 'turtle1/pse' in 0.5 s",
         ]
@@ -197,7 +197,7 @@ class TestEcho:
     def test_a_publisher_that_comes_later_is_heard(self, bus: Bus) -> None:
         """Echo waits for a topic that does not exist yet, and knows its type when it does."""
         echo = bus.start("topic", "echo", "color", "--field", "g")
-        echo.wait_for_line("Waiting for a message on 'color': nobody publishes it")
+        echo.wait_for_line("Waiting for a message on 'color': it has no publisher")
         node = bus.node("painter")
         colors = node.create_publisher(Color, "color")
         node.create_timer(0.05, lambda: colors.publish(Color(1, 2, 3)))
@@ -221,7 +221,7 @@ class TestEcho:
         assert echo.stop() == 0
         assert set(echo.out) == {"1,2,3"}
         assert len(echo.err) == 1
-        assert echo.err[0].startswith("Warning: left out a message of 'color': ")
+        assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
 
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
         """Options that do not go together, or a field that is not there, are usage errors."""

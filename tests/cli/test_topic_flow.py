@@ -60,7 +60,7 @@ class TestMeasure:
         sim(bus)
         code, out, err = run(bus, "hz", "turtle1/pose", "--filter", "m.x < 5", "--timeout", "0.5")
         assert (code, out) == (1, "")
-        assert err == "Error: too few messages came on 'turtle1/pose' in 0.5 s\n"
+        assert err == "Error: too few messages on 'turtle1/pose' after 0.5 s\n"
 
     def test_silence_is_said(self, bus: Bus) -> None:
         """Where no message comes, or none any more, it is said and not printed as a rate."""
@@ -80,7 +80,7 @@ class TestMeasure:
         code, _, err = run(bus, "delay", "color")
         assert (code, err) == (
             1,
-            "Error: messages on 'color' have no field stamp_ns, so how old they are is unknown\n",
+            "Error: messages on 'color' have no field stamp_ns, so their age is unknown\n",
         )
 
 
@@ -148,7 +148,7 @@ class TestPub:
         """It says what it waits for; so many subscribers have to be there, or come in time."""
         code, out, err = run(bus, "pub", "--once", "nobody", "Twist", "--max-wait-time", "0.3")
         assert (code, out) == (1, "")
-        assert err == "Error: 'nobody' has fewer than 1 subscribers (waited 0.3 s)\n"
+        assert err == "Error: 'nobody' has fewer than 1 subscribers after 0.3 s\n"
         pub = bus.start("topic", "pub", "--once", "-w", "2", "cmd_vel", "Twist")
         pub.wait_for_line("Waiting for 2 subscribers of 'cmd_vel'")
         assert heard == []
@@ -177,4 +177,4 @@ class TestPub:
         """A topic of transforms is refused, with what does publish them."""
         code, _, err = run(bus, "pub", "tf/sim", "{}")
         assert code == 2
-        assert "'tf/sim' is of transforms: publish one with `tfbus static`" in err
+        assert "'tf/sim' carries transforms: publish one with `tfbus static`" in err

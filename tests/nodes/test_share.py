@@ -78,7 +78,7 @@ def test_what_does_not_move_is_static_for_others_too(bus: Bus, eyes: Eyes) -> No
     """A static transform is shown as one: it holds at all times, and comes to late joiners."""
     bus.start("static", "world", "dock", "--x", "5", "--namespace", "robot7")
     process = bus.start("share", "robot7", "dock", "--to", "robot1", "--relative-to", "world")
-    process.wait_for_line("'robot7/dock' is to be seen in 'world'")
+    process.wait_for_line("'robot7/dock' is visible in 'world'")
     eventually(lambda: x_of(eyes.of(1), "world", "robot7/dock") == 5)
     assert eyes.of(1).frame("robot7/dock").static
 
@@ -92,7 +92,7 @@ def test_frames_of_a_robot_that_is_gone_are_taken_back(bus: Bus, eyes: Eyes) -> 
     eventually(lambda: {"robot7/base_link", "robot7/dock"} <= {*eyes.of(1).frames()})
     first.signal(SIGKILL)
     eventually(lambda: eyes.of(1).frames() == ["map"])
-    process.wait_for_line("'robot7/base_link' is not to be seen: .*gone")
+    process.wait_for_line("'robot7/base_link' is not visible: .*gone")
     robot(bus, 7)
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
 
@@ -159,7 +159,7 @@ def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
         )
     assert joined == ["robot1", "robot2"]
     told = capsys.readouterr().err
-    assert told.count("Nothing is shown to robot2 so far; it is tried again: cannot join") == 1
+    assert told.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
 
 
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
@@ -174,9 +174,9 @@ def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
 def test_what_is_not_there_is_told(bus: Bus) -> None:
     """Where a frame cannot be seen, share says so after a while, and why, and goes on."""
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
-    line = process.wait_for_line("is not to be seen")
+    line = process.wait_for_line("is not visible")
     assert line.endswith(
-        "'robot7/base_link' is not to be seen: there is no frame 'map'; no frame is known so far"
+        "'robot7/base_link' is not visible: there is no frame 'map'; no frame is known so far"
     )
 
 
@@ -185,12 +185,12 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
     [
         (["robot7", "--to", "robot1"], "Missing argument 'FRAMES...'"),
         (["robot7", "base_link"], "Missing option '--to'"),
-        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' sees its own frames anyway"),
-        (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the frames"),
+        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' sees its own frames;"),
+        (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the shown frames"),
         (["robot7", "/base", "--to", "robot1"], "begins with a slash"),
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),
         (["robot7", "base", "--to", "a*"], "--to: 'a*' cannot be the name of a namespace"),
-        (["/", "base", "--to", "a"], "ROBOT: the name of a robot is not empty"),
+        (["/", "base", "--to", "a"], "ROBOT: the name of a robot must not be empty"),
         (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, got 0"),
     ],
 )

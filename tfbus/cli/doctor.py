@@ -49,7 +49,7 @@ def command(
     list_checks: bool,
     as_json: bool,
 ) -> None:
-    """Look for what is wrong with the bus, and say what to do; exits with 1 on a failure."""
+    """Check this host and the bus, and say what to fix; exits with 1 on a failure."""
     if list_checks:
         print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in CHECKS.items())
         return

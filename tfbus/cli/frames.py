@@ -1,4 +1,4 @@
-"""`tfbus frames`: the tree of frames in the terminal, as a picture, or for other programs."""
+"""`tfbus frames`: the tree of frames in the terminal, as a picture, or as JSON."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -76,12 +76,12 @@ def command(
     wait_s: float,
     check: bool,
 ) -> None:
-    """Show the tree of frames, who publishes it, and what is wrong with it."""
+    """Show the tree of frames, its publishers, and what is wrong with it."""
     if watch and (outputs or as_json):
         raise click.UsageError("--watch shows the tree in the terminal: omit -o and --json")
     with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
-            with suppress(KeyboardInterrupt):  # which is its end wherever it comes
+            with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
         tree = heard.tree()
@@ -95,8 +95,7 @@ def command(
         click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
     if not tree.frames:
         raise click.ClickException(
-            f"no frame is known after {wait_s:g} s: "
-            f"{hint or 'is a broadcaster running, on this network?'}"
+            f"no frame after {wait_s:g} s: {hint or 'is a broadcaster running, on this network?'}"
         )
     if check and tree.problems():
         raise SystemExit(1)
@@ -115,7 +114,7 @@ def _paint(line: str, state: State) -> str:
 def _watch(heard: Listening, long: bool) -> None:
     while True:
         tree = heard.tree()
-        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame is known yet."]))
+        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame yet."]))
         if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
             return
 
@@ -128,7 +127,7 @@ def _write(tree: FrameTree, path: Path) -> None:
             path.write_text(_TEXTS[path.suffix](tree))
     except ImportError as error:
         raise TfbusError(
-            f"{path.name} is drawn by matplotlib, which is not installed: "
+            f"{path.name} needs matplotlib, which is not installed: "
             "pip install 'tfbus[plot]', or write .dot, .mmd, .json, .yaml or .txt"
         ) from error
     except OSError as error:

@@ -49,7 +49,7 @@ def command(
     once: bool,
     as_json: bool,
 ) -> None:
-    """Measure how transforms come: all, or those between two frames.
+    """Measure rate, delay and order of transforms: all, or those between two frames.
 
     With two frames: the edges on the path of SOURCE seen from TARGET.
     """
@@ -80,7 +80,7 @@ def _check(heard: Listening, report: Report, once: bool) -> None:
         raise click.ClickException(f"{failure} (see: tfbus why {pair.target} {pair.source})")
     if once and not report.edges():
         hint = heard.hint() or "is a broadcaster running?"
-        raise click.ClickException(f"no transform has come: {hint}")
+        raise click.ClickException(f"no transform yet: {hint}")
 
 
 def _reports(heard: Listening, pair: PairWatch | None, period_s: float) -> Iterator[Report]:

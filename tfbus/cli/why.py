@@ -17,7 +17,7 @@ from tfbus.wording import duration
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
-# Of what publishers have kept, as much as can be asked for.
+# The most history that it asks for.
 _LONGEST_BACK_S = 3600.0
 
 
@@ -42,10 +42,10 @@ def command(
     moment: Moment | None,
     as_json: bool,
 ) -> None:
-    """Say why SOURCE is not seen from TARGET, edge by edge, and what to do.
+    """Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.
 
-    It asks publishers for what they have kept, so a time of the last seconds can be asked for.
-    The exit code is 1 where the lookup has no answer.
+    It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
+    fails.
     """
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -68,7 +68,7 @@ def command(
 
 
 def _history_s(moment: Moment | None) -> float:
-    """How far back is asked for: to the time, and some seconds to tell a rate by."""
+    """How much history to ask for: back to the moment, and 10 s to measure rates."""
     back_s = -moment.ns / 1e9 if moment and moment.is_relative else 0.0
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
 
@@ -109,7 +109,7 @@ def _step_lines(step: Step) -> list[str]:
 
 
 def _wrapped(text: str, lead: str) -> list[str]:
-    """The text in lines of 80 characters at most, the first after `lead`, the others below."""
+    """The text in lines of at most 80 characters, indented by `lead`."""
     return click.wrap_text(
         text, width=80, initial_indent=lead, subsequent_indent=" " * len(lead)
     ).splitlines()

@@ -20,27 +20,27 @@ from tfbus.wire.keys import check_topic
 if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
 
-# Of the options of a command those that say where on the bus it is.
+# The options of a command that say where on the bus it is.
 _PLACE = ("namespace", "mode", "connect", "listen", "config")
 
 
 class _BusName(click.ParamType[str]):
-    """A name that others on the bus have too; a subclass says which those are."""
+    """A name on the bus; a subclass says which are candidates."""
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The names to complete with, and what there is to say of each."""
+        """The names to complete with, and a help text for each."""
         raise NotImplementedError
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         return str(value)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Those of the names on the bus that begin so; none where the bus cannot be joined."""
+        """The names that start with the text; none if the bus cannot be joined."""
         found = self.candidates(names_at(ctx), ctx)
         if incomplete.startswith("/"):
             found = {f"/{name}": text for name, text in found.items()} if self._has_full() else {}
@@ -51,19 +51,17 @@ class _BusName(click.ParamType[str]):
         ]
 
     def _has_full(self) -> bool:
-        """Whether such a name may be written with a slash before it."""
+        """Whether the name may start with a slash."""
         return False
 
 
 class FrameName(_BusName):
-    """The name of a frame: any text that is not empty and does not begin with a slash."""
+    """The name of a frame: a text that is not empty and does not start with a slash."""
 
     name = "frame"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The frames that living streams of this namespace have, and with --fleet of those below,
-        as they are called then.
-        """
+        """The frames of this namespace; with --fleet also of those below, by their names then."""
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
         from tfbus.wire.fleet import Fleet  # numpy, which most completion does not need
@@ -75,7 +73,7 @@ class FrameName(_BusName):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         name = str(value)
         if mistake := frame_mistake(name):
             self.fail(mistake, param, ctx)
@@ -92,12 +90,12 @@ def frame_mistake(name: str) -> str:
 
 
 class NodeName(_BusName):
-    """The name of a node as it is written within the namespace, or its full name."""
+    """The name of a node, relative to the namespace or full."""
 
     name = "node"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The nodes that are there."""
+        """All nodes."""
         return dict.fromkeys(names.nodes, "")
 
     def _has_full(self) -> bool:
@@ -112,29 +110,29 @@ class TopicName(_BusName):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         try:
             return check_topic(str(value), kind=self.name)
         except InvalidNameError as error:
             self.fail(str(error), param, ctx)
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The topics that nodes publish or subscribe to, and what they carry."""
+        """The topics that nodes publish or subscribe to, and their types."""
         return names.topics
 
 
 class ServiceName(TopicName):
-    """The name of a service or goal, which is formed as a topic's."""
+    """The name of a service or action."""
 
     name = "service"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The services and goals that nodes serve, and their types."""
+        """The services and actions of all nodes, and their types."""
         return names.services
 
 
 class ParameterName(_BusName):
-    """The name of a parameter of the node that the argument `node` of the command names."""
+    """The name of a parameter of the node in the command's argument `node`."""
 
     name = "parameter"
 
@@ -163,7 +161,7 @@ class Number(click.ParamType[float]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number; a usage error where it is none, or out of range."""
+        """The number; a usage error for another text, or a number out of range."""
         try:
             number = float(str(value))
         except ValueError:
@@ -191,7 +189,7 @@ class MomentType(click.ParamType[Moment]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> Moment:
-        """The moment; a usage error where the text says none."""
+        """The moment; a usage error for another text."""
         try:
             return value if isinstance(value, Moment) else parse_moment(str(value))
         except ValueError as error:
@@ -226,7 +224,7 @@ def own_name(kind: str) -> str:
 
 
 def names_at(ctx: click.Context) -> "LiveNames":
-    """The names at the place on the bus that the options typed so far say."""
+    """The names on the bus that the options typed so far select."""
     from tfbus.command.live_names import LiveNames, live_names  # Zenoh, which only completion needs
 
     given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}
@@ -237,5 +235,5 @@ def names_at(ctx: click.Context) -> "LiveNames":
 
 
 def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Those of the values that begin so, for the completion of an argument."""
+    """The values that start with the text, as candidates."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]

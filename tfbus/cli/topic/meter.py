@@ -18,14 +18,14 @@ from tfbus.runtime.clock import SYSTEM_CLOCK
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# The number that counts of a message, from its bytes; None where the message does not count.
+# The number to measure of a message, from its bytes; None if the message does not count.
 Meter = Callable[[bytes], float | None]
 
 _PERIOD_S = 1.0
 
 
 class MeteredTopic:
-    """A topic that is listened to, and the window of its messages."""
+    """A subscribed topic, and the window of its messages."""
 
     def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
         self.topic = topic
@@ -33,7 +33,7 @@ class MeteredTopic:
         self.failure: Exception | None = None
         self._node = node
         self._meter = meter
-        self._told_of = 0
+        self._read_total = 0
         self._silent_since_s = time.monotonic()
         self._rejected = 0
         type_name = type_of(look(node.session), topic)
@@ -46,7 +46,7 @@ class MeteredTopic:
         except DecodeError as error:
             self._rejected += 1
             if self._rejected == 1:
-                warn(f"left out a message of {self.topic!r}: {error}. More are left out silently")
+                warn(f"skipped a message of {self.topic!r}: {error} (warned once)")
         except (BusError, click.UsageError) as error:
             self.failure = error
         else:
@@ -54,15 +54,15 @@ class MeteredTopic:
                 self.window.add(at_s, number)
 
     def read_new(self, now_s: float) -> Reading | None:
-        """The window, None where nothing has come since the last call; long silence is told once.
+        """The window; None if nothing came since the last call. Prints once that nothing comes.
 
-        Raises what a message led to that cannot be measured.
+        Raises the error of a message that cannot be measured.
         """
         if self.failure is not None:
             raise self.failure
         reading = self.window.read()
-        if reading.total != self._told_of:
-            self._told_of, self._silent_since_s = reading.total, now_s
+        if reading.total != self._read_total:
+            self._read_total, self._silent_since_s = reading.total, now_s
             return reading
         if now_s - self._silent_since_s >= TELL_AFTER_S:
             self._silent_since_s = math.inf
@@ -83,7 +83,7 @@ def measure(
 ) -> None:
     """Print a report of each topic every second, until the node is shut down.
 
-    Raises BusError where there is nothing to report for the first `timeout_s` (None: never).
+    Raises BusError if there is nothing to report for the first `timeout_s` (None: never).
     """
     topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
     give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
@@ -102,7 +102,7 @@ def measure(
                 break
         elif give_up_s is not None and now_s >= give_up_s:
             names = ", ".join(repr(each.topic) for each in topics)
-            raise BusError(f"too few messages came on {names} in {timeout_s:g} s")
+            raise BusError(f"too few messages on {names} after {timeout_s:g} s")
 
 
 def _period_s(give_up_s: float | None) -> float:

@@ -31,7 +31,7 @@ from tfbus.wire.codec import type_name
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# How soon nodes are asked again who subscribes, where several are waited for.
+# How often nodes are asked for their subscriptions while it waits for several.
 _ASK_AGAIN_S = 0.2
 
 
@@ -41,18 +41,31 @@ _ASK_AGAIN_S = 0.2
 )
 @click.argument("topic", type=TopicName())
 @click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=complete_message)
-@click.option("-r", "--rate", type=Number(least=1e-6, most=1e6), default=1.0, help="Per second; 1.")
+@click.option(
+    "-r",
+    "--rate",
+    type=Number(least=1e-6, most=1e6),
+    default=1.0,
+    show_default=True,
+    help="Messages per second.",
+)
 @click.option("-1", "--once", is_flag=True, help="Publish one message and exit.")
-@click.option("-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N and exit.")
+@click.option(
+    "-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N messages and exit."
+)
 @click.option(
     "-w",
     "--wait-matching",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Wait for N subscribers first; 1 with --once and --times, else 0.",
+    help="First wait for N subscribers (default 1 with --once or --times, else 0).",
 )
 @click.option(
-    "--max-wait-time", "wait_s", type=POSITIVE, metavar="S", help="Fail if they do not come."
+    "--max-wait-time",
+    "wait_s",
+    type=POSITIVE,
+    metavar="S",
+    help="Fail if they do not come in S seconds.",
 )
 @click.option(
     "--keep-alive",
@@ -60,10 +73,20 @@ _ASK_AGAIN_S = 0.2
     type=NOT_NEGATIVE,
     default=0.1,
     metavar="S",
-    help="Stay so long after the last message; 0.1.",
+    show_default=True,
+    help="Stay S seconds after the last message.",
 )
-@click.option("-p", "--print", "every", type=click.IntRange(min=1), default=1, help="Say each Nth.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing of what is published.")
+@click.option(
+    "-p",
+    "--print",
+    "every",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="N",
+    show_default=True,
+    help="Print every Nth message.",
+)
+@click.option("-q", "--quiet", is_flag=True, help="Print no messages.")
 @bus_options("topic")
 def pub_command(
     settings: NodeSettings,
@@ -80,26 +103,25 @@ def pub_command(
 ) -> None:
     """Publish the message VALUES, a YAML map of fields, on TOPIC.
 
-    TYPE is a message of tfbus.messages or package.module:Name; where it is left out, it is what
-    the topic's other nodes tell. Fields are checked against it, and those left out take their
-    defaults.
+    TYPE is a message of tfbus.messages or package.module:Name; by default the type that other nodes
+    of the topic announce. Fields are checked against it, and missing ones get their defaults.
     """
     if once and times is not None:
-        raise click.UsageError("--once and --times say the same thing: give one of them")
+        raise click.UsageError("--once and --times exclude each other: give one")
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
     with visiting(settings, "pub") as node:
         told = type_of(look(node.session), topic)
         if told == TRANSFORMS_TYPE:
-            raise click.UsageError(f"{topic!r} is of transforms: publish one with `tfbus static`")
+            raise click.UsageError(f"{topic!r} carries transforms: publish one with `tfbus static`")
         message_type = given_type or supplied_type(told)
         if message_type:
             values = complete_values(values, message_type)
         payload = encode_values(values, "VALUES")
         name = type_name(message_type) if message_type else told
         if given_type and told and told != name:
-            warn(f"others know {topic!r} as {told}, and this is {name}")
+            warn(f"other nodes announce {topic!r} as {told}, not {name}")
         publisher = node.create_raw_publisher(topic, type_name=name)
         _wait_for_subscribers(node, topic, subscribers, wait_s)
         shown = f"{name or 'message'} {as_json(values)}"
@@ -116,7 +138,7 @@ def _publish(
     shown: str,
     every: int,
 ) -> None:
-    """Publish at the rate, without drift, so many times (None: until the node is shut down)."""
+    """Publish at the rate, without drift, `times` times (None: until the node is shut down)."""
     started_s = time.monotonic()
     sent = 0
     while node.ok:
@@ -130,7 +152,7 @@ def _publish(
 
 
 def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float | None) -> None:
-    """Wait until so many subscribe; BusError where they do not come in time."""
+    """Wait for `wanted` subscribers. Raises BusError if they do not come within `wait_s`."""
     if not wanted:
         return
     watch = node.session.watch_heard(topic)
@@ -139,7 +161,7 @@ def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float |
     while node.ok and _heard(node, topic, wanted, watch) < wanted:
         waited_s = time.monotonic() - started_s
         if wait_s is not None and waited_s >= wait_s:
-            raise BusError(f"{topic!r} has fewer than {wanted} subscribers (waited {wait_s:g} s)")
+            raise BusError(f"{topic!r} has fewer than {wanted} subscribers after {wait_s:g} s")
         if not told and waited_s >= TELL_AFTER_S:
             told = True
             say(f"Waiting for {_subscribers(wanted)} of {topic!r}")
@@ -147,7 +169,7 @@ def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float |
 
 
 def _heard(node: "Node", topic: str, wanted: int, watch: HeardWatch) -> int:
-    """How many subscribe, told after a moment: of one Zenoh knows, several are asked for."""
+    """How many subscribe: Zenoh knows whether any does, nodes are asked for the number."""
     if not watch.wait(_ASK_AGAIN_S):
         return 0
     if wanted == 1:
@@ -162,10 +184,10 @@ def _subscribers(count: int) -> str:
 
 
 def _split(words: Sequence[str]) -> tuple[type | None, dict[str, Any]]:
-    """The type, None where it is left out, and the fields."""
+    """The type, None if it is omitted, and the fields."""
     if len(words) > 2:
         raise click.UsageError(
-            f"{len(words)} words are more than a type and a map of fields: put the map in quotes"
+            f"expected a type and a map of fields, got {len(words)} words: quote the map"
         )
     if len(words) == 2:
         return find_type(words[0]), checked_map(words[1], "VALUES")

@@ -104,7 +104,7 @@ def answers(
         answer = _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         if answer is None:
             return
-        gone = _tell_gone(node, listener.buffer, question, gone)
+        gone = _log_gone(node, listener.buffer, question, gone)
         if question.moment is None and not gone:
             progress.look(answer)
         yield answer
@@ -126,30 +126,30 @@ class _Progress:
         self._node = node
         self._newest_ns = 0
         self._since_s = 0.0
-        self._is_told = False
+        self._is_logged = False
 
     def look(self, answer: TransformStamped) -> None:
         """Take the next answer; one of static edges alone, with the stamp 0, is never old."""
         if answer.stamp_ns != self._newest_ns:
             self._newest_ns, self._since_s = answer.stamp_ns, _elapsed_s(self._node)
-            self._is_told = False
-        elif answer.stamp_ns and not self._is_told:
+            self._is_logged = False
+        elif answer.stamp_ns and not self._is_logged:
             since_s = _elapsed_s(self._node) - self._since_s
             if since_s >= _STALLED_S:
-                self._is_told = True
+                self._is_logged = True
                 self._node.log.warning("Nothing newer for %.1f s; showing the last pose", since_s)
 
 
-def _tell_gone(
-    node: Node, buffer: Buffer, question: Question, told: frozenset[str]
+def _log_gone(
+    node: Node, buffer: Buffer, question: Question, logged: frozenset[str]
 ) -> frozenset[str]:
-    """The frames on the path whose publisher is gone; logs those not in `told`."""
+    """The frames on the path whose publisher is gone; logs those not in `logged`."""
     try:
         path = buffer.path(question.target, question.source)
         gone = frozenset(frame for frame in path if buffer.frame(frame).gone)
     except TransformException:
-        return told  # a frame has just been removed
-    if new := gone - told:
+        return logged  # a frame has just been removed
+    if new := gone - logged:
         node.log.warning(
             "%s: publisher gone; showing its last pose",
             ", ".join(map(repr, sorted(new))),

@@ -57,8 +57,8 @@ class TestTools:
         _, out, _ = run(bus, "node", "list", "--json")
         assert json.loads(out[0]) == ["/robot7/sim", "/sim"]
 
-    def test_nobody_is_an_empty_list(self, bus: Bus) -> None:
-        """Where no node is there, nothing is printed, and that is no failure."""
+    def test_no_node_is_an_empty_list(self, bus: Bus) -> None:
+        """Without nodes nothing is printed, with exit code 0."""
         assert run(bus, "node", "list") == (0, [], [])
         assert run(bus, "param", "list") == (0, [], [])
 
@@ -83,7 +83,7 @@ class TestTools:
         )
 
     def test_param(self, bus: Bus) -> None:
-        """Parameters are listed, read and set; a value that cannot be is refused in a sentence."""
+        """Parameters are listed, read and set; an invalid value is refused in a sentence."""
         serve(bus)
         assert run(bus, "param", "list", "sim") == (
             0,
@@ -145,7 +145,7 @@ class TestTools:
         ["x", "[1]", "{", "{[1]: 2}", "{x: !!timestamp 2022-12-07}", "{x: 99999999999999999999}"],
     )
     def test_a_request_that_cannot_be_is_a_usage_error(self, bus: Bus, request_text: str) -> None:
-        """A request that is no map of plain values is refused before it is sent."""
+        """A request must be a map of plain values, checked before it is sent."""
         code, out, err = run(bus, "call", "spawn", request_text)
         assert (code, out) == (2, [])
         assert err[-1].startswith("Error: Invalid value for REQUEST: ")
@@ -208,7 +208,7 @@ class TestOthers:
         token.close()
 
     def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
-        """A list shows a name once; that several have it is said on stderr."""
+        """A list shows a name once, with a warning if several nodes have it."""
         for _ in range(2):
             bus.node("twin")
         assert run(bus, "node", "list") == (
@@ -254,7 +254,7 @@ class TestGoals:
         assert call.err == []
 
     def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
-        """A goal of which nothing is heard for the timeout is given up, and told so."""
+        """An action that is silent for the timeout is an error."""
         ended = self.serve_goal(bus, feedback=False)
         code, out, err = run(bus, "call", "rotate", "{theta: 1.5}", "--timeout", "0.5")
         assert (code, len(out), err) == (1, 1, ["Error: 'rotate' did not answer in 0.5 s"])
@@ -297,8 +297,8 @@ class TestCommands:
             assert "\n  Example" in help_
             assert max(map(len, help_.splitlines())) <= 80
 
-    def test_an_unknown_command_is_told_the_nearest(self, bus: Bus) -> None:
-        """A misspelt command is a usage error with the nearest name."""
+    def test_an_unknown_command_gets_a_near_name(self, bus: Bus) -> None:
+        """A misspelt command is a usage error with a near name."""
         code, out, err = run(bus, "nod", "list")
         assert (code, out) == (2, [])
         assert err[-1] == "Error: there is no command 'nod'; did you mean 'node'?"
@@ -312,10 +312,8 @@ class TestCommands:
             (["param", "delete", "sim"], "'delete'; a node keeps its parameters while it runs"),
         ],
     )
-    def test_what_is_called_otherwise_in_ros_is_told(
-        self, bus: Bus, command: list[str], hint: str
-    ) -> None:
-        """A command of ROS 2 that is not there is a usage error with what there is instead."""
+    def test_commands_of_ros_get_a_hint(self, bus: Bus, command: list[str], hint: str) -> None:
+        """A command of ROS 2 is a usage error that names the one of tfbus."""
         code, out, err = run(bus, *command)
         assert (code, out) == (2, [])
         assert f"there is no command {hint}" in err[-1]
@@ -329,7 +327,7 @@ class TestCommands:
 
     @pytest.mark.parametrize("command", [["node", "list"], ["param", "list"], ["router"]])
     def test_a_bus_that_cannot_be_joined_ends_with_1(self, bus: Bus, command: list[str]) -> None:
-        """A configuration that is not Zenoh's is told with its place, and exit code 1."""
+        """An invalid configuration is an error with its place, and exit code 1."""
         bus.config.write_text("{mode: }")
         code, out, err = run(bus, *command)
         assert (code, out) == (1, [])
@@ -376,7 +374,7 @@ class TestEnding:
     def test_a_mistake_is_told_without_a_traceback(
         self, bus: Bus, arguments: list[str], code: int, sentence: str
     ) -> None:
-        """A user's node tells mistakes on its command line as the supplied ones do."""
+        """A user's node prints mistakes on its command line as the supplied ones do."""
         process = self.start(bus, *arguments)
         assert process.wait() == code
         assert sentence in "\n".join(process.err)
@@ -396,7 +394,7 @@ class TestEnding:
     ],
 )
 def test_a_router_that_is_not_there_is_told_at_once(bus: Bus, line: str) -> None:
-    """A tool that answers once fails where its router cannot be reached, and says so."""
+    """A tool that answers once fails, with a reason, if its router cannot be reached."""
     nowhere = f"tcp/127.0.0.1:{free_port()}"
     done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})
     assert done.returncode == 1

@@ -13,7 +13,7 @@ from tfbus.cli.create import command
     [("my_robot", "my_node"), ("my_node_pkg", "driver"), ("my_node", "driver"), ("a", "my_robot")],
 )
 def test_the_files_bear_the_names_given(tmp_path: Path, package: str, node: str) -> None:
-    """Package and node are called as told, also where a name looks like one of the template's."""
+    """Package and node get their names, also if one looks like a name of the template."""
     done = CliRunner().invoke(command, [package, "--node", node, "--directory", str(tmp_path)])
     assert done.exit_code == 0
     folder = tmp_path / package

@@ -43,7 +43,7 @@ def fix(node: Node, parent: str, child: str) -> None:
 
 
 def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
-    """Where all is well nothing fails, and every check is told with its evidence."""
+    """On a healthy bus no check fails, and each has evidence."""
     move(bus.node("odometry"), "base")
     fix(bus.node("mount"), "base", "camera")
     listens = bus.node("planner")
@@ -60,7 +60,7 @@ def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
 
 
 def test_trouble_is_found_and_fails(bus: Bus) -> None:
-    """Two nodes of one name, two publishers of one frame and a tree apart are all told."""
+    """Two nodes of one name, two publishers of one frame and a separate tree are all found."""
     fix(bus.node("mount"), "base", "camera")
     fix(bus.node("other"), "base", "camera")
     fix(bus.node("elsewhere"), "map", "dock")
@@ -100,14 +100,14 @@ def test_the_checks_are_listed(bus: Bus) -> None:
 
 
 def test_an_unknown_check_is_a_mistake(bus: Bus) -> None:
-    """A name that no check has is told with exit code 2."""
+    """An unknown check exits with 2."""
     done = bus.run("doctor", "--only", "health")
     assert done.returncode == 2
     assert "'health' is not one of" in done.stderr
 
 
-def test_a_simulated_time_that_is_not_ours_is_told(bus: Bus) -> None:
-    """By the system's time the doctor names the option, and concludes nothing from the stamps."""
+def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
+    """Under system time the doctor names the option, and does not judge the stamps."""
     bus.start("clock", "--start", "0").wait_for_line("It is 0")
     robot = bus.node("robot", sim_time=True)
     robot.wait_for_clock(DEADLINE_S)

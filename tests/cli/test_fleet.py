@@ -63,7 +63,7 @@ def test_the_doctor_measures_every_robot(robots: Bus) -> None:
 
 
 def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
-    """A frame that only --fleet shows is told so, and where else one could look."""
+    """For a frame that only --fleet shows, the hint names --fleet and --namespace."""
     done = robots.run("why", "map", "base_link", "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)["remedies"][:2] == [
@@ -82,7 +82,7 @@ def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
 def test_what_is_shared_is_a_frame_of_a_fleet(
     bus: Bus, options: tuple[str, ...], message: str
 ) -> None:
-    """A mistake in what is shared is a usage error."""
+    """A mistake in --shared is a usage error."""
     done = bus.run("frames", *options)
     assert done.returncode == 2
     assert message in done.stderr

@@ -44,12 +44,12 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
     ],
 )
 def test_a_part_that_is_not_there_is_told_with_the_nearest(path: str, sentence: str) -> None:
-    """A path that leads nowhere is refused at the name that is wrong."""
+    """An unknown path is an error that names its wrong part."""
     assert usage_error(part_of, MESSAGE, path) == sentence
 
 
 def test_what_is_too_long_is_cut() -> None:
-    """Texts, bytes and lists are cut after so many, and marked; nothing is cut without a bound."""
+    """Texts, bytes and lists are cut at a length, and marked; without one nothing is cut."""
     message = {"a": "abcdef", "b": b"\x01\x02\x03", "c": [1, 2, 3], "d": {"e": "ab"}, "f": None}
     assert Shortening(2).shorten(message) == {
         "a": "ab...",
@@ -122,7 +122,7 @@ def test_fields_that_are_not_given_take_their_defaults() -> None:
 def test_values_that_are_no_such_message_are_refused(
     values: dict[str, Any], message_type: type, sentence: str
 ) -> None:
-    """A field that the type does not have, or cannot have, is told, with the nearest name."""
+    """An unknown field or an invalid value is an error, with a near name."""
     assert usage_error(complete_values, values, message_type) == sentence
 
 

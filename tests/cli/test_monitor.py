@@ -1,4 +1,4 @@
-"""`tfbus monitor` against a live bus: what it measures, and what it says of a pair."""
+"""`tfbus monitor` on a live bus: what it measures, and its report of a pair."""
 
 import json
 
@@ -17,7 +17,7 @@ LATE_NS = 300_000_000
 
 
 def keep_sending(node: Node, parent: str, child: str, *, late_ns: int = 0) -> None:
-    """Send an edge at 50 Hz, with stamps so far in the past."""
+    """Send an edge at 50 Hz, with stamps `late_ns` in the past."""
     broadcaster = TransformBroadcaster(node)
 
     def send() -> None:
@@ -40,7 +40,7 @@ def robot(bus: Bus) -> Bus:
 
 
 def test_all_edges_and_streams_are_measured(robot: Bus) -> None:
-    """Of each edge it tells rate, jitter, delay, age and order; of each stream rate and bytes."""
+    """It has rate, jitter, delay, age and order of each edge; rate and bytes of each stream."""
     done = robot.run("monitor", "--once", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads(done.stdout)
@@ -82,7 +82,7 @@ def test_what_is_wrong_with_an_edge_is_said_in_words(robot: Bus) -> None:
 
 
 def test_a_pair_has_its_chain_and_who_holds_it_back(robot: Bus) -> None:
-    """Of two frames it tells the chain between them, the net delay and the edge that is latest."""
+    """For two frames it has the chain between them, the net delay and the latest edge."""
     pair = json.loads(robot.run("monitor", "world", "camera", "--once", "--json").stdout)["pair"]
     assert pair["chain"] == ["world", "base", "arm", "camera"]
     assert pair["net_delay_s"]["p50"] > LATE_NS / 1e9
@@ -95,7 +95,7 @@ def test_a_pair_has_its_chain_and_who_holds_it_back(robot: Bus) -> None:
 
 
 def test_a_pair_without_a_transform_says_why(robot: Bus) -> None:
-    """Where there is no transform, the reason is told in one sentence, with exit code 1."""
+    """Without a transform it exits with 1 and the reason in one sentence."""
     done = robot.run("monitor", "world", "camra")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("Error: there is no frame 'camra'; did you mean 'camera'")
@@ -103,14 +103,14 @@ def test_a_pair_without_a_transform_says_why(robot: Bus) -> None:
 
 
 def test_one_frame_is_no_pair(bus: Bus) -> None:
-    """A single frame is a mistake, told with exit code 2."""
+    """A single frame is a usage error."""
     done = bus.run("monitor", "world")
     assert done.returncode == 2
     assert "give two frames, as in: tfbus monitor world FRAME; or none" in done.stderr
 
 
 def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
-    """It reports again and again, and a publisher that ends is marked."""
+    """It reports periodically, and marks a publisher that ends."""
     monitor = robot.start("monitor", "--period", "0.2")
     monitor.wait_for_line("^base +odometry")
     short_lived = robot.node("short_lived")

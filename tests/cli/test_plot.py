@@ -53,7 +53,7 @@ def test_it_plots_what_it_listens_to(moving: Bus, tmp_path: Path) -> None:
     assert any(text.startswith("turtle1 seen from world") for text in texts(file))
 
 
-def test_it_plots_what_publishers_have_kept(moving: Bus, tmp_path: Path) -> None:
+def test_it_plots_the_history_of_publishers(moving: Bus, tmp_path: Path) -> None:
     """Without waiting it shows the last ten seconds, also those before it was started."""
     file = tmp_path / "turtle1.png"
     done = moving.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
@@ -74,7 +74,7 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     assert "turtle1 seen from world, from 2022-12-07 08:05:00 UTC" in texts(file)
 
 
-def test_what_stands_still_is_a_straight_line() -> None:
+def test_a_frame_that_stands_still_is_a_straight_line() -> None:
     """Where a frame moves by less than can be, axes still span a millimetre, or a tenth of a
     degree, and a millimetre a second.
     """
@@ -110,12 +110,12 @@ def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) ->
     [
         (["world", "turtle1"], 2, "there is no display to open a window on: write a file with -o"),
         (["-o", "x.svg"], 2, "name two frames: tfbus plot world turtle1"),
-        (["a", "b", "-o", "x.gif"], 2, "is to end with one of .png, .svg, .pdf"),
+        (["a", "b", "-o", "x.gif"], 2, "must end with one of .png, .svg, .pdf"),
         (["world", "turtel1", "-o", "x.svg"], 1, "did you mean 'turtle1'?"),
     ],
 )
-def test_mistakes_are_told(moving: Bus, arguments: list[str], code: int, message: str) -> None:
-    """A mistake is told in one sentence."""
+def test_mistakes_are_errors(moving: Bus, arguments: list[str], code: int, message: str) -> None:
+    """A mistake is one sentence."""
     done = moving.run("plot", *arguments, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
     assert done.returncode == code
     assert message in done.stderr

@@ -1,4 +1,4 @@
-"""The checks of the doctor: each finds its trouble where it is, and nothing where it is not."""
+"""The checks of the doctor: each finds its trouble, and nothing on a healthy bus."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -130,7 +130,7 @@ def gone() -> Buffer:
     return buffer
 
 
-# Of each check what makes the trouble, its verdict, and what the evidence says of it.
+# The trouble of each check: how to cause it, the verdict, and part of the evidence.
 TROUBLES = {
     "install": (
         with_host(versions=VERSIONS | {"msgpack": ""}),
@@ -255,7 +255,7 @@ def test_nothing_is_found_where_nothing_is_wrong(name: str, healthy: Examination
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
-    """Each check names its trouble in its evidence, and says what to do."""
+    """Each check names its trouble in its evidence, and has a remedy."""
     injure, verdict, evidence = TROUBLES[name]
     finding = CHECKS[name](injure(healthy))
     assert finding.verdict == verdict
@@ -270,7 +270,7 @@ def test_stamps_of_zero_are_found(healthy: Examination) -> None:
 
 
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
-    """Messages that never came are told with the gaps."""
+    """Missed messages count as gaps."""
     finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
     assert finding.evidence == ("7 messages of stream 'sim' never came",)
 
@@ -288,13 +288,13 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
 def test_what_cannot_be_seen_is_skipped(
     name: str, injure: Callable[[Examination], Examination], reason: str, healthy: Examination
 ) -> None:
-    """Where a check has nothing to look at it says so."""
+    """A check with nothing to look at is skipped, with a reason."""
     finding = CHECKS[name](injure(healthy))
     assert (finding.verdict, finding.evidence) == ("skipped", (reason,))
 
 
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
-    """Where a publisher goes by a clock that is told, its stamps are not compared with ours."""
+    """The stamps of a publisher with simulated time are not compared with our clock."""
     names = ("rates", "stamps", "gaps", "jitter")
     odd = with_flow(rate_hz=100.0, delays_s=spread_of([-40.0]), longest_gap_s=3.0, jitter_s=0.02)(
         healthy
@@ -308,7 +308,7 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
 
 
 def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None:
-    """By the system's time the doctor goes with them."""
+    """Doctor and publishers all use the system's time."""
     assert CHECKS["clock"](with_nodes(CLOCK, SIM)(healthy)).verdict == "ok"
 
 
@@ -322,7 +322,7 @@ def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None
 def test_stamps_of_other_years_are_of_another_clock(
     sim_time: bool, delay_s: float, evidence: str, healthy: Examination
 ) -> None:
-    """It is told once, and nothing else is concluded from them."""
+    """They are reported once, and other checks ignore them."""
     seen = with_flow(rate_hz=100.0, delays_s=spread_of([delay_s]))(healthy)
     seen = replace(seen, settings=NodeSettings("doctor", sim_time=sim_time))
     finding = CHECKS["stamps"](seen)
@@ -332,14 +332,14 @@ def test_stamps_of_other_years_are_of_another_clock(
 
 
 def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
-    """That two share a frame is a conflict, and no trouble with its rate."""
+    """Two publishers of a frame are a conflict, not a trouble with its rate."""
     flows = (replace(FLOW, rate_hz=5.0), replace(FLOW, stream="other", rate_hz=5.0))
     finding = CHECKS["rates"](replace(healthy, flows=flows))
     assert (finding.verdict, finding.evidence) == ("ok", ("1 dynamic frame in 3 s",))
 
 
-def test_a_stream_that_nobody_reads_yet_is_told_in_passing(healthy: Examination) -> None:
-    """It is how a first turtle begins, and nothing to mend."""
+def test_a_stream_that_no_node_reads_yet_is_ok(healthy: Examination) -> None:
+    """An unread stream is evidence, but no trouble."""
     finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
     assert finding.verdict == "ok"
     assert finding.evidence == ("no node reads the dynamic frames of stream 'sim' of /sim",)

@@ -1,4 +1,4 @@
-"""Launch files: what they mean, and what is said about every mistake in one."""
+"""Launch files: what they mean, and the error for each mistake in one."""
 
 import os
 import re
@@ -137,7 +137,7 @@ def test_what_comes_in_is_not_substituted_again(value: str) -> None:
 
 @given(st.text())
 def test_any_text_expands_or_is_a_mistake_with_its_place(text: str) -> None:
-    """No text makes substitution fail otherwise than by an error that says where."""
+    """Any text is substituted, or raises an error with its place."""
     try:
         Scope({}, {}, "/files").expand(text, Place("f", 3, "nodes"))
     except YamlFileError as error:
@@ -263,7 +263,7 @@ def test_a_respawn_without_limit_never_ends_and_never_hurries(n: int, delay_s: f
     assert again is not None and again >= delay_s
 
 
-# -- mistakes: the line, the key, what is wrong and what to do
+# -- mistakes: line, key, cause and remedy
 
 MISTAKES = [
     ("{}", "1", "starts nothing"),
@@ -378,10 +378,8 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("text", "where", "what"), MISTAKES)
-def test_a_mistake_is_told_with_its_line_and_key(
-    tmp_path: Path, text: str, where: str, what: str
-) -> None:
-    """Whatever is wrong in a launch file, the error names file, line, key and cause."""
+def test_a_mistake_has_its_line_and_key(tmp_path: Path, text: str, where: str, what: str) -> None:
+    """The error for any mistake in a launch file names file, line, key and cause."""
     with pytest.raises(YamlFileError) as caught:
         read(tmp_path, text)
     place, _, reason = str(caught.value).partition(f"robot.yaml:{where}: ")
@@ -390,7 +388,7 @@ def test_a_mistake_is_told_with_its_line_and_key(
 
 
 def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
-    """Files that include each other are told in their order."""
+    """The error names the files of the circle in order."""
     write(tmp_path, "includes:\n  - file: ./b.yaml\n", "a.yaml")
     write(tmp_path, "includes:\n  - file: ./robot.yaml\n", "b.yaml")
     with pytest.raises(YamlFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
@@ -408,7 +406,7 @@ def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
 def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
     tmp_path: Path, arguments: str, where: int, what: str
 ) -> None:
-    """Arguments of an include are checked as those of the command line are, with their line."""
+    """Arguments of an include are checked like those of the command line, with their line."""
     write(tmp_path, "arguments: {turtle: {choices: [a, b]}}\nnodes: [{node: a}]", "one.yaml")
     text = f"includes:\n  - file: ./one.yaml\n    arguments: {arguments}\n"
     with pytest.raises(YamlFileError) as caught:
@@ -417,15 +415,15 @@ def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
     assert what in str(caught.value)
 
 
-def test_a_mistake_in_an_included_file_is_told_with_that_file(tmp_path: Path) -> None:
-    """The line of a mistake is that of the file it stands in."""
+def test_a_mistake_in_an_included_file_names_that_file(tmp_path: Path) -> None:
+    """The line of a mistake is that of the included file."""
     write(tmp_path, "\n\nnodes:\n  - nod: a\n", "one.yaml")
     with pytest.raises(YamlFileError, match=r"one\.yaml:4: nodes\[0\]\.nod: unknown key"):
         read(tmp_path, "includes:\n  - file: one.yaml\n")
 
 
-def test_a_file_that_cannot_be_read_is_said_in_a_sentence(tmp_path: Path) -> None:
-    """A file that is not text, and one that is not there, are told without a traceback."""
+def test_a_file_that_cannot_be_read_is_an_error_in_a_sentence(tmp_path: Path) -> None:
+    """A file that is not text, or does not exist, is an error in a sentence."""
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(YamlFileError, match="is not a text file"):
         read_launch_file(tmp_path / "binary.yaml")
@@ -437,7 +435,7 @@ def test_a_file_that_cannot_be_read_is_said_in_a_sentence(tmp_path: Path) -> Non
 def test_any_text_is_read_or_refused_in_a_sentence(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
-    """No text, however broken, makes the reader fail otherwise than by its own error."""
+    """Any text is read, or raises an error of tfbus."""
     path = tmp_path_factory.getbasetemp() / "any.yaml"
     path.write_bytes(text.encode(errors="surrogatepass"))
     try:
@@ -472,7 +470,7 @@ def test_arguments_are_given_or_have_a_default(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path: Path, given: dict[str, str], what: str) -> None:
-    """Unknown, missing and impossible arguments are each told with what would do."""
+    """The error for an unknown, missing or invalid argument says what is allowed."""
     with pytest.raises(LaunchArgumentError) as caught:
         read(tmp_path, ARGUMENTS, **given)
     assert what in str(caught.value)
@@ -509,7 +507,7 @@ def test_a_launch_file_is_found_by_name_or_path(tmp_path: Path) -> None:
     assert find_launch_file("turtle") == installed_launch_files()["turtle"]
 
 
-def test_an_unknown_name_is_answered_with_those_there_are(tmp_path: Path) -> None:
+def test_an_unknown_name_is_answered_with_a_near_one_or_all(tmp_path: Path) -> None:
     """The error for an unknown name has the nearest name, or all names."""
     write(tmp_path, "", "mine.yaml")
     with pytest.raises(LaunchError, match=r"; did you mean 'turtle'\?"):
@@ -522,7 +520,7 @@ def test_an_unknown_name_is_answered_with_those_there_are(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("name", sorted(installed_launch_files()))
 def test_every_installed_launch_file_can_be_started(name: str) -> None:
-    """All launch files that come with tfbus are right, and start nodes that there are."""
+    """All launch files of tfbus are valid, and start existing nodes."""
     from tfbus.cli import NODES
 
     processes = read_launch_file(find_launch_file(name))
@@ -538,7 +536,7 @@ def program_line(process: Process, **settings: object) -> tuple[str, ...]:
 
 
 def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Path) -> None:
-    """Nodes are told to join the bus as launch is, but not to listen where it does."""
+    """Nodes join the bus as launch does, but do not listen where it does."""
     [process] = read(
         tmp_path,
         """
@@ -618,10 +616,10 @@ def test_a_dry_run_prints_what_a_shell_would_do_alike(tmp_path: Path) -> None:
         ("command: ./robot.yaml", "no executable program './robot.yaml'"),
     ],
 )
-def test_a_program_that_is_not_there_is_told_before_anything_starts(
+def test_a_missing_program_is_an_error_before_anything_starts(
     tmp_path: Path, entry: str, what: str
 ) -> None:
-    """Every program is looked for first, so that no launch stops half way."""
+    """All programs are looked up first, so no launch stops half way."""
     [process] = read(tmp_path, f"nodes:\n  - {entry}\n    name: a\n    directory: .\n")
     with pytest.raises(YamlFileError) as caught:
         check_startable(process, {"simulator"})
@@ -662,3 +660,10 @@ def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: 
 
 def split(row: str) -> list[str]:
     return re.findall(r"`(\w+)`", row)
+
+
+@pytest.mark.parametrize(("half", "other"), [("read", "run"), ("run", "read")])
+def test_the_halves_of_launch_do_not_know_each_other(half: str, other: str) -> None:
+    """Reading and running meet only in the description."""
+    sources = (PAGE.parents[1] / "tfbus" / "launch" / half).glob("*.py")
+    assert not [path for path in sources if f"tfbus.launch.{other}" in path.read_text()]

@@ -43,7 +43,7 @@ STUBBORN = "trap '' INT TERM; echo ready $$; while :; do sleep 0.01; done"
 
 @pytest.fixture(autouse=True)
 def parent_of_orphans() -> Iterator[None]:
-    """The process of the tests stands for that of launch."""
+    """The test process plays launch."""
     with adopting_orphans():
         yield
 
@@ -76,7 +76,7 @@ class Output:
         return own
 
     def wait_for(self, text: str, times: int = 1) -> str:
-        """The line, of those with the text in it, that makes so many."""
+        """The `times`-th line that contains the text."""
         with self._came:
             came = self._came.wait_for(lambda: len(self._with(text)) >= times, DEADLINE_S)
             assert came, f"{text!r} did not come {times} times in:\n" + "\n".join(self.lines)
@@ -141,7 +141,7 @@ def said(lines: Sequence[str], name: str) -> list[str]:
 
 
 def lives(pid: int) -> bool:
-    """Whether the process runs; one that is dead and not buried does not."""
+    """Whether the process runs; a zombie does not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
         return stat.rpartition(")")[2].split()[0] != "Z"
@@ -178,7 +178,7 @@ def test_each_line_carries_the_name_of_its_process() -> None:
 
 
 def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
-    """Start and clean end of a process are told with its pid, the end after its last words."""
+    """Start and clean end of a process are logged with its pid, the end after its last output."""
     launch = Launch([shell("a", "echo $$ >&2")])
     assert launch.exit_code() == 0
     pid = said(launch.stderr, "a")[0]
@@ -191,7 +191,7 @@ def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
 
 @pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -9 $$", -9)])
 def test_a_death_is_told_with_exit_code_and_command(script: str, code: int) -> None:
-    """A process that dies is told with its exit code (-N: by signal N), and launch ends with 1."""
+    """A process that dies is logged with its exit code (-N: by signal N); launch exits with 1."""
     launch = Launch([shell("a", script), shell("b", "exit 0")])
     assert launch.exit_code() == 1
     line = launch.wait_for("[ERROR] [a]: process has died [pid ")
@@ -321,7 +321,7 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
 
 
 def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:
-    """Ctrl-C works while nobody reads what is written, as after Ctrl-S in a terminal."""
+    """Ctrl-C works while the reader is stopped, as after Ctrl-S in a terminal."""
     unread, out = os.pipe()
     collected = Output()
     read, err = os.pipe()
@@ -376,7 +376,7 @@ def test_a_process_is_started_again_up_to_its_limit() -> None:
 
 
 def test_a_process_that_ran_steadily_has_its_respawns_back() -> None:
-    """The limit counts respawns in a row: one that ran long enough begins anew."""
+    """The limit counts respawns in a row: a steady run resets it."""
     respawn = Respawn(delay_s=0.0, limit=1, steady_s=0.0)
     launch = Launch([shell("a", "echo run", respawn=respawn)])
     launch.wait_for("[a] run", times=5)
@@ -385,7 +385,7 @@ def test_a_process_that_ran_steadily_has_its_respawns_back() -> None:
 
 
 def test_a_killed_process_comes_back_with_a_new_pid() -> None:
-    """A process that somebody kills with SIGKILL is started again."""
+    """A process killed with SIGKILL is started again."""
     launch = Launch([shell("a", STUBBORN, respawn=Respawn(delay_s=0.0))])
     first = int(launch.wait_for("[a] ready").split()[-1])
     os.kill(first, signal.SIGKILL)
@@ -494,8 +494,8 @@ def test_a_stop_while_waiting_for_a_node_starts_nothing_more() -> None:
     assert said(launch.stdout, "a") == []
 
 
-def test_nobody_waits_for_a_process_that_has_ended() -> None:
-    """What waits for a node of the launch that ended without coming is told and not started."""
+def test_no_process_waits_for_one_that_has_ended() -> None:
+    """A process whose awaited node ended without appearing is not started, with an error."""
     launch = Launch(
         [
             shell("sim", "exit 1"),
@@ -510,7 +510,7 @@ def test_nobody_waits_for_a_process_that_has_ended() -> None:
 
 
 def test_trouble_with_the_bus_ends_a_launch_that_waits() -> None:
-    """If nobody can tell who is on the bus, launch says why and stops."""
+    """If the bus cannot be watched, launch logs why and stops."""
     launch = Launch([shell("a", "echo here", after=("/sim",))], presence=Bus("no way there"))
     launch.wait_for("[ERROR] [launch]: no way there")
     assert launch.exit_code() == 1
@@ -587,7 +587,7 @@ def test_a_signal_to_launch_ends_everything(tmp_path: Path, number: signal.Signa
 
 
 def test_a_second_ctrl_c_hurries_the_command(tmp_path: Path) -> None:
-    """A user who presses Ctrl-C again does not wait for the patience of launch."""
+    """A second Ctrl-C sends the next signal at once."""
     stubborn = f'- {{command: [sh, -c, "{STUBBORN}"], name: a}}'
     long = ("--sigterm-timeout", str(NEVER_S), "--sigkill-timeout", str(NEVER_S))
     with started(tmp_path, stubborn, *long) as launch:
@@ -640,7 +640,7 @@ def test_daemons_end_with_the_launch(tmp_path: Path) -> None:
         assert_gone(*pids)
 
 
-def test_launch_ends_when_nobody_reads_its_output(tmp_path: Path) -> None:
+def test_launch_ends_when_the_reader_of_its_output_is_gone(tmp_path: Path) -> None:
     """`tfbus launch FILE | head` ends like any program whose reader goes away."""
     with started(tmp_path, "- {command: [sh, -c, 'exec yes'], name: a}") as launch:
         # A reader of its own, which goes away after the first line.

@@ -1,4 +1,4 @@
-"""`tfbus clock`: what it tells, and how it is paused, set and given another rate."""
+"""`tfbus clock`: what it publishes; pausing, setting and changing its rate."""
 
 import pytest
 
@@ -8,8 +8,8 @@ from tfbus import ServiceError
 from tfbus.messages import Clock, SetClock
 
 
-def test_it_tells_its_rate_and_whether_it_stands(bus: Bus) -> None:
-    """A clock tells its time, its rate and whether it is paused; the rate is a parameter."""
+def test_it_publishes_its_rate_and_whether_it_is_paused(bus: Bus) -> None:
+    """A clock publishes its time, its rate and whether it is paused; the rate is a parameter."""
     start_clock(bus, "--paused", "--start", "7s", "--rate", "2")
     node = bus.node("here")
     told: list[Clock] = []
@@ -21,7 +21,7 @@ def test_it_tells_its_rate_and_whether_it_stands(bus: Bus) -> None:
 
 
 def test_time_goes_on_in_whole_steps(bus: Bus) -> None:
-    """All times told are whole steps from the start, in order."""
+    """All published times are whole steps from the start, in order."""
     start_clock(bus, "--start", "5s", "--step", "0.25", "--rate", "20")
     told: list[Clock] = []
     bus.node("here").create_subscription(Clock, "clock", told.append)
@@ -40,8 +40,8 @@ def test_a_clock_that_is_set_goes_on_from_there(bus: Bus) -> None:
     eventually(lambda: 5 * SECOND < node.now_ns() < 500 * SECOND)
 
 
-def test_a_time_that_cannot_be_is_refused(bus: Bus) -> None:
-    """A clock cannot be set before 1970, and says so."""
+def test_an_invalid_time_is_refused(bus: Bus) -> None:
+    """Setting a clock before 1970 is refused."""
     start_clock(bus, "--paused", "--start", "7s")
     call = bus.run("call", "clock/set", "{stamp_ns: -5}")
     assert call.returncode == 1
@@ -68,8 +68,8 @@ def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
         (["--start", "2200-01-01"], "--start must be between 1970 and 2116"),
     ],
 )
-def test_a_mistake_is_told(bus: Bus, options: list[str], said: str) -> None:
-    """A rate, step or start that cannot be is refused in one sentence, with exit code 2."""
+def test_a_mistake_is_an_error(bus: Bus, options: list[str], said: str) -> None:
+    """An invalid rate, step or start is one sentence, with exit code 2."""
     clock = bus.run("clock", *options)
     assert clock.returncode == 2
     assert said in clock.stderr

@@ -108,7 +108,7 @@ def test_it_gives_up_after_a_timeout_and_names_what_exists(bus: Bus, turtle: Nod
 
 
 def test_csv_has_one_header(bus: Bus, turtle: Node) -> None:
-    """CSV begins with the names of its columns, said once."""
+    """CSV starts with one line of column names."""
     done = bus.run("echo", "world", "turtle1", "--format", "csv", "--count", "2", "--rate", "20")
     header, *rows = done.stdout.splitlines()
     assert header.startswith("stamp_ns,frame_id,child_frame_id,x,y,z,qx")
@@ -164,8 +164,8 @@ def test_it_says_once_when_what_it_shows_is_not_sent_any_more(bus: Bus) -> None:
     assert echo.stop() == 0
 
 
-def test_data_that_stands_still_is_told_once(bus: Bus) -> None:
-    """Where a publisher lives but sends no more, one line says so, and the last pose goes on."""
+def test_a_transform_that_stalls_is_logged_once(bus: Bus) -> None:
+    """If a running publisher stops sending, one line says so, and the last pose is printed."""
     node = bus.node("sim")
     broadcaster = TransformBroadcaster(node)
     echo = bus.start("echo", "world", "rock", "--rate", "20")
@@ -218,7 +218,7 @@ def test_a_question_that_can_never_be_answered_fails_at_once(
 
 
 def test_a_fixed_frame_joins_two_times(bus: Bus, clockwork: Node) -> None:
-    """With `--fixed-frame` it tells where the target was then, seen from the source now."""
+    """With `--fixed-frame` it prints a frame at one time, seen from another now."""
     options = ("--at", "-1s", "--fixed-frame", "world", "--format", "json", "--once")
     done = bus.run("echo", "hand", "hand", *options)
     assert json.loads(done.stdout)["xyz"][0] == pytest.approx(-1.0, abs=0.5)
@@ -235,7 +235,7 @@ def test_signals_end_it_cleanly(bus: Bus, turtle: Node, number: int, frame: str)
 
 
 def test_a_closed_pipe_ends_it_quietly(bus: Bus, turtle: Node) -> None:
-    """`tfbus echo ... | head -3` prints three lines, and nothing is said about the pipe."""
+    """`tfbus echo ... | head -3` prints three lines and no error."""
     echo = f"{sys.executable} -m tfbus echo world turtle1 --rate 50"
     shell = bus.start_command(["bash", "-c", f"{echo} | head -3; exit ${{PIPESTATUS[0]}}"])
     assert shell.wait() == 0
@@ -274,8 +274,8 @@ def node_name(process: Process) -> str:
         (["world", "turtle1", "2.5"], "the rate is an option: --rate 2.5"),
     ],
 )
-def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:
-    """A mistake is told in a sentence, with exit code 2, before the bus is joined."""
+def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:
+    """A mistake is one sentence, with exit code 2, before it joins the bus."""
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert complaint in result.output

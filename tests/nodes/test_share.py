@@ -43,7 +43,7 @@ def eyes(bus: Bus) -> Iterator[Eyes]:
 
 
 def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
+    """The source's x in the target, to the nanometre; None without a transform."""
     if not buffer.can_transform(target, source):
         return None
     return round(buffer.lookup_transform(target, source).transform.x, 9)
@@ -98,7 +98,7 @@ def test_frames_of_a_robot_that_is_gone_are_taken_back(bus: Bus, eyes: Eyes) -> 
 
 
 def test_the_end_of_share_is_noticed(bus: Bus, eyes: Eyes) -> None:
-    """Who sees the frames learns that they are shown no more."""
+    """The frames are gone for the robots that saw them."""
     robot(bus, 7)
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
@@ -133,7 +133,7 @@ def test_what_is_shown_to_a_robot_is_not_the_robot(bus: Bus, eyes: Eyes) -> None
 def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where the bus cannot be joined for one robot it is told once, and tried again."""
+    """A robot whose bus cannot be joined is logged once, and retried."""
     node = bus.node("share_1")
     unreachable = {"robot2"}
     joined: list[str] = []
@@ -172,7 +172,7 @@ def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
 
 
 def test_what_is_not_there_is_told(bus: Bus) -> None:
-    """Where a frame cannot be seen, share says so after a while, and why, and goes on."""
+    """A frame without a transform is logged after 2 s, with the reason; share goes on."""
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     line = process.wait_for_line("is not visible")
     assert line.endswith(
@@ -195,7 +195,7 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
     ],
 )
 def test_mistakes_are_told_in_a_sentence(arguments: list[str], mistake: str) -> None:
-    """What cannot be is refused at once, with what is allowed, and exit code 2."""
+    """A mistake is an error at once, with what is allowed, and exit code 2."""
     refused = CliRunner().invoke(share.main, arguments)
     assert refused.exit_code == 2
     assert mistake in " ".join(refused.output.split())

@@ -20,7 +20,7 @@ def lookup(bus: Bus, target: str, source: str) -> Transform:
 
 
 def announced(process: Process) -> list[str]:
-    """What it said, without the times, once it is ready."""
+    """Its log, without times, once it is ready."""
     process.wait_for_line(": ready$")
     return [line.split("]: ")[-1] for line in process.err]
 
@@ -91,8 +91,8 @@ def test_a_mistake_in_a_file_is_one_sentence(tmp_path: Path) -> None:
         ("0 0 0 0 0 0 1 map base 100", "map base --qw 1"),
     ],
 )
-def test_the_form_of_ros_is_told_in_flags(old: str, new: str) -> None:
-    """The numbers that ROS takes in a row are a mistake, told with the same in flags."""
+def test_the_form_of_ros_is_answered_in_flags(old: str, new: str) -> None:
+    """The form of ROS without flags is an error that has the same in flags."""
     result = CliRunner().invoke(main, old.split())
     assert result.exit_code == 2
     assert result.output.endswith(f"give the numbers by flags, as in: tfbus static {new}\n")
@@ -119,8 +119,8 @@ def test_other_rows_are_not_the_form_of_ros(words: str) -> None:
         (["world", "camera", "--file", "edges.yaml"], "--file excludes other frames and numbers"),
     ],
 )
-def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:
-    """A mistake is told in a sentence that names the flag, with exit code 2."""
+def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:
+    """A mistake is a sentence that names the flag, with exit code 2."""
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert complaint in result.output

@@ -1,4 +1,4 @@
-"""Edges that never change: fields and files."""
+"""Static edges: fields and files."""
 
 import math
 from pathlib import Path
@@ -20,8 +20,8 @@ def edge(parent: str, child: str, transform: Transform) -> TransformStamped:
     return TransformStamped(0, parent, child, transform)
 
 
-def test_fields_that_are_not_given_are_the_identitys() -> None:
-    """An edge without numbers is the identity; a quaternion that is not given has qw 1."""
+def test_missing_fields_are_the_identitys() -> None:
+    """An edge without numbers is the identity; the default of qw is 1."""
     assert make_edge(FRAMES, {}) == edge("world", "camera", Transform.identity())
     assert make_edge(FRAMES, {"qx": 0.0, "y": 2.0}) == edge("world", "camera", Transform((0, 2, 0)))
 
@@ -55,10 +55,10 @@ def test_degrees_are_radians_of_another_size(roll: float, pitch: float, yaw: flo
         (FRAMES, {"qw": 0.0}, "qw", "norm 0"),
     ],
 )
-def test_an_edge_that_cannot_be_names_the_field(
+def test_an_invalid_edge_names_the_field(
     frames: dict[str, str], numbers: dict[str, float], field: str, reason: str
 ) -> None:
-    """A mistake in an edge names the field at fault and says what is wanted."""
+    """A mistake in an edge names the field and what is allowed."""
     with pytest.raises(EdgeMistake) as raised:
         make_edge(frames, numbers)
     assert raised.value.field == field
@@ -85,8 +85,8 @@ def test_a_file_holds_many_edges(tmp_path: Path) -> None:
     assert other == edge("world", "007", Transform(quat_xyzw=(0, 0, 1, 0)))
 
 
-def test_degrees_may_hold_for_a_whole_file(tmp_path: Path) -> None:
-    """`--deg` is what an edge of the file has that does not say `deg` itself."""
+def test_degrees_can_hold_for_a_whole_file(tmp_path: Path) -> None:
+    """`--deg` is the default of `deg` for each edge."""
     path = tmp_path / "edges.yaml"
     path.write_text(
         "- {frame_id: a, child_frame_id: b, yaw: 90}\n"
@@ -149,7 +149,7 @@ def test_degrees_may_hold_for_a_whole_file(tmp_path: Path) -> None:
 def test_a_mistake_in_a_file_gets_its_line_and_key(
     tmp_path: Path, text: str, complaint: str
 ) -> None:
-    """Whatever is wrong in a file is told with its line and key, and what is allowed."""
+    """The error for any mistake in a file has its line and key, and what is allowed."""
     path = tmp_path / "edges.yaml"
     path.write_text(text)
     with pytest.raises(YamlFileError, match=complaint):
@@ -157,7 +157,7 @@ def test_a_mistake_in_a_file_gets_its_line_and_key(
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """A file that is not there, or no text, is named in the error."""
+    """The error names a file that does not exist or is not text."""
     with pytest.raises(YamlFileError, match=r"none\.yaml cannot be read: No such file"):
         read_edges(tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")

@@ -32,8 +32,8 @@ def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_js
     """Print the full names of all nodes, one per line."""
     with open_bus(settings) as session:
         names = [name for name in list_nodes(session) if everyone or not _is_hidden(name)]
-        told = {(node.session, node.name) for node in describe_all(session, warn)}
-    for name, count in Counter(name for _, name in told).items():
+        described = {(node.session, node.name) for node in describe_all(session, warn)}
+    for name, count in Counter(name for _, name in described).items():
         if count > 1:
             warn(f"{count} nodes have the name {name}")
     if only_count:

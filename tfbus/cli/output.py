@@ -79,7 +79,7 @@ def in_place(lines: Iterable[str]) -> list[str]:
 
 
 def warn(what: object) -> None:
-    """Print to stderr what is wrong elsewhere and does not stop the tool."""
+    """Print to stderr a problem that does not stop the tool."""
     click.echo(f"{paint('Warning:', 'warning')} {what}", err=True)
 
 

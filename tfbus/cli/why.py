@@ -102,8 +102,8 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
-    told = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = _wrapped(told, "        ")
+    text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
+    lines = _wrapped(text, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
     return lines + (_wrapped(step.reason, "        ") if step.reason else [])
 
@@ -122,5 +122,5 @@ def _as_map(it: Explanation) -> dict[str, object]:
         "quat_xyzw": it.answer.transform.quat_xyzw.tolist(),
     }
     steps = [asdict(step) for step in it.steps]
-    told = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
-    return {**told, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}
+    lookup = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
+    return {**lookup, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}

@@ -212,7 +212,8 @@ class OutputFile(click.Path):
         """The path; a usage error for another ending or a folder that does not exist."""
         path = Path(value)
         if path.suffix not in self._endings:
-            self.fail(f"{path} must end with {' or '.join(self._endings)}", param, ctx)
+            one_of = "one of " if len(self._endings) > 1 else ""
+            self.fail(f"{path} must end with {one_of}{', '.join(self._endings)}", param, ctx)
         if not path.parent.is_dir():
             self.fail(f"there is no folder {path.parent} to write {path.name} into", param, ctx)
         return path

@@ -1,4 +1,4 @@
-"""YAML files whose values know where they stand, so that a mistake has its file, line and key."""
+"""Reads YAML files into values with places, so that a mistake has its file, line and key."""
 
 from collections.abc import Collection
 from dataclasses import dataclass

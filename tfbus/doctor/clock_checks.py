@@ -14,15 +14,15 @@ def check_clock(seen: Examination) -> Finding:
     clocks = [node.name for node in seen.nodes if _CLOCK in node.publishes.values()]
     if not clocks:
         return ok("no simulated time is published")
-    told = f"{' and '.join(clocks)} publishes a simulated time"
+    published = f"{' and '.join(clocks)} publish{'es' * (len(clocks) == 1)} a simulated time"
     publishers = [node for node in seen.nodes if node.streams]
     following = _followers(seen)
     follow = f"the stamps of {len(following)} of {counted(len(publishers), 'publisher')} follow it"
     if seen.settings.sim_time or not following:
-        return ok(told, follow)
+        return ok(published, follow)
     return Finding(
         "warn",
-        (f"{told}; {follow}, and this doctor does not",),
+        (f"{published}; {follow}, and this doctor does not",),
         "give --sim-time to this tool, and to all that look up these frames",
     )
 

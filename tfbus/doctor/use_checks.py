@@ -26,33 +26,33 @@ def check_unread(seen: Examination) -> Finding:
 
 def check_buffers(seen: Examination) -> Finding:
     """Buffers are long enough for their lookups."""
-    told = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
-    if not told:
+    buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not buffers:
         return skipped("no node has a buffer")
     short = [
         f"{node.name} keeps {duration(buffer.cache_time_s)}, but "
         f"{counted(buffer.too_old, 'lookup')} asked for times before that, by up to "
         f"{duration(buffer.missed_by_s)}"
-        for node, buffer in told
+        for node, buffer in buffers
         if buffer.too_old
     ]
     return found(
         "warn",
         short,
         "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
-        counted(len(told), "buffer"),
+        counted(len(buffers), "buffer"),
     )
 
 
 def check_dropped(seen: Examination) -> Finding:
     """Listeners drop no messages."""
-    told = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
-    if not told:
+    buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
+    if not buffers:
         return skipped("no node has a buffer")
     dropped = [
         f"{node.name} dropped {counted(buffer.dropped, 'message')}: transforms come on more keys "
         "than it takes"
-        for node, buffer in told
+        for node, buffer in buffers
         if buffer.dropped
     ]
     return found(

@@ -104,8 +104,8 @@ class Report:
 def make_report(heard: Listening, meter: TransformMeter, pair: PairWatch | None) -> Report:
     """What is measured now."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
-    told = pair.report(heard) if pair else None
-    return Report(heard.tree(), flows, meter, told, heard.listener.dropped)
+    watched = pair.report(heard) if pair else None
+    return Report(heard.tree(), flows, meter, watched, heard.listener.dropped)
 
 
 def as_map(report: Report) -> dict[str, Any]:

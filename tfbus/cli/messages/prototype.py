@@ -27,9 +27,9 @@ def complete_message(
 ) -> list[CompletionItem]:
     """The types, then a message of the given type; or a message of the topic's type."""
     typed = ctx.params.get("message") or ()
-    told = typed[0] if typed else names_at(ctx).topics.get(ctx.params.get("topic") or "", "")
+    type_name = typed[0] if typed else names_at(ctx).topics.get(ctx.params.get("topic") or "", "")
     types = [] if typed else matching(supplied_names(), incomplete)
-    return [*_items(supplied_type(told), incomplete), *types]
+    return [*_items(supplied_type(type_name), incomplete), *types]
 
 
 def complete_request(
@@ -38,8 +38,8 @@ def complete_request(
     """A request of the service's type, or a goal of the action's."""
     import tfbus.messages
 
-    told = names_at(ctx).services.get(ctx.params.get("service") or "", "")
-    service_type = getattr(tfbus.messages, told, None)
+    type_name = names_at(ctx).services.get(ctx.params.get("service") or "", "")
+    service_type = getattr(tfbus.messages, type_name, None)
     request = getattr(service_type, "Request", None) or getattr(service_type, "Goal", None)
     return _items(request, incomplete)
 

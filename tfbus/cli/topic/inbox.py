@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tfbus.cli.output import say, warn
-from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, why_silent
+from tfbus.cli.topic.source import SAY_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
 from tfbus.wording import counted
 
@@ -61,7 +61,7 @@ class Inbox:
     def _first(self) -> Arrival | None:
         timeout_s = self._timeout_s
         started_s = time.monotonic()
-        soon_s = TELL_AFTER_S if timeout_s is None else min(TELL_AFTER_S, timeout_s)
+        soon_s = SAY_AFTER_S if timeout_s is None else min(SAY_AFTER_S, timeout_s)
         first = self._next(started_s + soon_s)
         if first is None and self._node.ok:
             say(why_silent(self._node, self._topic))

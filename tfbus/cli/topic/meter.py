@@ -10,7 +10,7 @@ import click
 from tfbus.cli.bus import look
 from tfbus.cli.output import print_json, print_lines, say, table, warn
 from tfbus.cli.topic.reports import Report
-from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, type_of, why_silent
+from tfbus.cli.topic.source import SAY_AFTER_S, subscribe, type_of, why_silent
 from tfbus.errors import BusError, DecodeError
 from tfbus.monitor.window import Reading, Window
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -64,7 +64,7 @@ class MeteredTopic:
         if reading.total != self._read_total:
             self._read_total, self._silent_since_s = reading.total, now_s
             return reading
-        if now_s - self._silent_since_s >= TELL_AFTER_S:
+        if now_s - self._silent_since_s >= SAY_AFTER_S:
             self._silent_since_s = math.inf
             silent = f"No new messages on {self.topic!r}"
             say(silent if reading.total else why_silent(self._node, self.topic))
@@ -89,14 +89,14 @@ def measure(
     give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
     while node.wait(_period_s(give_up_s), clock=SYSTEM_CLOCK):
         now_s = time.monotonic()
-        told = {}
+        measured = {}
         for each in topics:
             reading = each.read_new(now_s)
             numbers = report.numbers(reading, now_s) if reading else None
             if numbers is not None:
-                told[each.topic] = numbers
-        _print(told, report, as_table=len(topics) > 1, as_json=as_json)
-        if told:
+                measured[each.topic] = numbers
+        _print(measured, report, as_table=len(topics) > 1, as_json=as_json)
+        if measured:
             give_up_s = None
             if once:
                 break
@@ -112,14 +112,14 @@ def _period_s(give_up_s: float | None) -> float:
 
 
 def _print(
-    told: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+    measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
 ) -> None:
     if as_json:
-        for topic, numbers in told.items():
+        for topic, numbers in measured.items():
             print_json({"topic": topic, **numbers})
-    elif as_table and told:
-        rows = [[topic, *report.row(numbers)] for topic, numbers in told.items()]
+    elif as_table and measured:
+        rows = [[topic, *report.row(numbers)] for topic, numbers in measured.items()]
         right = range(1, len(report.headings) + 1)
         print_lines([*table(("topic", *report.headings), rows, right=right), ""])
     else:
-        print_lines(line for numbers in told.values() for line in report.lines(numbers))
+        print_lines(line for numbers in measured.values() for line in report.lines(numbers))

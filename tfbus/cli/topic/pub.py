@@ -19,7 +19,7 @@ from tfbus.cli.messages.message import (
 )
 from tfbus.cli.messages.prototype import complete_message
 from tfbus.cli.output import as_json, say, warn
-from tfbus.cli.topic.source import TELL_AFTER_S, type_of, visiting
+from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
@@ -112,16 +112,16 @@ def pub_command(
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
     with visiting(settings, "pub") as node:
-        told = type_of(look(node.session), topic)
-        if told == TRANSFORMS_TYPE:
+        announced = type_of(look(node.session), topic)
+        if announced == TRANSFORMS_TYPE:
             raise click.UsageError(f"{topic!r} carries transforms: publish one with `tfbus static`")
-        message_type = given_type or supplied_type(told)
+        message_type = given_type or supplied_type(announced)
         if message_type:
             values = complete_values(values, message_type)
         payload = encode_values(values, "VALUES")
-        name = type_name(message_type) if message_type else told
-        if given_type and told and told != name:
-            warn(f"other nodes announce {topic!r} as {told}, not {name}")
+        name = type_name(message_type) if message_type else announced
+        if given_type and announced and announced != name:
+            warn(f"other nodes announce {topic!r} as {announced}, not {name}")
         publisher = node.create_raw_publisher(topic, type_name=name)
         _wait_for_subscribers(node, topic, subscribers, wait_s)
         shown = f"{name or 'message'} {as_json(values)}"
@@ -157,13 +157,13 @@ def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float |
         return
     watch = node.session.watch_heard(topic)
     started_s = time.monotonic()
-    told = False
+    has_said = False
     while node.ok and _heard(node, topic, wanted, watch) < wanted:
         waited_s = time.monotonic() - started_s
         if wait_s is not None and waited_s >= wait_s:
             raise BusError(f"{topic!r} has fewer than {wanted} subscribers after {wait_s:g} s")
-        if not told and waited_s >= TELL_AFTER_S:
-            told = True
+        if not has_said and waited_s >= SAY_AFTER_S:
+            has_said = True
             say(f"Waiting for {_subscribers(wanted)} of {topic!r}")
     watch.close()
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tfbus.node.node import Node
 
 # After this long without a message, the tools print what they wait for.
-TELL_AFTER_S = 2.0
+SAY_AFTER_S = 2.0
 
 
 @contextmanager

@@ -47,7 +47,7 @@ class Orphans:
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + grace_s
         asked: set[int] = set()
-        while pids := self._living():
+        while pids := self._remaining():
             for pid in pids:
                 if loop.time() >= deadline_s:
                     _send(pid, signal.SIGKILL)
@@ -56,7 +56,7 @@ class Orphans:
             asked |= pids
             await asyncio.sleep(_POLL_S)
 
-    def _living(self) -> set[int]:
+    def _remaining(self) -> set[int]:
         self.reap()
         return self._adopted()
 

@@ -57,7 +57,7 @@ class TestList:
         assert out.splitlines() == [
             "Type: TransformMessage",
             "Publisher count: 1",
-            "Subscription count: not known, listeners do not tell",
+            "Subscription count: unknown, listeners do not announce it",
         ]
 
     def test_nothing_is_an_empty_list(self, bus: Bus) -> None:
@@ -140,7 +140,7 @@ class TestEcho:
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pose", "--once", "-i", "--field", "x")
         assert (code, err) == (0, "")
-        assert re.fullmatch(r"# came at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
+        assert re.fullmatch(r"# arrived at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
 
     def test_messages_of_any_type_are_printed(self, bus: Bus) -> None:
         """Messages of unknown types are printed as they are; long values are cut by default."""
@@ -191,7 +191,7 @@ class TestEcho:
         assert err.splitlines() == [
             "Waiting for a message on 'turtle1/pse': it has no publisher; "
             "did you mean 'turtle1/pose'?",
-            "Error: no message came on 'turtle1/pse' in 0.5 s",
+            "Error: no message on 'turtle1/pse' after 0.5 s",
         ]
 
     def test_a_publisher_that_comes_later_is_heard(self, bus: Bus) -> None:
@@ -226,7 +226,7 @@ class TestEcho:
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
         """Options that exclude each other, and unknown fields, are usage errors."""
         for arguments, sentence in (
-            (("x", "--csv", "--json"), "--csv, --json and --raw are three forms: give one of them"),
+            (("x", "--csv", "--json"), "--csv, --json and --raw exclude each other: give one"),
             (
                 ("/x",),
                 "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "

@@ -65,7 +65,7 @@ class TestMeasure:
     def test_silence_is_reported(self, bus: Bus) -> None:
         """If no messages come, or they stop, it prints so instead of a rate."""
         hz = bus.start("topic", "hz", "turtle1/pose")
-        hz.wait_for_line(r"nobody publishes it")
+        hz.wait_for_line(r"it has no publisher")
         node = sim(bus)
         hz.wait_for_line("average rate")
         node.close()
@@ -160,8 +160,8 @@ class TestPub:
         ("message", "sentence"),
         [
             (("{linaer: {x: 2}}",), "Twist has no field 'linaer'; did you mean 'linear'?"),
-            (("Twist", "5"), "Invalid value for VALUES: a map of fields in YAML is wanted"),
-            (("Twist", "{linear:", "{x: 1}}"), "3 words are more than a type and a map of fields"),
+            (("Twist", "5"), "Invalid value for VALUES: expected a YAML map of fields"),
+            (("Twist", "{linear:", "{x: 1}}"), "expected a type and a map of fields, got 3 words"),
         ],
     )
     def test_a_mistake_is_one_sentence(

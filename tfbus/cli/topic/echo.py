@@ -56,7 +56,7 @@ def _info(arrival: Arrival) -> str:
     "timeout_s",
     type=POSITIVE,
     metavar="S",
-    help="Fail if no message comes for S seconds.",
+    help="Fail if no message comes within S seconds.",
 )
 @click.option("--field", metavar="PATH", help="Print only this field: linear.x, or transforms[0].")
 @click.option(

@@ -65,7 +65,7 @@ _ASK_AGAIN_S = 0.2
     "wait_s",
     type=POSITIVE,
     metavar="S",
-    help="Fail if they do not come in S seconds.",
+    help="Fail if they do not come within S seconds.",
 )
 @click.option(
     "--keep-alive",
@@ -86,7 +86,7 @@ _ASK_AGAIN_S = 0.2
     show_default=True,
     help="Print every Nth message.",
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print no messages.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not print messages.")
 @bus_options("topic")
 def pub_command(
     settings: NodeSettings,

@@ -24,7 +24,7 @@ def find_launch_file(name: str, beside: Path = Path()) -> Path:
     if name in installed:
         return installed[name]
     here = next((name + end for end in _SUFFIXES if (beside / (name + end)).is_file()), "")
-    hint = did_you_mean(f"./{here}", [f"./{here}"]) if here else did_you_mean(name, installed)
+    hint = f"; did you mean './{here}'?" if here else did_you_mean(name, installed)
     raise LaunchError(
         f"tfbus has no launch file {name!r} (give a file of your own by its path){hint}"
     )

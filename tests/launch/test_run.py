@@ -1,7 +1,7 @@
 """The supervisor of a launch, with real processes: start, output, respawn, and the end of all.
 
-Waiting is for what is seen in the output, never for a time. A supervisor's own patience is given
-as a value: so long that it never matters (`NEVER_S`), or so short that it is over at once.
+Tests wait for output, never for a time. A supervisor's timeouts never matter (`NEVER_S`), or are
+over at once.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
 from tfbus.launch.run.console import Console, Lines, Stream
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.orphans import adopting_orphans
 from tfbus.launch.run.program import Program
 from tfbus.launch.run.run import Debounce
@@ -34,7 +34,7 @@ from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
 NEVER_S = 1000.0
 DEADLINE_S = 20.0
-PATIENT = Patience(NEVER_S, NEVER_S, NEVER_S, NEVER_S)
+LONG = Timeouts(NEVER_S, NEVER_S, NEVER_S, NEVER_S)
 
 # Ends as a good node does: at once, with exit code 0, and a word about it.
 OBEDIENT = "trap 'echo bye; exit 0' INT TERM; echo ready; while :; do sleep 0.01; done"
@@ -92,7 +92,7 @@ class Launch(Output):
     def __init__(
         self,
         programs: Sequence[Program],
-        patience: Patience = PATIENT,
+        timeouts: Timeouts = LONG,
         presence: Presence | None = None,
         guard: Guard | None = None,
     ) -> None:
@@ -101,7 +101,7 @@ class Launch(Output):
         self.stdout, self.stderr = self.collect(out), self.collect(err)
         self._console = Console(Stream(self._out), Stream(self._err))
         self._supervisor = Supervisor(
-            programs, self._console, presence=presence, guard=guard, patience=patience
+            programs, self._console, presence=presence, guard=guard, timeouts=timeouts
         )
         self._loop = asyncio.new_event_loop()
         self._exit_code: int | BaseException = -1
@@ -238,7 +238,7 @@ def test_a_line_without_end_comes_in_parts() -> None:
     assert max(map(len, parts)) == 65536
 
 
-# -- the stop ladder
+# -- escalation
 
 
 def test_stopping_lets_processes_end_by_themselves() -> None:
@@ -254,8 +254,8 @@ def test_stopping_lets_processes_end_by_themselves() -> None:
 
 
 def test_who_does_not_obey_is_sent_sigterm_and_then_sigkill() -> None:
-    """SIGINT, SIGTERM, SIGKILL: each after the patience with the one before is at its end."""
-    launch = Launch([shell("a", STUBBORN)], Patience(0.05, 0.06, NEVER_S, NEVER_S))
+    """SIGINT, SIGTERM, SIGKILL: each after the timeout of the one before."""
+    launch = Launch([shell("a", STUBBORN)], Timeouts(0.05, 0.06, NEVER_S, NEVER_S))
     pid = int(launch.wait_for("ready").split()[-1])
     launch.stop()
     assert launch.exit_code() == 0
@@ -273,7 +273,7 @@ def test_who_does_not_obey_is_sent_sigterm_and_then_sigkill() -> None:
     assert_gone(pid)
 
 
-def test_a_second_wish_to_stop_hurries_and_a_third_kills() -> None:
+def test_a_second_request_to_stop_hurries_and_a_third_kills() -> None:
     """Each further Ctrl-C goes on to the next signal at once, however patient launch is."""
     launch = Launch([shell("a", STUBBORN)])
     launch.wait_for("ready")
@@ -284,8 +284,8 @@ def test_a_second_wish_to_stop_hurries_and_a_third_kills() -> None:
     assert not any("failed to terminate" in line for line in launch.stderr)
 
 
-def test_the_same_signal_twice_within_an_instant_is_one_wish() -> None:
-    """What `timeout` sends to a process and to its group is not taken for impatience."""
+def test_the_same_signal_twice_within_an_instant_counts_once() -> None:
+    """A signal that `timeout` sends to a process and to its group counts once."""
     debounce = Debounce()
     assert [debounce.is_new(now_s) for now_s in (5.0, 5.01, 5.5, 5.55)] == [
         True,
@@ -311,7 +311,7 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
     wait = "read ready < {0}; exit 0"
     launch = Launch(
         [shell("a", f"{stubborn} {wait.format('/dev/null')}")],
-        Patience(NEVER_S, 0.05, NEVER_S, NEVER_S),
+        Timeouts(NEVER_S, 0.05, NEVER_S, NEVER_S),
     )
     launch.wait_for("[WARNING] [a]: left processes behind: sending them 'SIGTERM'")
     # `read` from an empty file fails, and the shell ends with the 0 of `exit`.
@@ -329,7 +329,7 @@ def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:
 
     async def run() -> int:
         console = Console(Stream(out), Stream(err))
-        supervisor = Supervisor([shell("a", "exec yes")], console, patience=PATIENT)
+        supervisor = Supervisor([shell("a", "exec yes")], console, timeouts=LONG)
         stop = asyncio.get_running_loop().call_soon_threadsafe
         threading.Thread(
             target=lambda: (collected.wait_for("started"), stop(supervisor.stop, "enough"))
@@ -467,7 +467,7 @@ class Bus:
             return self._changed.wait_for(lambda: name in self._present, timeout_s)
 
 
-NOTICING = Patience(NEVER_S, NEVER_S, NEVER_S, notice_s=0.02)
+NOTICING = Timeouts(NEVER_S, NEVER_S, NEVER_S, notice_s=0.02)
 
 
 def test_a_process_is_started_when_those_it_waits_for_are_there() -> None:
@@ -596,7 +596,7 @@ def test_a_second_ctrl_c_hurries_the_command(tmp_path: Path) -> None:
         def press_until(text: str) -> None:
             def pressed() -> bool:
                 launch.process.send_signal(signal.SIGINT)
-                time.sleep(0.15)  # longer than what is taken for one wish
+                time.sleep(0.15)  # longer than the debounce
                 return any(text in line for line in launch.lines)
 
             wait_until(pressed, text)

@@ -18,7 +18,7 @@ from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file
 from tfbus.launch.read.reader import read_arguments, read_launch_file
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence
@@ -107,8 +107,8 @@ def command(
         if dry_run:
             click.echo("\n".join(map(dry_run_line, programs)))
             return
-        patience = Patience(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
-        raise SystemExit(_run(programs, settings, patience, longest_s))
+        timeouts = Timeouts(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+        raise SystemExit(_run(programs, settings, timeouts, longest_s))
 
 
 @contextmanager
@@ -147,10 +147,10 @@ def _node_names() -> set[str]:
 def _run(
     programs: Sequence[Program],
     settings: NodeSettings,
-    patience: Patience,
+    timeouts: Timeouts,
     longest_s: float | None,
 ) -> int:
-    run = partial(run_programs, programs, patience=patience, longest_s=longest_s)
+    run = partial(run_programs, programs, timeouts=timeouts, longest_s=longest_s)
     if not any(program.after for program in programs):
         return run(presence=None)
     with _presence(settings) as presence:

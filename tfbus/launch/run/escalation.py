@@ -12,7 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class Timeouts:
     """How long a supervisor waits, in seconds: after each signal, and between two notices."""
 
     after_sigint_s: float = 5.0
@@ -36,12 +36,12 @@ class Escalation:
         self,
         children: Sequence[Child],
         console: Console,
-        patience: Patience,
+        timeouts: Timeouts,
         give_up: Callable[[], None],
     ) -> None:
         self._children = children
         self._console = console
-        self._patience = patience
+        self._timeouts = timeouts
         self._give_up = give_up
         self._sent: signal.Signals | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -62,7 +62,7 @@ class Escalation:
             child.send(number)
         self.cancel()
         self._timer = asyncio.get_running_loop().call_later(
-            self._patience.after(number), self._time_out, number
+            self._timeouts.after(number), self._time_out, number
         )
 
     def cancel(self) -> None:
@@ -72,7 +72,7 @@ class Escalation:
 
     def _time_out(self, number: signal.Signals) -> None:
         """Send the signal after `number`, which some processes did not obey in time."""
-        text = f"'{self._patience.after(number):g}' seconds after receiving '{number.name}'"
+        text = f"'{self._timeouts.after(number):g}' seconds after receiving '{number.name}'"
         following = SIGNALS[SIGNALS.index(number) + 1 :]
         then = f"escalating to '{following[0].name}'" if following else "giving up"
         for child in self._children:

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Sequence
 
 from tfbus.launch.run.console import Console, Stream
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.guard import Guard
 from tfbus.launch.run.orphans import Orphans, adopting_orphans
 from tfbus.launch.run.program import Program
@@ -25,7 +25,7 @@ def run_programs(
     programs: Sequence[Program],
     *,
     presence: Presence | None,
-    patience: Patience,
+    timeouts: Timeouts,
     longest_s: float | None = None,
 ) -> int:
     """Run the programs until they or the user end them, or for `longest_s` seconds.
@@ -33,20 +33,20 @@ def run_programs(
     Returns the exit code. For the main thread of a process that does nothing else: it handles the
     signals, and leaves Ctrl-C and SIGTERM ignored, as nothing is left to stop.
     """
-    with adopting_orphans(), Guard(patience.after_sigterm_s) as guard:
-        return asyncio.run(_run(programs, presence, patience, guard, longest_s))
+    with adopting_orphans(), Guard(timeouts.after_sigterm_s) as guard:
+        return asyncio.run(_run(programs, presence, timeouts, guard, longest_s))
 
 
 async def _run(
     programs: Sequence[Program],
     presence: Presence | None,
-    patience: Patience,
+    timeouts: Timeouts,
     guard: Guard,
     longest_s: float | None,
 ) -> int:
     loop = asyncio.get_running_loop()
     console = Console(Stream(1), Stream(2))
-    supervisor = Supervisor(programs, console, presence=presence, guard=guard, patience=patience)
+    supervisor = Supervisor(programs, console, presence=presence, guard=guard, timeouts=timeouts)
     orphans = Orphans(lambda: supervisor.pids | {guard.pid})
 
     def stop_unread() -> None:
@@ -60,7 +60,7 @@ async def _run(
     try:
         return await supervisor.run()
     finally:
-        await orphans.end_all(patience.after_sigterm_s)
+        await orphans.end_all(timeouts.after_sigterm_s)
         console.close()
         for number in (signal.SIGCHLD, *_REASONS):
             loop.remove_signal_handler(number)

@@ -14,7 +14,7 @@ from typing import Protocol
 from tfbus.errors import TfbusError
 from tfbus.launch.run.child import Child
 from tfbus.launch.run.console import Console
-from tfbus.launch.run.escalation import SIGNALS, Escalation, Patience
+from tfbus.launch.run.escalation import SIGNALS, Escalation, Timeouts
 from tfbus.launch.run.program import Program
 
 # Exit codes of a process that obeys one of our signals: killed by it, or as a shell reports it.
@@ -53,17 +53,17 @@ class Supervisor:
         *,
         presence: Presence | None = None,
         guard: Guard | None = None,
-        patience: Patience | None = None,
+        timeouts: Timeouts | None = None,
     ) -> None:
         self._programs = programs
         self._console = console
         self._presence = presence
         self._guard = guard
-        self._patience = patience or Patience()
+        self._timeouts = timeouts or Timeouts()
         self._children: list[Child] = []  # in the order of their starts
         self._arrived: set[str] = set()  # full names of awaited nodes that came
         self._over: set[str] = set()  # full names of programs that do not run again
-        self._escalation = Escalation(self._children, console, self._patience, self._give_up)
+        self._escalation = Escalation(self._children, console, self._timeouts, self._give_up)
         self._was_asked_to_stop = self._has_failed = self._a_process_died = False
         self._changed = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -124,7 +124,7 @@ class Supervisor:
             def is_settled(name: str = name) -> bool:
                 return self._is_stopping or name in self._arrived or name in self._over
 
-            while not await self._until(is_settled, self._patience.notice_s):
+            while not await self._until(is_settled, self._timeouts.notice_s):
                 self._say("INFO", program.name, f"waiting for {name}")
             if not self._is_stopping and name not in self._arrived:
                 self._has_failed = True
@@ -192,7 +192,7 @@ class Supervisor:
             self._say("WARNING", child.program.name, text)
             child.send(signal.SIGTERM)
             killing = asyncio.get_running_loop().call_later(
-                self._patience.after_sigterm_s, child.send, signal.SIGKILL
+                self._timeouts.after_sigterm_s, child.send, signal.SIGKILL
             )
         while child.group_lives:
             await asyncio.sleep(_GROUP_POLL_S)

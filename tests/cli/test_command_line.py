@@ -156,7 +156,7 @@ class TestTools:
         assert run(bus, "call", "spawn", "{}", "--timeout", timeout)[0] == 2
 
     def test_a_router_routes_until_it_is_stopped(self, bus: Bus) -> None:
-        """The router says where it listens, and ends well."""
+        """The router logs where it listens, and exits with 0."""
         router = bus.start("router", "--listen", "tcp/127.0.0.1:0")
         router.wait_for_line(r"\[router\]: Routing on tcp/127.0.0.1:0")
         assert router.stop() == 0
@@ -188,8 +188,8 @@ class TestOthers:
             session.queryable(key, answer)
         return session.token("@tfbus/node/evil")
 
-    def test_a_node_that_cannot_be_read_is_told_and_passed_over(self, bus: Bus) -> None:
-        """Where a foreign node answers in a shape of its own, the others are listed."""
+    def test_an_unreadable_node_is_skipped_with_a_warning(self, bus: Bus) -> None:
+        """A node with an unreadable description does not hide the others."""
         serve(bus)
         token = self.serve_evil(bus)
         told = "what node '/evil' tells about itself cannot be read: field 'name' is an integer"
@@ -207,7 +207,7 @@ class TestOthers:
         assert err[1] == "Error: no service 'spwan'; did you mean 'spawn'?"
         token.close()
 
-    def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
+    def test_two_nodes_of_one_name_are_a_warning(self, bus: Bus) -> None:
         """A list shows a name once, with a warning if several nodes have it."""
         for _ in range(2):
             bus.node("twin")
@@ -243,7 +243,7 @@ class TestGoals:
         node.create_goal_server(RotateAbsolute, "rotate", execute)
         return ended
 
-    def test_ctrl_c_cancels_the_goal(self, bus: Bus) -> None:
+    def test_ctrl_c_cancels_the_action(self, bus: Bus) -> None:
         """A goal lives through any number of timeouts while feedback comes, and ends by Ctrl-C."""
         ended = self.serve_goal(bus, feedback=True)
         call = bus.start("call", "rotate", "{theta: 1.5}", "--timeout", "0.7")
@@ -253,7 +253,7 @@ class TestGoals:
         assert ended == ["cancel"]
         assert call.err == []
 
-    def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
+    def test_a_silent_action_is_cancelled(self, bus: Bus) -> None:
         """An action that is silent for the timeout is an error."""
         ended = self.serve_goal(bus, feedback=False)
         code, out, err = run(bus, "call", "rotate", "{theta: 1.5}", "--timeout", "0.5")
@@ -371,7 +371,7 @@ class TestEnding:
             (["--param", "speed"], 2, "is not of the form --param name=value"),
         ],
     )
-    def test_a_mistake_is_told_without_a_traceback(
+    def test_a_mistake_has_no_traceback(
         self, bus: Bus, arguments: list[str], code: int, sentence: str
     ) -> None:
         """A user's node prints mistakes on its command line as the supplied ones do."""
@@ -393,7 +393,7 @@ class TestEnding:
         "echo world robot --timeout 0.1",
     ],
 )
-def test_a_router_that_is_not_there_is_told_at_once(bus: Bus, line: str) -> None:
+def test_an_unreachable_router_is_an_error_at_once(bus: Bus, line: str) -> None:
     """A tool that answers once fails, with a reason, if its router cannot be reached."""
     nowhere = f"tcp/127.0.0.1:{free_port()}"
     done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})

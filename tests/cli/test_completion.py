@@ -123,11 +123,11 @@ class Terminal:
         self._tmux("send-keys", *keys)
 
     def screen(self) -> str:
-        """What is on the screen."""
+        """The text on the screen."""
         return self._tmux("capture-pane", "-p")
 
     def line(self) -> str:
-        """The last line with something on it that has `tfbus` in it; "" where there is none."""
+        """The last line that contains `tfbus`, from there on; "" if there is none."""
         lines = [line for line in self.screen().splitlines() if "tfbus" in line]
         return lines[-1][lines[-1].index("tfbus") :] if lines else ""
 
@@ -267,7 +267,7 @@ class TestCandidates:
 
     @pytest.mark.parametrize("name", supplied_names())
     def test_a_message_to_fill_in_is_one_of_its_type(self, name: str) -> None:
-        """What is offered can be published as it is."""
+        """The offered message can be published as it is."""
         message_type = supplied_type(name)
         assert message_type is not None
         assert complete_values(prototype(message_type), message_type)

@@ -98,7 +98,7 @@ def test_what_is_shared_is_a_frame_of_a_fleet(
         ("plot map base_link -o robot.png", "'map' is"),
     ],
 )
-def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, known: str) -> None:
+def test_an_unknown_frame_gets_a_hint_about_namespaces(robots: Bus, line: str, known: str) -> None:
     """A tool without a namespace says in which ones there is what it does not find."""
     done = robots.run(*line.split())
     assert done.returncode == 1
@@ -107,7 +107,7 @@ def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, kn
 
 
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
-    """`why` and `frames` name --shared where the trees of two robots have roots of one name."""
+    """`why` and `frames` suggest --shared if the trees of two robots have roots of one name."""
     why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
     assert json.loads(why.stdout)["remedies"][0] == (
         "if the robots share 'map', say so: --shared map"

@@ -66,7 +66,7 @@ def test_without_frames_it_fails(bus: Bus) -> None:
     )
 
 
-def test_problems_are_told_and_checked(robot: Bus) -> None:
+def test_problems_are_shown_and_checked(robot: Bus) -> None:
     """Two publishers of a frame and a tree apart are named; --check then exits with 1."""
     assert robot.run("frames", "--check").returncode == 0
     send_static(robot.node("other_mount"), "base", "camera")
@@ -109,7 +109,7 @@ def test_files_are_what_their_endings_say(robot: Bus, tmp_path: Path) -> None:
         (["--watch", "--json"], "--watch shows the tree in the terminal"),
     ],
 )
-def test_mistakes_are_told(bus: Bus, arguments: list[str], message: str) -> None:
+def test_mistakes_are_errors(bus: Bus, arguments: list[str], message: str) -> None:
     """A mistake in an option is one sentence, with exit code 2, before it listens."""
     done = bus.run("frames", *arguments)
     assert (done.returncode, done.stdout) == (2, "")

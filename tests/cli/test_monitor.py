@@ -72,8 +72,8 @@ def test_it_prints_tables(robot: Bus) -> None:
     assert max(map(len, lines)) <= 80
 
 
-def test_what_is_wrong_with_an_edge_is_said_in_words(robot: Bus) -> None:
-    """A frame that two publish is marked behind its publisher, also where there is no colour."""
+def test_a_problem_of_an_edge_is_written_out(robot: Bus) -> None:
+    """A frame with two publishers is marked behind the publisher, also without colour."""
     keep_sending(robot.node("rival"), "world", "base")
     lines = robot.run("monitor", "--once").stdout.splitlines()
     (base,) = [line for line in lines if line.startswith("base ")]
@@ -81,7 +81,7 @@ def test_what_is_wrong_with_an_edge_is_said_in_words(robot: Bus) -> None:
     assert base.split()[2] == "CONFLICT"
 
 
-def test_a_pair_has_its_chain_and_who_holds_it_back(robot: Bus) -> None:
+def test_a_pair_has_its_chain_and_latest_edge(robot: Bus) -> None:
     """For two frames it has the chain between them, the net delay and the latest edge."""
     pair = json.loads(robot.run("monitor", "world", "camera", "--once", "--json").stdout)["pair"]
     assert pair["chain"] == ["world", "base", "arm", "camera"]

@@ -91,7 +91,7 @@ class TestParameters:
         done = run(bus, "param", "load", "sim", "-", stdin=text)
         assert done == (0, "Set parameter red successful\n", "")
 
-    def test_what_the_node_refuses_is_told_and_the_rest_is_set(self, bus: Bus, sim: Node) -> None:
+    def test_refused_parameters_are_printed_and_the_rest_set(self, bus: Bus, sim: Node) -> None:
         """An invalid value does not keep the others from being set; the exit code is 1."""
         done = run(bus, "param", "load", "sim", "-", stdin="{red: 300, title: hello}")
         assert done == (

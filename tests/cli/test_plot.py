@@ -14,7 +14,7 @@ from tfbus.frames.track import Track
 
 
 @pytest.fixture
-def moving(bus: Bus) -> Bus:
+def robot(bus: Bus) -> Bus:
     """A bus on which world -> turtle1 moves, 50 times a second."""
     move(bus)
     return bus
@@ -42,10 +42,10 @@ def texts(svg: Path) -> set[str]:
     return {element.text for element in ElementTree.parse(svg).iter() if element.text}
 
 
-def test_it_plots_what_it_listens_to(moving: Bus, tmp_path: Path) -> None:
+def test_it_plots_what_it_listens_to(robot: Bus, tmp_path: Path) -> None:
     """After the time asked for it writes position, orientation, speed and path."""
     file = tmp_path / "turtle1.svg"
-    done = moving.run("plot", "world", "turtle1", "--for", "1", "-o", str(file))
+    done = robot.run("plot", "world", "turtle1", "--for", "1", "-o", str(file))
     assert done.returncode == 0
     assert done.stdout.startswith(f"Wrote {file}: ")
     labels = {"position (m)", "orientation (degrees)", "linear speed (m/s)", "path from above"}
@@ -53,10 +53,10 @@ def test_it_plots_what_it_listens_to(moving: Bus, tmp_path: Path) -> None:
     assert any(text.startswith("turtle1 seen from world") for text in texts(file))
 
 
-def test_it_plots_the_history_of_publishers(moving: Bus, tmp_path: Path) -> None:
+def test_it_plots_the_history_of_publishers(robot: Bus, tmp_path: Path) -> None:
     """Without waiting it shows the last ten seconds, also those before it was started."""
     file = tmp_path / "turtle1.png"
-    done = moving.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
+    done = robot.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
     assert (done.returncode, done.stderr) == (0, "")
     assert pytest.importorskip("matplotlib.image").imread(file).std() > 0.0
 
@@ -114,9 +114,9 @@ def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) ->
         (["world", "turtel1", "-o", "x.svg"], 1, "did you mean 'turtle1'?"),
     ],
 )
-def test_mistakes_are_errors(moving: Bus, arguments: list[str], code: int, message: str) -> None:
+def test_mistakes_are_errors(robot: Bus, arguments: list[str], code: int, message: str) -> None:
     """A mistake is one sentence."""
-    done = moving.run("plot", *arguments, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
+    done = robot.run("plot", *arguments, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
     assert done.returncode == code
     assert message in done.stderr
     assert "Traceback" not in done.stderr

@@ -61,7 +61,7 @@ class TestList:
         ]
 
     def test_nothing_is_an_empty_list(self, bus: Bus) -> None:
-        """Where there is no topic, nothing is printed, and that is no failure."""
+        """Without topics nothing is printed, with exit code 0."""
         assert run(bus, "list") == (0, "", "")
 
     def test_names_are_relative_to_the_namespace(self, bus: Bus) -> None:
@@ -131,7 +131,7 @@ class TestEcho:
     def test_a_message_in_another_form(
         self, bus: Bus, options: tuple[str, ...], printed: str
     ) -> None:
-        """As CSV, one field as JSON where a filter takes it, or the bytes as they came."""
+        """As CSV, one field as JSON behind a filter, or the bytes."""
         sim(bus)
         assert run(bus, "echo", "turtle1/pose", "--once", *options) == (0, printed, "")
 
@@ -205,7 +205,7 @@ class TestEcho:
         assert echo.stop() == 0
         assert len(echo.err) == 1
 
-    def test_a_bad_message_is_told_once_and_left_out(self, bus: Bus) -> None:
+    def test_a_bad_message_is_skipped_with_one_warning(self, bus: Bus) -> None:
         """Messages of another type are skipped with one warning; the others are printed."""
         node = bus.node("painter")
         colors = node.create_publisher(Color, "color")

@@ -87,7 +87,7 @@ class TestMeasure:
 class TestPub:
     @pytest.fixture
     def heard(self, bus: Bus) -> Iterator[list[Twist]]:
-        """What a node hears on cmd_vel."""
+        """The messages that a node receives on cmd_vel."""
         heard: list[Twist] = []
         bus.node("sim").create_subscription(Twist, "cmd_vel", heard.append)
         yield heard

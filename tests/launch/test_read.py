@@ -171,7 +171,7 @@ def test_conditions(tmp_path: Path, condition: str, holds: bool) -> None:
 
 
 def test_two_ways_of_one_node_may_exclude_each_other(tmp_path: Path) -> None:
-    """A name may be written twice where conditions leave one of the two."""
+    """A name can be written twice if conditions leave one of the two."""
     text = """
         arguments: {headless: {default: false}}
         nodes:
@@ -228,7 +228,7 @@ def test_an_include_comes_with_arguments_and_a_namespace(tmp_path: Path) -> None
 
 
 def test_after_looks_in_the_namespace_of_the_node_first(tmp_path: Path) -> None:
-    """A name in `after:` is of the node's own namespace, or else of its file's."""
+    """A name in `after:` is looked up in the node's namespace, then in its file's."""
     text = """
         nodes:
           - {node: simulator, name: sim}
@@ -579,7 +579,7 @@ def test_a_command_learns_about_the_bus_from_its_environment(
 
 
 def test_a_file_may_say_that_time_is_simulated(tmp_path: Path) -> None:
-    """What a file says of simulated time holds for all its nodes and those of its includes."""
+    """`sim_time` of a file holds for all its nodes and those of its includes."""
     (tmp_path / "inner.yaml").write_text("nodes:\n  - {node: simulator, name: sim}\n")
     inner, outer, command = read(
         tmp_path,

@@ -54,7 +54,7 @@ def shell(name: str, script: str, **more: object) -> Program:
 
 
 class Output:
-    """What comes out of pipes, line by line, to be waited for."""
+    """The lines that come out of pipes, to wait for."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -115,7 +115,7 @@ class Launch(Output):
         self._loop.call_soon_threadsafe(self._supervisor.hurry, "quick")
 
     def exit_code(self) -> int:
-        """What it ends with, after it has ended and all output has come."""
+        """Its exit code, once it has ended and all output has come."""
         self._thread.join(DEADLINE_S)
         assert not self._thread.is_alive(), "still running:\n" + "\n".join(self.lines)
         if isinstance(self._exit_code, BaseException):
@@ -136,7 +136,7 @@ class Launch(Output):
 
 
 def said(lines: Sequence[str], name: str) -> list[str]:
-    """What one process wrote, of these lines."""
+    """Those of the lines that one process wrote."""
     return [line.removeprefix(f"[{name}] ") for line in lines if line.startswith(f"[{name}] ")]
 
 
@@ -170,14 +170,14 @@ def assert_gone(*pids: int) -> None:
 
 
 def test_each_line_carries_the_name_of_its_process() -> None:
-    """What a process writes to stdout and stderr comes out there, with its name before it."""
+    """Output of a process to stdout and stderr comes out there, prefixed with its name."""
     launch = Launch([shell("a", "echo one; echo two >&2"), shell("b", "echo three")])
     assert launch.exit_code() == 0
     assert sorted(launch.stdout) == ["<end of output>", "[a] one", "[b] three"]
     assert said(launch.stderr, "a") == ["two"]
 
 
-def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
+def test_events_are_logged_in_the_words_of_ros2_launch() -> None:
     """Start and clean end of a process are logged with its pid, the end after its last output."""
     launch = Launch([shell("a", "echo $$ >&2")])
     assert launch.exit_code() == 0
@@ -190,7 +190,7 @@ def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
 
 
 @pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -9 $$", -9)])
-def test_a_death_is_told_with_exit_code_and_command(script: str, code: int) -> None:
+def test_a_death_is_logged_with_exit_code_and_command(script: str, code: int) -> None:
     """A process that dies is logged with its exit code (-N: by signal N); launch exits with 1."""
     launch = Launch([shell("a", script), shell("b", "exit 0")])
     assert launch.exit_code() == 1
@@ -209,7 +209,7 @@ def test_lines_stay_whole_when_written_in_pieces() -> None:
 
 
 def test_a_last_line_without_an_end_is_not_lost() -> None:
-    """What a process wrote before it ended comes out, with or without a line's end."""
+    """All output before the end of a process comes out, with or without a newline."""
     launch = Launch([shell("a", "printf 'no end'")])
     assert launch.exit_code() == 0
     assert said(launch.stdout, "a") == ["no end"]
@@ -253,7 +253,7 @@ def test_stopping_lets_processes_end_by_themselves() -> None:
         launch.wait_for(f"[INFO] [{name}]: process has finished cleanly")
 
 
-def test_who_does_not_obey_is_sent_sigterm_and_then_sigkill() -> None:
+def test_a_process_that_does_not_obey_gets_sigterm_then_sigkill() -> None:
     """SIGINT, SIGTERM, SIGKILL: each after the timeout of the one before."""
     launch = Launch([shell("a", STUBBORN)], Timeouts(0.05, 0.06, NEVER_S, NEVER_S))
     pid = int(launch.wait_for("ready").split()[-1])
@@ -714,7 +714,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
 def test_the_command_line_of_launch(
     tmp_path: Path, options: list[str], code: int, stdout: str, stderr: str
 ) -> None:
-    """What can be asked of `tfbus launch`, and how wrong questions are refused: code 2."""
+    """The options of `tfbus launch`; wrong ones exit with 2."""
     with started(tmp_path, "- {command: ['true'], name: a}", *options) as launch:
         assert launch.exit_code() == code
         wait_until(lambda: stdout in "\n".join(launch.stdout), stdout)
@@ -722,7 +722,7 @@ def test_the_command_line_of_launch(
         assert not any("Traceback" in line for line in launch.lines)
 
 
-def test_a_mistake_in_a_file_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_mistake_in_a_file_is_one_line(tmp_path: Path) -> None:
     """A wrong launch file gives its line and key, exit code 1, and no traceback."""
     with started(tmp_path, "- {nod: a}") as launch:
         assert launch.exit_code() == 1

@@ -51,7 +51,7 @@ def test_an_invalid_time_is_refused(bus: Bus) -> None:
 
 
 def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
-    """In an environment where all time is simulated the clock goes by the system's."""
+    """The clock uses the system's time even if the environment sets simulated time."""
     clock = bus.start("clock", "--start", "7s", "--sim-time", env={"TFBUS_SIM_TIME": "1"})
     node = follower(bus)
     eventually(lambda: node.now_ns() > 7 * SECOND)

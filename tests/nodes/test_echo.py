@@ -85,7 +85,7 @@ def test_styles_and_precision_change_the_text(bus: Bus, turtle: Node) -> None:
     )
 
 
-def test_it_waits_for_what_is_not_there_yet(bus: Bus) -> None:
+def test_it_waits_for_missing_frames(bus: Bus) -> None:
     """It may start first; what is missing goes to stderr, and stdout holds JSON only."""
     echo = bus.start("echo", "world", "turtle1", "--format", "json", "--rate", "50")
     echo.wait_for_line("Waiting for transform world -> turtle1: .*is a broadcaster running")
@@ -204,7 +204,7 @@ def test_only_changes_are_printed(bus: Bus) -> None:
 def test_a_question_that_can_never_be_answered_fails_at_once(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What no waiting makes right ends it at once, however patient it is."""
+    """An error that waiting cannot fix ends it at once, whatever the timeout."""
 
     def refuse(*_: object) -> TransformStamped:
         raise InvalidArgumentException("no such thing")

@@ -118,7 +118,7 @@ def test_frames_may_be_shown_to_all(bus: Bus, eyes: Eyes) -> None:
 
 
 def test_what_is_shown_to_a_robot_is_not_the_robot(bus: Bus, eyes: Eyes) -> None:
-    """Where several share with all, a robot that is gone is shown nothing more by any of them."""
+    """If several share with all, none of them keeps showing frames to a robot that is gone."""
     robots = {number: robot(bus, number) for number in (1, 7, 8)}
     for number in (7, 8):
         bus.start("share", f"robot{number}", "base_link", "--to", "all", "--rate", "50")
@@ -171,7 +171,7 @@ def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
         eventually(lambda: x_of(buffer, "map", "robot7/dock") == 5)
 
 
-def test_what_is_not_there_is_told(bus: Bus) -> None:
+def test_a_missing_frame_is_logged(bus: Bus) -> None:
     """A frame without a transform is logged after 2 s, with the reason; share goes on."""
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     line = process.wait_for_line("is not visible")
@@ -194,7 +194,7 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
         (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, got 0"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(arguments: list[str], mistake: str) -> None:
+def test_mistakes_are_one_sentence(arguments: list[str], mistake: str) -> None:
     """A mistake is an error at once, with what is allowed, and exit code 2."""
     refused = CliRunner().invoke(share.main, arguments)
     assert refused.exit_code == 2

@@ -25,7 +25,7 @@ def announced(process: Process) -> list[str]:
     return [line.split("]: ")[-1] for line in process.err]
 
 
-def test_it_is_seen_by_those_who_start_later(bus: Bus) -> None:
+def test_later_listeners_see_it(bus: Bus) -> None:
     """A static transform reaches processes that start after it, as long as it runs."""
     static = bus.start("static", "world", "camera", "--x", "1", "--yaw", "0.5")
     assert announced(static) == [

@@ -66,7 +66,7 @@ def test_an_invalid_edge_names_the_field(
 
 
 def test_a_file_holds_many_edges(tmp_path: Path) -> None:
-    """A file is a list of edges in the keys of the flags, angles in degrees where it says so."""
+    """A file is a list of edges whose keys are the flags, with angles in degrees on request."""
     path = tmp_path / "edges.yaml"
     path.write_text(
         """\

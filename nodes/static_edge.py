@@ -35,7 +35,7 @@ def make_edge(
     _check_frames(frames)
     for field, value in numbers.items():
         if not math.isfinite(value):
-            raise EdgeMistake(field, f"must be finite, got {value}")
+            raise EdgeMistake(field, f"must be finite, not {value}")
     return TransformStamped(
         0, frames["frame_id"], frames["child_frame_id"], _transform(numbers, degrees)
     )

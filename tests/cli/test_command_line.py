@@ -199,7 +199,7 @@ class TestOthers:
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
-        assert err[0].startswith("Warning: the parameters of node '/evil' cannot be read")
+        assert err[0].startswith("Warning: the parameters of node '/evil' are unreadable")
         assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, a text is wanted"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")

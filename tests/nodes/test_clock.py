@@ -61,8 +61,8 @@ def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--rate", "0"], "must be at least 0.001, got 0"),
-        (["--step", "0"], "must be at least 1e-09, got 0"),
+        (["--rate", "0"], "must be at least 0.001, not 0"),
+        (["--step", "0"], "must be at least 1e-09, not 0"),
         (["--start", "soon"], "'soon' is not a time"),
         (["--start=-30000000min"], "--start must be between 1970 and 2116"),
         (["--start", "2200-01-01"], "--start must be between 1970 and 2116"),

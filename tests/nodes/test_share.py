@@ -191,7 +191,7 @@ def test_a_missing_frame_is_logged(bus: Bus) -> None:
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),
         (["robot7", "base", "--to", "a*"], "--to: 'a*' cannot be the name of a namespace"),
         (["/", "base", "--to", "a"], "ROBOT: the name of a robot must not be empty"),
-        (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, got 0"),
+        (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, not 0"),
     ],
 )
 def test_mistakes_are_one_sentence(arguments: list[str], mistake: str) -> None:

@@ -48,8 +48,8 @@ def test_degrees_are_radians_of_another_size(roll: float, pitch: float, yaw: flo
             "is the parent's name too",
         ),
         ({"frame_id": "a", "child_frame_id": "/b"}, {}, "child_frame_id", "write 'b'"),
-        (FRAMES, {"x": math.nan}, "x", "must be finite, got nan"),
-        (FRAMES, {"qw": math.inf}, "qw", "must be finite, got inf"),
+        (FRAMES, {"x": math.nan}, "x", "must be finite, not nan"),
+        (FRAMES, {"qw": math.inf}, "qw", "must be finite, not inf"),
         (FRAMES, {"yaw": 1.0, "qz": 1.0}, "qz", "excludes yaw"),
         (FRAMES, {"qx": 1.0, "qw": 1.0}, "qx", "divided by its norm it is qx 0.707106781 "),
         (FRAMES, {"qw": 0.0}, "qw", "norm 0"),
@@ -125,7 +125,7 @@ def test_degrees_can_hold_for_a_whole_file(tmp_path: Path) -> None:
         ("- frame_id: a\n  child_frame_id: b\n  x:", r"edges.yaml:3: \[\d\].x: has no value"),
         (
             "- frame_id: a\n  child_frame_id: b\n  x: inf",
-            r"edges.yaml:3: \[\d\].x: must be finite, got inf",
+            r"edges.yaml:3: \[\d\].x: must be finite, not inf",
         ),
         (
             "- frame_id: a\n  child_frame_id: b\n  deg: 1",

@@ -167,12 +167,12 @@ class Number(click.ParamType[float]):
         except ValueError:
             self.fail(f"{value!r} is not a number", param, ctx)
         if not math.isfinite(number):
-            self.fail(f"must be finite, got {value}", param, ctx)
+            self.fail(f"must be finite, not {value}", param, ctx)
         if number > self._most:
-            self.fail(f"must be at most {self._most:g}, got {number:g}", param, ctx)
+            self.fail(f"must be at most {self._most:g}, not {number:g}", param, ctx)
         if number < self._least or (self._more and number == self._least):
             relation = "more than" if self._more else "at least"
-            self.fail(f"must be {relation} {self._least:g}, got {number:g}", param, ctx)
+            self.fail(f"must be {relation} {self._least:g}, not {number:g}", param, ctx)
         return number
 
 

@@ -66,4 +66,4 @@ def _read(node: str, answer: Answer) -> ParameterDescription:
     try:
         return decode_message(ParameterDescription, answer.payload)
     except DecodeError as error:
-        raise DecodeError(f"the parameters of node {node!r} cannot be read: {error}") from error
+        raise DecodeError(f"the parameters of node {node!r} are unreadable: {error}") from error

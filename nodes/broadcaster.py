@@ -1,4 +1,4 @@
-"""The frames of a turtle and of the drone behind and above it, made from the turtle's pose.
+"""Broadcasts the frames of a turtle, and of a drone behind and above it, from the turtle's pose.
 
 tfbus broadcaster --param turtlename=turtle1
 """
@@ -22,7 +22,7 @@ TURTLE_TO_DRONE = Transform([-0.5, 0.0, 1.0])
 @click.command(epilog="Example: tfbus broadcaster --param turtlename=turtle2 --param drone=drone2")
 @node_options("broadcaster1")
 def main(settings: NodeSettings) -> None:
-    """Broadcast a turtle's frame and its drone's."""
+    """Broadcast the frames of a turtle and its drone."""
     with Node.from_settings(settings) as node:
         turtle = node.declare_parameter("turtlename", "turtle1").value
         drone = node.declare_parameter("drone", "drone").value

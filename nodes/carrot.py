@@ -1,10 +1,10 @@
-"""A carrot before a turtle's nose: a frame that stands fixed beside another, or goes around it.
+"""A carrot for a turtle: a frame fixed to another, or circling it.
 
     tfbus carrot
     tfbus carrot --param dynamic=true --param period=8.0
 
-From tf2's tutorial on adding a frame: turtle1 -> carrot1 is 2 m to the turtle's left; dynamic,
-it goes clockwise around the turtle in a smooth circle.
+From tf2's tutorial on adding a frame: turtle1 -> carrot1 is 2 m to the turtle's left; with
+`dynamic` it circles the turtle clockwise.
 """
 
 from math import cos, pi, sin
@@ -35,13 +35,13 @@ def main(settings: NodeSettings) -> None:
             "frame", "carrot1", description="The frame of the carrot."
         ).value
         dynamic = node.declare_parameter(
-            "dynamic", False, description="Whether the carrot goes around its parent."
+            "dynamic", False, description="Whether the carrot circles its parent."
         )
         radius_m = node.declare_parameter(
-            "radius", 2.0, description="How far it is from its parent, in m.", minimum=0.0
+            "radius", 2.0, description="The distance to its parent, in m.", minimum=0.0
         )
         period_s = node.declare_parameter(
-            "period", 10.0, description="Seconds for one way around.", minimum=0.1
+            "period", 10.0, description="Seconds for one circle.", minimum=0.1
         )
         broadcaster = TransformBroadcaster(node)
 
@@ -56,7 +56,7 @@ def main(settings: NodeSettings) -> None:
 
 
 def carrot_at(turns: float, radius_m: float) -> tuple[float, float, float]:
-    """Where the carrot is after so many turns, in m: at first to the left, then clockwise."""
+    """The carrot's position after `turns` circles, in m: starts on the left, goes clockwise."""
     angle = 2.0 * pi * (turns % 1.0)
     return radius_m * sin(angle), radius_m * cos(angle), 0.0
 

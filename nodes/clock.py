@@ -1,10 +1,10 @@
-"""The simulated time, at any rate, paused, set forward or back.
+"""Publishes a simulated time, at any rate, which can be paused and set.
 
     tfbus clock --rate 10
     tfbus call clock/set '{stamp_ns: 0}'
 
-All nodes that were started with `--sim-time` in its namespace, or in one within it, follow.
-Services: clock/pause, clock/resume, clock/set. Parameter, at any time: rate.
+All nodes with `--sim-time` in its namespace, or below, follow it. Services: clock/pause,
+clock/resume, clock/set. Parameter: rate.
 """
 
 import time
@@ -13,22 +13,22 @@ from dataclasses import replace
 import click
 
 from tfbus import Node, NodeSettings, Number, node_options
-from tfbus.command.moment import Moment, parse_moment
+from tfbus.command import Moment, MomentType
 from tfbus.messages import Clock, Empty, SetClock
 
-# The time is told no more often than this; where steps come sooner, several are told as one.
+# The time is published at most this often; shorter steps are joined.
 SHORTEST_TICK_S = 0.001
 
-# Stamps have 64 bits; this leaves 146 years to go on.
+# Stamps have 64 bits; this leaves 146 years.
 LATEST_NS = 2**62
 
 SLOWEST, FASTEST = 1e-3, 1e4
 
 
 class SimulatedTime:
-    """A time that goes on in whole steps, on a node's thread, and is told at each; paused at first.
+    """A time that advances in whole steps, on a node's thread, and is published at each.
 
-    What the machine is too slow for is made up for by longer steps, so that the rate holds.
+    Paused at first. On a slow machine the steps get longer, so that the rate holds.
     """
 
     def __init__(self, node: Node, *, start_ns: int, step_ns: int, rate: float):
@@ -40,12 +40,12 @@ class SimulatedTime:
         self.rate = node.declare_parameter(
             "rate",
             rate,
-            description="Simulated seconds in a real one.",
+            description="Simulated seconds per real second.",
             minimum=SLOWEST,
             maximum=FASTEST,
             on_change=self._change_rate,
         ).value
-        self._tell()
+        self._publish()
         node.create_service(Empty, "clock/pause", self._pause)
         node.create_service(Empty, "clock/resume", self._resume)
         node.create_service(SetClock, "clock/set", self._set)
@@ -54,7 +54,7 @@ class SimulatedTime:
         """Go on, if it is paused."""
         if self.paused:
             self.paused = False
-            self._tell()
+            self._publish()
             self._go()
 
     def _go(self) -> None:
@@ -71,14 +71,14 @@ class SimulatedTime:
         if steps:
             self._owed_ns -= steps * self._step_ns
             self._now_ns += steps * self._step_ns
-            self._tell()
+            self._publish()
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         self._publisher.publish(Clock(self._now_ns, self.rate, self.paused))
 
     def _change_rate(self, rate: float) -> None:
         self.rate = rate
-        self._tell()
+        self._publish()
         if not self.paused:
             self._timer.cancel()
             self._go()
@@ -87,7 +87,7 @@ class SimulatedTime:
         if not self.paused:
             self.paused = True
             self._timer.cancel()
-            self._tell()
+            self._publish()
         return Empty.Response()
 
     def _resume(self, request: Empty.Request) -> Empty.Response:
@@ -96,15 +96,8 @@ class SimulatedTime:
 
     def _set(self, request: SetClock.Request) -> SetClock.Response:
         self._now_ns = request.stamp_ns
-        self._tell()
+        self._publish()
         return SetClock.Response()
-
-
-def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
-    try:
-        return Moment(0, is_relative=True) if text == "now" else parse_moment(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
 
 
 @click.command(epilog="Example: tfbus clock --rate 10 --start 0")
@@ -112,14 +105,16 @@ def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
     "--rate",
     type=Number(least=SLOWEST, most=FASTEST),
     default=1.0,
-    help="Simulated seconds in a real one; 1.",
+    show_default=True,
+    help="Simulated seconds per real second.",
 )
 @click.option(
     "--start",
     metavar="TIME",
     default="now",
-    callback=_start,
-    help="Seconds or ns since 1970, ISO 8601, or from now as -3s; now.",
+    type=MomentType(),
+    show_default=True,
+    help="Where to start: seconds or ns since 1970, ISO 8601, -3s from now, or now.",
 )
 @click.option(
     "--step",
@@ -127,15 +122,16 @@ def _start(ctx: click.Context, param: click.Parameter, text: str) -> Moment:
     type=Number(least=1e-9, most=1e6),
     default=0.01,
     metavar="SECONDS",
-    help="The time goes on by so much at once; 0.01.",
+    show_default=True,
+    help="How far one step sets the time forward.",
 )
-@click.option("--paused", is_flag=True, help="Stand still until clock/resume is called.")
+@click.option("--paused", is_flag=True, help="Start paused; clock/resume starts it.")
 @node_options("clock")
 def main(settings: NodeSettings, rate: float, start: Moment, step_s: float, paused: bool) -> None:
-    """Tell the simulated time to all nodes with --sim-time."""
+    """Publish the simulated time for nodes with --sim-time."""
     start_ns = start.at(time.time_ns())
     if not 0 <= start_ns < LATEST_NS:
-        raise click.UsageError("--start is before 1970 or after 2116; choose a time between them")
+        raise click.UsageError("--start must be between 1970 and 2116")
     with Node.from_settings(replace(settings, sim_time=False)) as node:
         step_ns = round(step_s * 1e9)
         simulated = SimulatedTime(node, start_ns=start_ns, step_ns=step_ns, rate=rate)

@@ -1,9 +1,8 @@
-"""Drives turtle1 along a square of 2 m, again and again (turtlesim's draw_square).
+"""Drives turtle1 along a square of 2 m, repeatedly (turtlesim's draw_square).
 
     tfbus draw_square
 
-A side and a corner each end when the turtle's pose says so, then the turtle stops, then the
-next one begins: a small machine of four states.
+Four states: a side or a corner, until the turtle's pose reaches its target; then a stop.
 """
 
 import logging
@@ -29,7 +28,7 @@ TURN = Twist(angular=Vector3(z=TURN_RAD_S))
 
 
 class State(Enum):
-    """What the turtle is doing, and the command that makes it do so."""
+    """What the turtle does, and the command for it."""
 
     FORWARD = 0
     STOP_FORWARD = 1
@@ -57,13 +56,13 @@ class Target:
 
     @classmethod
     def ahead(cls, pose: Pose) -> "Target":
-        """The end of a side that begins at this pose."""
+        """The end of a side that starts at this pose."""
         x, y = pose.x + cos(pose.theta) * SIDE_M, pose.y + sin(pose.theta) * SIDE_M
         return cls(x, y, pose.theta)
 
     @classmethod
     def to_the_left(cls, pose: Pose) -> "Target":
-        """The end of a corner that begins at this pose."""
+        """The end of a corner that starts at this pose."""
         return cls(pose.x, pose.y, remainder(pose.theta + pi / 2, 2 * pi))
 
     def reached(self, pose: Pose) -> bool:
@@ -76,7 +75,7 @@ class Target:
 
 
 class Square:
-    """Answers each pose with a command; it knows nothing of time or the bus."""
+    """Answers each pose with a command; independent of time and the bus."""
 
     def __init__(self, pose: Pose, log: logging.Logger) -> None:
         self.state = State.FORWARD
@@ -85,7 +84,7 @@ class Square:
         self._log_target()
 
     def command(self, pose: Pose) -> Twist:
-        """What to command now that the turtle is at `pose`."""
+        """The command for a turtle at `pose`."""
         if self.state in (State.FORWARD, State.TURN):
             if self.target.reached(pose):
                 self.state = self.state.next
@@ -111,7 +110,7 @@ def main(settings: NodeSettings) -> None:
             "turtle", "turtle1", description="The turtle to drive."
         ).value
         reset = node.declare_parameter(
-            "reset", True, description="Whether to reset the simulator before."
+            "reset", True, description="Whether to reset the simulator first."
         ).value
         commands = node.create_publisher(Twist, f"{turtle}/cmd_vel")
         square: Square | None = None
@@ -122,7 +121,7 @@ def main(settings: NodeSettings) -> None:
             commands.publish(square.command(pose))
 
         if reset:
-            node.log.info("Waiting for the simulator's service reset")
+            node.log.info("Waiting for the service 'reset' of the simulator")
             resetting = node.create_client(Empty, "reset")
             resetting.wait_for_service()
             resetting.call(Empty.Request())

@@ -1,4 +1,4 @@
-"""`tfbus echo`: print where a frame is, again and again, as tf2_echo does.
+"""`tfbus echo`: print the pose of a frame repeatedly, as tf2_echo does.
 
 Try it: tfbus echo world turtle1
 """
@@ -24,8 +24,7 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command.moment import Moment, parse_moment
-from tfbus.command.names import own_name
+from tfbus.command import Moment, MomentType, own_name
 from tfbus.frames.blocks import (
     CSV_HEADER,
     Numbers,
@@ -41,18 +40,8 @@ _STYLES = {"tf2": tf2_block, "foxy": foxy_block}
 _LINES = {"json": json_line, "csv": csv_line}
 
 
-def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
-    try:
-        return None if text is None else parse_moment(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-
-
-_SECONDS = Number(least=0.0, most=1e9, more_than_least=True)
-
-
 class _Echo(click.Command):
-    """Tells those who give the rate where older versions of tf2_echo have it."""
+    """Names the option for a rate given as a third argument, as to older versions of tf2_echo."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if len(args) > 2 and args[2].replace(".", "", 1).isdigit() and not args[0].startswith("-"):
@@ -63,19 +52,28 @@ class _Echo(click.Command):
 @click.command(cls=_Echo, epilog="Example: tfbus echo world turtle1 --rate 10")
 @click.argument("target", type=FrameName())
 @click.argument("source", type=FrameName())
-@click.option("-r", "--rate", type=Number(least=1e-6), default=1.0, help="Blocks per second; 1.")
+@click.option(
+    "-r",
+    "--rate",
+    type=Number(least=1e-6),
+    default=1.0,
+    show_default=True,
+    help="Blocks per second.",
+)
 @click.option(
     "-p",
     "--precision",
     type=click.IntRange(0, 17),
     default=3,
-    help="Digits after the point in text; 3.",
+    show_default=True,
+    help="Digits after the point, in text.",
 )
 @click.option(
     "--style",
     type=click.Choice(list(_STYLES)),
     default="tf2",
-    help="As the newest tf2_echo, or Foxy's.",
+    show_default=True,
+    help="The text of the newest tf2_echo, or of Foxy's.",
 )
 @click.option("--raw-zeros", is_flag=True, help="Keep the sign of zero: -0.000.")
 @click.option(
@@ -83,30 +81,33 @@ class _Echo(click.Command):
     "form",
     type=click.Choice(["text", *_LINES]),
     default="text",
-    help="Blocks of text, or one JSON object or CSV row a line with all digits.",
+    show_default=True,
+    help="Blocks of text; or one JSON object or CSV row per line, with all digits.",
 )
 @click.option("--once", is_flag=True, help="Print one block and exit.")
-@click.option("--changed", is_flag=True, help="Print only what is not as it was printed before.")
-@click.option("--count", type=click.IntRange(min=1), help="Print so many blocks and exit.")
+@click.option(
+    "--changed", is_flag=True, help="Print a transform only if it differs from the last printed."
+)
+@click.option("--count", type=click.IntRange(min=1), help="Print this many blocks and exit.")
 @click.option(
     "-t",
     "--at",
     "moment",
     metavar="TIME",
-    callback=_moment,
-    help="Where it was at a time: seconds or ns since 1970, ISO 8601, or from now as -3s.",
+    type=MomentType(),
+    help="The pose at this time: seconds or ns since 1970, ISO 8601, or -3s from now.",
 )
 @click.option(
     "--fixed-frame",
     metavar="FRAME",
     type=FrameName(),
-    help="Where SOURCE was at --at, seen from TARGET now; FRAME has not moved in between.",
+    help="Where SOURCE was at --at, seen from TARGET now, by way of FRAME, which stands still.",
 )
 @click.option(
     "--timeout",
-    type=_SECONDS,
+    type=Number(least=0.0, most=1e9, more_than_least=True),
     metavar="SECONDS",
-    help="Give up with exit code 1 when there is no transform for so long.",
+    help="Exit with 1 after this long without a transform.",
 )
 @fleet_options
 @node_options(own_name("echo"))
@@ -129,10 +130,10 @@ def main(
 ) -> None:
     """Print the pose of the frame SOURCE seen from the frame TARGET.
 
-    The frame to look from comes first, as in tf2_echo, which calls the two the other way round.
+    TARGET comes first, as in tf2_echo, which swaps the two names.
     """
     if once and count is not None:
-        raise click.UsageError("--once and --count say the same thing: give one of them")
+        raise click.UsageError("--once and --count exclude each other: give one")
     question = Question(target, source, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
@@ -149,7 +150,7 @@ def main(
 
 
 def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:
-    """Those whose transform is another one than that of the last of them."""
+    """The transforms that differ from the one before."""
     last = None
     for answer in found:
         if last is None or not answer.transform.is_close(last.transform):
@@ -158,13 +159,13 @@ def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:
 
 
 def _print_all(blocks: Iterator[str], header: str) -> None:
-    """Print the blocks, each at once; end quietly when nobody reads them any more."""
+    """Print each block at once; end quietly when the reader of stdout is gone."""
     try:
         for block in blocks:
             click.echo(f"{header}\n{block}" if header else block)
             header = ""
     except BrokenPipeError:
-        # Python flushes stdout once more at exit, and would complain there.
+        # Python flushes stdout again at exit, which would fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -1,10 +1,10 @@
-"""A turtle that follows a frame by asking the buffer where it is (tf2's listener tutorial).
+"""A turtle that follows a frame by lookups (tf2's listener tutorial).
 
     tfbus follow --param target_frame=carrot1
     tfbus follow --param delay=5.0
 
-With a delay it goes to where the target was so many seconds ago: the time-travel lesson, a
-lookup between two frames at two times by way of a frame that stands still.
+With a delay it goes to where the target was that many seconds ago: the time-travel lesson, a
+lookup at two times by way of a fixed frame.
 """
 
 from dataclasses import replace
@@ -45,12 +45,12 @@ def main(settings: NodeSettings) -> None:
         delay_s = node.declare_parameter(
             "delay",
             0.0,
-            description="Go to where it was so many seconds ago.",
+            description="Go to where the frame was this many seconds ago.",
             minimum=0.0,
             maximum=LONGEST_DELAY_S,
         )
         rate_hz = node.declare_parameter(
-            "rate", 10.0, description="Lookups, and commands, a second.", minimum=0.1, maximum=100.0
+            "rate", 10.0, description="Lookups and commands per second.", minimum=0.1, maximum=100.0
         )
         buffer = Buffer(cache_time_s=LONGEST_DELAY_S + 10.0)
         TransformListener(buffer, node)
@@ -79,7 +79,7 @@ def main(settings: NodeSettings) -> None:
 
 
 def towards(target: TransformStamped) -> Twist:
-    """The command that turns to a target, given in the follower's own frame, and drives to it."""
+    """The command to turn and drive to a target in the follower's frame."""
     x, y = target.transform.x, target.transform.y
     return Twist(
         linear=Vector3(x=SPEED_PER_M * hypot(x, y)), angular=Vector3(z=TURN_PER_RAD * atan2(y, x))
@@ -88,12 +88,12 @@ def towards(target: TransformStamped) -> Twist:
 
 def _spawn(node: Node, name: str) -> None:
     spawning = node.create_client(Spawn, "spawn")
-    node.log.info("Waiting for the simulator's service spawn")
+    node.log.info("Waiting for the service 'spawn' of the simulator")
     spawning.wait_for_service()
     try:
         spawning.call(replace(START, name=name))
     except ServiceError as error:
-        # After a restart the turtle is there already, and may be driven on.
+        # After a restart the turtle exists already.
         node.log.warning("%s", error)
 
 

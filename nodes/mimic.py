@@ -1,4 +1,4 @@
-"""Makes one turtle move as another does (turtlesim's mimic).
+"""Moves one turtle as another (turtlesim's mimic).
 
 tfbus mimic --remap input/pose:=turtle1/pose --remap output/cmd_vel:=turtle2/cmd_vel
 """
@@ -15,7 +15,7 @@ from tfbus.messages import Pose, Twist, Vector3
 )
 @node_options("turtle_mimic")
 def main(settings: NodeSettings) -> None:
-    """Command the speeds of input/pose to output/cmd_vel."""
+    """Copy the speeds of input/pose to output/cmd_vel."""
     with Node.from_settings(settings) as node:
         commands = node.create_publisher(Twist, "output/cmd_vel")
 

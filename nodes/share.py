@@ -1,4 +1,4 @@
-"""`tfbus share`: show frames of one robot to others, without all the rest of its frames.
+"""`tfbus share`: show some frames of one robot to others.
 
 Try it: tfbus share robot7 base_link --to robot1
 """
@@ -20,14 +20,14 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.command.names import own_name
+from tfbus.command import own_name
 
 from .shared_view import SHARED, Recipient, View, look
 
 ALL = "all"
-# How often it is looked who is there, and tried again to join whom nothing could be shown to.
+# How often to look for other robots, and to retry those whose bus could not be joined.
 _LOOK_ROUND_S = 1.0
-# What is not to be seen after this time is told.
+# A frame without a transform after this time is logged.
 _PATIENCE_S = 2.0
 
 
@@ -42,20 +42,22 @@ _PATIENCE_S = 2.0
     metavar="ROBOT",
     multiple=True,
     required=True,
-    help="Who is to see them: a robot, repeatable; or all.",
+    help="A robot that sees them, repeatable; or all.",
 )
 @click.option(
     "--relative-to",
     type=FrameName(),
     default="map",
-    help="The frame that the robots have in common; map.",
+    show_default=True,
+    help="The frame that the robots share.",
 )
 @click.option(
     "--rate",
     "rate_hz",
     type=Number(least=0.01, most=1000.0),
     default=10.0,
-    help="How often they are sent at most, in Hz; 10.",
+    show_default=True,
+    help="The most updates per second.",
 )
 @node_options(own_name("share"))
 def main(
@@ -69,15 +71,15 @@ def main(
     """Show frames of one robot to others.
 
     ROBOT is the namespace of the robot whose FRAMES are shown. The others see base_link of robot7
-    as robot7/base_link, in the frame that all of them have in common.
+    as robot7/base_link, in the frame that they share.
     """
     robot = _namespace(settings, robot, "ROBOT")
     named = [_namespace(settings, to, "--to") for to in recipients if to != ALL]
     if robot in named:
-        raise click.UsageError(f"--to: {robot!r} sees its own frames anyway; name another robot")
+        raise click.UsageError(f"--to: {robot!r} sees its own frames; name another robot")
     if relative_to in frames:
         raise click.UsageError(
-            f"--relative-to: {relative_to!r} is one of the frames; name the frame to show it in"
+            f"--relative-to: {relative_to!r} is one of the shown frames; name another"
         )
     with Node.from_settings(settings) as node:
         fleet = Fleet(shared_frames=(relative_to,))
@@ -88,20 +90,20 @@ def main(
 
 
 def _namespace(settings: NodeSettings, name: str, what: str) -> str:
-    """The name of a robot as a namespace; a usage error where it can be none."""
+    """The name of a robot as a namespace; a usage error if it is not a valid one."""
     try:
         namespace = replace(settings, namespace=name).namespace
     except InvalidNameError as error:
         raise click.UsageError(f"{what}: {error}") from error
     if not namespace:
-        raise click.UsageError(f"{what}: the name of a robot is not empty")
+        raise click.UsageError(f"{what}: the name of a robot must not be empty")
     return namespace
 
 
 class Others:
-    """All robots that publish transforms, but the one whose frames are shown.
+    """All robots that publish transforms, except the one whose frames are shown.
 
-    What is shown to a robot, here or by another process, is not the robot.
+    Streams that show frames of others, here or from another process, do not count.
     """
 
     def __init__(self, robot: str, node: Node, listener: TransformListener) -> None:
@@ -110,7 +112,7 @@ class Others:
         self._listener = listener
 
     def robots(self) -> set[str]:
-        """Those that are there now."""
+        """The namespaces of the robots now on the bus."""
         robots = set()
         for info in self._listener.streams():
             if info.alive and not info.name.endswith(SHARED):
@@ -120,7 +122,7 @@ class Others:
 
 
 class Sharing:
-    """Shows frames, as the listener sees them, to robots, for as long as the node lives."""
+    """Shows frames to robots, as the listener sees them, until the node is shut down."""
 
     def __init__(
         self,
@@ -142,7 +144,7 @@ class Sharing:
             listener.need(relative_to, frame)
 
     def go_on(self, named: Iterable[str], others: Others | None) -> None:
-        """Show them to the robots that are named, and to all others if wanted."""
+        """Show the frames to the named robots, and to all others if `others` is given."""
         self._show_to(named)
         self._node.ready()
         try:
@@ -150,7 +152,7 @@ class Sharing:
             while self._node.wait(1.0 / self._rate_hz):
                 if self._is_every(_LOOK_ROUND_S, turn):
                     self._show_to({*named, *(others.robots() if others is not None else ())})
-                self._look(is_told=turn == self._turns(_PATIENCE_S))
+                self._look(logs_missing=turn == self._turns(_PATIENCE_S))
                 for recipient in self._recipients.values():
                     recipient.show(self._views)
                 turn += 1
@@ -163,9 +165,10 @@ class Sharing:
     def _is_every(self, seconds: float, turn: int) -> bool:
         return turn % self._turns(seconds) == 0
 
-    def _look(self, *, is_told: bool) -> None:
-        """Take in what is to be seen now; say what has come or gone, and, where that is to be
-        told, what is still not there.
+    def _look(self, *, logs_missing: bool) -> None:
+        """Look up all frames; log those that appear or disappear.
+
+        With `logs_missing` also log those without a transform.
         """
         for frame in self._frames:
             view = look(self._buffer, self._relative_to, frame)
@@ -174,13 +177,14 @@ class Sharing:
             former, self._views[frame] = self._views.get(frame), view
             was_seen = former is not None and former.transform is not None
             if view.transform is not None and not was_seen:
-                self._node.log.info("%r is to be seen in %r", frame, self._relative_to)
-            elif view.transform is None and (was_seen or is_told):
-                self._node.log.warning("%r is not to be seen: %s", frame, view.reason)
+                self._node.log.info("%r is visible in %r", frame, self._relative_to)
+            elif view.transform is None and (was_seen or logs_missing):
+                self._node.log.warning("%r is not visible: %s", frame, view.reason)
 
     def _show_to(self, robots: Iterable[str]) -> None:
-        """Show them to these robots from now on, and to no others. One whose place on the bus
-        cannot be had is told of once, and holds up none of the others.
+        """Show the frames to these robots from now on, and to no others.
+
+        A robot whose bus cannot be joined is logged once, and does not delay the others.
         """
         for robot in self._recipients.keys() - set(robots):
             self._recipients.pop(robot).close()
@@ -192,7 +196,7 @@ class Sharing:
                 if robot not in self._failed:
                     self._failed.add(robot)
                     self._node.log.warning(
-                        "Nothing is shown to %s so far; it is tried again: %s", robot, error
+                        "Cannot show frames to %s yet; retrying: %s", robot, error
                     )
             else:
                 self._failed.discard(robot)

@@ -1,4 +1,4 @@
-"""How one robot's frames are shown to another: what there is to see, and what was sent of it."""
+"""The view of one robot's frames that another robot gets, and what was sent of it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -14,15 +14,15 @@ from tfbus import (
     TransformStamped,
 )
 
-# How the names of streams end that show frames of others.
+# The end of the names of streams that show frames of others.
 SHARED = "/shared"
 
 
 @dataclass(frozen=True)
 class View:
-    """A frame as it is seen now: its transform, and whether that holds at all times.
+    """A frame as it is now: its transform, and whether that is static.
 
-    Without a transform it is not to be seen; `reason` says why.
+    Without a transform it is not visible; `reason` says why.
     """
 
     transform: TransformStamped | None
@@ -31,7 +31,7 @@ class View:
 
 
 def look(buffer: Buffer, relative_to: str, frame: str) -> View | None:
-    """The view of a frame whose publishers are there; None while there is nothing new to say."""
+    """The view of a frame whose publishers run; None if there is nothing new."""
     try:
         transform = buffer.lookup_transform(relative_to, frame, living=True)
         return View(transform, buffer.latest_common_time(relative_to, frame) is None)
@@ -42,36 +42,35 @@ def look(buffer: Buffer, relative_to: str, frame: str) -> View | None:
 
 
 class Recipient:
-    """A robot that frames are shown to: a node of its own in that robot's namespace.
+    """A robot that sees the frames: a node in that robot's namespace.
 
-    Raises InvalidNameError where no robot can have this name, BusError where the bus cannot be
-    joined.
+    Raises InvalidNameError for an invalid name, BusError if the bus cannot be joined.
     """
 
     def __init__(self, settings: NodeSettings, robot: str) -> None:
         namespace = "/".join(filter(None, (settings.namespace, robot)))
         self._node = Node.from_settings(replace(settings, namespace=namespace, sim_time=False))
         stream = f"{self._node.name}{SHARED}"
-        self._moving = TransformBroadcaster(self._node, stream=stream)
-        self._fixed = StaticTransformBroadcaster(self._node, stream=stream)
+        self._dynamic = TransformBroadcaster(self._node, stream=stream)
+        self._static = StaticTransformBroadcaster(self._node, stream=stream)
         self._sent: dict[str, View] = {}
 
     def close(self) -> None:
-        """Show nothing any more: the frames are gone for the robot."""
+        """Stop: the frames are gone for the robot."""
         self._node.close()
 
     def show(self, views: Mapping[str, View]) -> None:
-        """Send what is new of the frames, and take back what is not to be seen any more."""
+        """Send the views that changed, and remove frames that are no longer visible."""
         news = {frame: view for frame, view in views.items() if self._sent.get(frame) != view}
         for frame, view in news.items():
             former = self._sent.pop(frame, None)
             if former is not None and (view.transform is None or view.static != former.static):
-                (self._fixed if former.static else self._moving).remove(frame)
+                (self._static if former.static else self._dynamic).remove(frame)
         seen = {frame: view for frame, view in news.items() if view.transform is not None}
-        if moving := _transforms(view for view in seen.values() if not view.static):
-            self._moving.send_transform(moving)
-        if fixed := _transforms(view for view in seen.values() if view.static):
-            self._fixed.send_transform(fixed)
+        if dynamic := _transforms(view for view in seen.values() if not view.static):
+            self._dynamic.send_transform(dynamic)
+        if static := _transforms(view for view in seen.values() if view.static):
+            self._static.send_transform(static)
         self._sent |= seen
 
 

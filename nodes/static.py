@@ -1,4 +1,4 @@
-"""`tfbus static`: publish transforms that never change, as static_transform_publisher does.
+"""`tfbus static`: publish static transforms, as static_transform_publisher does.
 
 Try it: tfbus static world camera --x 1 --yaw 0.5
 """
@@ -16,20 +16,18 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.command.names import own_name
+from tfbus.command import own_name
 
 from .static_edge import EdgeMistake, make_edge
 from .static_old_form import in_new_form
 
 
 class _Static(click.Command):
-    """Tells those who write what they wrote for ROS how it is written here."""
+    """Answers the form without flags of ROS with the same in flags."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if line := in_new_form(args):
-            raise click.UsageError(
-                f"numbers are given by flags here, not in a row; the same is: {line}", ctx
-            )
+            raise click.UsageError(f"give the numbers by flags, as in: {line}", ctx)
         return super().parse_args(ctx, args)
 
 
@@ -39,24 +37,31 @@ class _Static(click.Command):
 )
 @click.argument("frame_id", required=False, shell_complete=FrameName().shell_complete)
 @click.argument("child_frame_id", required=False, shell_complete=FrameName().shell_complete)
-@click.option("--frame-id", "frame_option", metavar="FRAME", help="The parent, by a flag.")
-@click.option("--child-frame-id", "child_option", metavar="FRAME", help="The child, by a flag.")
-@click.option("--x", type=Number(), help="Metres; 0.")
-@click.option("--y", type=Number(), help="Metres; 0.")
-@click.option("--z", type=Number(), help="Metres; 0.")
-@click.option("--roll", type=Number(), help="Radians about x, turned first; 0.")
-@click.option("--pitch", type=Number(), help="Radians about y, turned second; 0.")
-@click.option("--yaw", type=Number(), help="Radians about z, turned last; 0.")
-@click.option("--qx", type=Number(), help="Quaternion, instead of roll, pitch and yaw; 0.")
-@click.option("--qy", type=Number(), help="0.")
-@click.option("--qz", type=Number(), help="0.")
-@click.option("--qw", type=Number(), help="1.")
-@click.option("--deg", is_flag=True, help="Angles are degrees.")
+@click.option(
+    "--frame-id", "frame_option", metavar="FRAME", help="The parent, instead of the first argument."
+)
+@click.option(
+    "--child-frame-id",
+    "child_option",
+    metavar="FRAME",
+    help="The child, instead of the second argument.",
+)
+@click.option("--x", type=Number(), help="Metres (default 0).")
+@click.option("--y", type=Number(), help="Metres (default 0).")
+@click.option("--z", type=Number(), help="Metres (default 0).")
+@click.option("--roll", type=Number(), help="Radians about x, applied first (default 0).")
+@click.option("--pitch", type=Number(), help="Radians about y, applied second (default 0).")
+@click.option("--yaw", type=Number(), help="Radians about z, applied last (default 0).")
+@click.option("--qx", type=Number(), help="Quaternion, instead of roll, pitch, yaw (default 0).")
+@click.option("--qy", type=Number(), help="Quaternion (default 0).")
+@click.option("--qz", type=Number(), help="Quaternion (default 0).")
+@click.option("--qw", type=Number(), help="Quaternion (default 1).")
+@click.option("--deg", is_flag=True, help="Angles are in degrees.")
 @click.option(
     "--file",
     "path",
     type=click.Path(path_type=Path),
-    help="A YAML list of edges, whose keys are these flags: frame_id, child_frame_id, x, yaw ...",
+    help="A YAML list of edges; keys are these flags: frame_id, child_frame_id, x, yaw ...",
 )
 @node_options(own_name("static"))
 def main(
@@ -69,7 +74,7 @@ def main(
     path: Path | None,
     **numbers: float | None,
 ) -> None:
-    """Publish transforms that never change."""
+    """Publish static transforms."""
     given = {name: value for name, value in numbers.items() if value is not None}
     frames = _frames(frame_id, child_frame_id, frame_option, child_option)
     if path is not None:
@@ -91,7 +96,7 @@ def _publish(settings: NodeSettings, edges: list[TransformStamped]) -> None:
 
 
 def _announcement(edge: TransformStamped) -> str:
-    """What static_transform_publisher says of an edge, in four lines."""
+    """The four lines that static_transform_publisher logs of an edge."""
     xyz, quat_xyzw = (
         ", ".join(f"'{value:.6f}'" for value in values)
         for values in (edge.transform.xyz, edge.transform.quat_xyzw)
@@ -107,7 +112,7 @@ def _announcement(edge: TransformStamped) -> str:
 def _frames(
     parent: str | None, child: str | None, parent_option: str | None, child_option: str | None
 ) -> dict[str, str]:
-    """The names that were given, as arguments or as flags, but not as both."""
+    """The names that were given, as arguments or by flags, not both."""
     arguments, options = (parent, child), (parent_option, child_option)
     if any(name is not None for name in arguments) and any(name is not None for name in options):
         raise click.UsageError("name the frames as arguments or by flags, not both")
@@ -126,7 +131,7 @@ def _edge(frames: dict[str, str], numbers: dict[str, float], degrees: bool) -> T
 
 def _edges_of_file(path: Path, degrees: bool, *, alone: bool) -> list[TransformStamped]:
     if not alone:
-        raise click.UsageError("--file says frames and numbers itself: give no others beside it")
+        raise click.UsageError("--file excludes other frames and numbers")
     from .static_file import read_edges  # YAML, which one edge does not need
 
     return read_edges(path, degrees=degrees)

@@ -1,10 +1,10 @@
-"""An edge that never changes, out of the fields that people write: flags, or keys of a file."""
+"""A static edge from its fields: flags, or keys of a file."""
 
 import math
 from collections.abc import Mapping
 
 from tfbus import InvalidArgumentException, TfbusError, Transform, TransformStamped
-from tfbus.command.names import frame_mistake
+from tfbus.command import frame_mistake
 
 XYZ = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
@@ -16,7 +16,7 @@ _IDENTITY = {"qw": 1.0}
 
 
 class EdgeMistake(TfbusError):
-    """An edge that cannot be; `field` is the one at fault, in the words of static_edge."""
+    """An edge that is not possible; `field` is the one at fault."""
 
     def __init__(self, field: str, reason: str) -> None:
         super().__init__(reason)
@@ -27,15 +27,15 @@ class EdgeMistake(TfbusError):
 def make_edge(
     frames: Mapping[str, str], numbers: Mapping[str, float], *, degrees: bool = False
 ) -> TransformStamped:
-    """The edge with these fields; those that are not given are the identity's.
+    """The edge with these fields, with the stamp 0; missing numbers are the identity's.
 
-    Lengths in metres; roll, pitch and yaw in radians, or in degrees. Its stamp is 0. Raises
+    Lengths in metres; roll, pitch and yaw in radians, or in degrees if `degrees`. Raises
     EdgeMistake.
     """
     _check_frames(frames)
     for field, value in numbers.items():
         if not math.isfinite(value):
-            raise EdgeMistake(field, f"is {value}; a finite number is wanted")
+            raise EdgeMistake(field, f"must be finite, not {value}")
     return TransformStamped(
         0, frames["frame_id"], frames["child_frame_id"], _transform(numbers, degrees)
     )
@@ -50,7 +50,7 @@ def _check_frames(frames: Mapping[str, str]) -> None:
     if frames["frame_id"] == frames["child_frame_id"]:
         raise EdgeMistake(
             "child_frame_id",
-            f"is {frames['frame_id']!r}, the parent's own name; give the child another",
+            f"{frames['frame_id']!r} is the parent's name too; give the child another",
         )
 
 
@@ -60,7 +60,7 @@ def _transform(numbers: Mapping[str, float], degrees: bool) -> Transform:
     if turned and quaternion:
         raise EdgeMistake(
             quaternion[0],
-            f"cannot stand beside {turned[0]}: give roll, pitch and yaw, or a quaternion",
+            f"excludes {turned[0]}: give roll, pitch and yaw, or a quaternion",
         )
     xyz = [numbers.get(field, 0.0) for field in XYZ]
     if not quaternion:

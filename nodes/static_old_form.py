@@ -1,4 +1,4 @@
-"""The arguments that static_transform_publisher took before it had flags, in tfbus's form."""
+"""Converts the arguments that static_transform_publisher took before it had flags."""
 
 import shlex
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ _FIELDS_BY_COUNT = {6: (*_XYZ, "yaw", "pitch", "roll"), 7: (*_XYZ, "qx", "qy", "
 
 
 def in_new_form(words: Sequence[str]) -> str:
-    """`tfbus static` with the frames and numbers of `x y z yaw pitch roll FRAME CHILD`, or of
-    `x y z qx qy qz qw FRAME CHILD`, with or without ROS 1's period behind; "" where it is neither.
+    """`tfbus static` with the frames and numbers of `x y z yaw pitch roll FRAME CHILD` or of
+    `x y z qx qy qz qw FRAME CHILD`, with or without ROS 1's period at the end; "" for others.
     """
     numbers = [*takewhile(_is_number, words)]
     frames, behind = words[len(numbers) :][:2], words[len(numbers) :][2:]

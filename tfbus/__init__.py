@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from tfbus.buffer.change import Change as Change
     from tfbus.buffer.frame import FrameInfo as FrameInfo
     from tfbus.bus.settings import NodeSettings as NodeSettings
-    from tfbus.command.numbers import Number as Number
     from tfbus.command.options import fleet_options as fleet_options
     from tfbus.command.options import node_options as node_options
     from tfbus.command.types import FrameName as FrameName
     from tfbus.command.types import NodeName as NodeName
+    from tfbus.command.types import Number as Number
     from tfbus.command.types import ServiceName as ServiceName
     from tfbus.command.types import TopicName as TopicName
     from tfbus.core.sampling import Sampling as Sampling
@@ -80,7 +80,7 @@ _MODULE_OF = {
     "Node": "tfbus.node.node",
     "NodeName": "tfbus.command.types",
     "NodeSettings": "tfbus.bus.settings",
-    "Number": "tfbus.command.numbers",
+    "Number": "tfbus.command.types",
     "Parameter": "tfbus.node.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",

@@ -57,8 +57,8 @@ class TestTools:
         _, out, _ = run(bus, "node", "list", "--json")
         assert json.loads(out[0]) == ["/robot7/sim", "/sim"]
 
-    def test_nobody_is_an_empty_list(self, bus: Bus) -> None:
-        """Where no node is there, nothing is printed, and that is no failure."""
+    def test_no_node_is_an_empty_list(self, bus: Bus) -> None:
+        """Without nodes nothing is printed, with exit code 0."""
         assert run(bus, "node", "list") == (0, [], [])
         assert run(bus, "param", "list") == (0, [], [])
 
@@ -83,7 +83,7 @@ class TestTools:
         )
 
     def test_param(self, bus: Bus) -> None:
-        """Parameters are listed, read and set; a value that cannot be is refused in a sentence."""
+        """Parameters are listed, read and set; an invalid value is refused in a sentence."""
         serve(bus)
         assert run(bus, "param", "list", "sim") == (
             0,
@@ -138,14 +138,14 @@ class TestTools:
         assert err == ["Error: there is no field 'z'; Spawn.Request has x, y, theta, name"]
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 1)
-        assert err[0].startswith("Error: nobody serves 'spwan'; ")
+        assert err[0].startswith("Error: no service 'spwan'; ")
 
     @pytest.mark.parametrize(
         "request_text",
         ["x", "[1]", "{", "{[1]: 2}", "{x: !!timestamp 2022-12-07}", "{x: 99999999999999999999}"],
     )
     def test_a_request_that_cannot_be_is_a_usage_error(self, bus: Bus, request_text: str) -> None:
-        """A request that is no map of plain values is refused before it is sent."""
+        """A request must be a map of plain values, checked before it is sent."""
         code, out, err = run(bus, "call", "spawn", request_text)
         assert (code, out) == (2, [])
         assert err[-1].startswith("Error: Invalid value for REQUEST: ")
@@ -156,7 +156,7 @@ class TestTools:
         assert run(bus, "call", "spawn", "{}", "--timeout", timeout)[0] == 2
 
     def test_a_router_routes_until_it_is_stopped(self, bus: Bus) -> None:
-        """The router says where it listens, and ends well."""
+        """The router logs where it listens, and exits with 0."""
         router = bus.start("router", "--listen", "tcp/127.0.0.1:0")
         router.wait_for_line(r"\[router\]: Routing on tcp/127.0.0.1:0")
         assert router.stop() == 0
@@ -188,8 +188,8 @@ class TestOthers:
             session.queryable(key, answer)
         return session.token("@tfbus/node/evil")
 
-    def test_a_node_that_cannot_be_read_is_told_and_passed_over(self, bus: Bus) -> None:
-        """Where a foreign node answers in a shape of its own, the others are listed."""
+    def test_an_unreadable_node_is_skipped_with_a_warning(self, bus: Bus) -> None:
+        """A node with an unreadable description does not hide the others."""
         serve(bus)
         token = self.serve_evil(bus)
         told = "the description of node '/evil' is unreadable: field 'name' must be a text"
@@ -199,16 +199,16 @@ class TestOthers:
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
-        assert err[0].startswith("Warning: what node '/evil' tells about its parameters")
+        assert err[0].startswith("Warning: the parameters of node '/evil' are unreadable")
         assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, not an integer"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 2)
-        assert err[1] == "Error: nobody serves 'spwan'; did you mean 'spawn'?"
+        assert err[1] == "Error: no service 'spwan'; did you mean 'spawn'?"
         token.close()
 
-    def test_two_nodes_of_one_name_are_told(self, bus: Bus) -> None:
-        """A list shows a name once; that several have it is said on stderr."""
+    def test_two_nodes_of_one_name_are_a_warning(self, bus: Bus) -> None:
+        """A list shows a name once, with a warning if several nodes have it."""
         for _ in range(2):
             bus.node("twin")
         assert run(bus, "node", "list") == (
@@ -243,7 +243,7 @@ class TestGoals:
         node.create_goal_server(RotateAbsolute, "rotate", execute)
         return ended
 
-    def test_ctrl_c_cancels_the_goal(self, bus: Bus) -> None:
+    def test_ctrl_c_cancels_the_action(self, bus: Bus) -> None:
         """A goal lives through any number of timeouts while feedback comes, and ends by Ctrl-C."""
         ended = self.serve_goal(bus, feedback=True)
         call = bus.start("call", "rotate", "{theta: 1.5}", "--timeout", "0.7")
@@ -253,8 +253,8 @@ class TestGoals:
         assert ended == ["cancel"]
         assert call.err == []
 
-    def test_a_goal_that_is_silent_is_cancelled(self, bus: Bus) -> None:
-        """A goal of which nothing is heard for the timeout is given up, and told so."""
+    def test_a_silent_action_is_cancelled(self, bus: Bus) -> None:
+        """An action that is silent for the timeout is an error."""
         ended = self.serve_goal(bus, feedback=False)
         code, out, err = run(bus, "call", "rotate", "{theta: 1.5}", "--timeout", "0.5")
         assert (code, len(out), err) == (1, 1, ["Error: 'rotate' did not answer in 0.5 s"])
@@ -297,8 +297,8 @@ class TestCommands:
             assert "\n  Example" in help_
             assert max(map(len, help_.splitlines())) <= 80
 
-    def test_an_unknown_command_is_told_the_nearest(self, bus: Bus) -> None:
-        """A misspelt command is a usage error with the nearest name."""
+    def test_an_unknown_command_gets_a_near_name(self, bus: Bus) -> None:
+        """A misspelt command is a usage error with a near name."""
         code, out, err = run(bus, "nod", "list")
         assert (code, out) == (2, [])
         assert err[-1] == "Error: there is no command 'nod'; did you mean 'node'?"
@@ -306,16 +306,14 @@ class TestCommands:
     @pytest.mark.parametrize(
         ("command", "hint"),
         [
-            (["tf2_echo", "a", "b"], "'tf2_echo'; here it is: tfbus echo"),
+            (["tf2_echo", "a", "b"], "'tf2_echo'; use: tfbus echo"),
             (["run", "turtlesim"], "'run'; a node is a command itself, as in: tfbus simulator"),
             (["topic", "lst"], "'lst'; did you mean 'list'?"),
-            (["param", "delete", "sim"], "'delete'; a parameter belongs to its node"),
+            (["param", "delete", "sim"], "'delete'; a node keeps its parameters while it runs"),
         ],
     )
-    def test_what_is_called_otherwise_in_ros_is_told(
-        self, bus: Bus, command: list[str], hint: str
-    ) -> None:
-        """A command of ROS 2 that is not there is a usage error with what there is instead."""
+    def test_commands_of_ros_get_a_hint(self, bus: Bus, command: list[str], hint: str) -> None:
+        """A command of ROS 2 is a usage error that names the one of tfbus."""
         code, out, err = run(bus, *command)
         assert (code, out) == (2, [])
         assert f"there is no command {hint}" in err[-1]
@@ -329,7 +327,7 @@ class TestCommands:
 
     @pytest.mark.parametrize("command", [["node", "list"], ["param", "list"], ["router"]])
     def test_a_bus_that_cannot_be_joined_ends_with_1(self, bus: Bus, command: list[str]) -> None:
-        """A configuration that is not Zenoh's is told with its place, and exit code 1."""
+        """An invalid configuration is an error with its place, and exit code 1."""
         bus.config.write_text("{mode: }")
         code, out, err = run(bus, *command)
         assert (code, out) == (1, [])
@@ -373,10 +371,10 @@ class TestEnding:
             (["--param", "speed"], 2, "is not of the form --param name=value"),
         ],
     )
-    def test_a_mistake_is_told_without_a_traceback(
+    def test_a_mistake_has_no_traceback(
         self, bus: Bus, arguments: list[str], code: int, sentence: str
     ) -> None:
-        """A user's node tells mistakes on its command line as the supplied ones do."""
+        """A user's node prints mistakes on its command line as the supplied ones do."""
         process = self.start(bus, *arguments)
         assert process.wait() == code
         assert sentence in "\n".join(process.err)
@@ -395,8 +393,8 @@ class TestEnding:
         "echo world robot --timeout 0.1",
     ],
 )
-def test_a_router_that_is_not_there_is_told_at_once(bus: Bus, line: str) -> None:
-    """A tool that answers once fails where its router cannot be reached, and says so."""
+def test_an_unreachable_router_is_an_error_at_once(bus: Bus, line: str) -> None:
+    """A tool that answers once fails, with a reason, if its router cannot be reached."""
     nowhere = f"tcp/127.0.0.1:{free_port()}"
     done = bus.run(*line.split(), env={"TFBUS_MODE": "client", "TFBUS_CONNECT": nowhere})
     assert done.returncode == 1

@@ -1,4 +1,4 @@
-"""Completion: by real shells in a terminal, of names that are on the bus, and when it is not."""
+"""Completion: by real shells in a terminal, of names on the bus, and without a bus."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from tfbus.cli.messages.prototype import prototype
 from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 
-# Names of frames, some of which shells would stumble over.
+# Names of frames, some of them hard for shells.
 FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
 
 # A request to fill in, as each shell writes it.
@@ -39,7 +39,7 @@ A_SPAWN = {
     "fish": r"""\{x:\ 0.0,\ y:\ 0.0,\ theta:\ 0.0,\ name:\ \"\"\}""",
 }
 
-# Of each shell how it is started without what its user has set up, and how it takes the script.
+# How to start each shell without a user's settings, and to source the script.
 STARTED = {
     "bash": ("bash --norc --noprofile -i", "source ./script"),
     "zsh": ("zsh -f -i", "autoload -Uz compinit; compinit -u -D; source ./script"),
@@ -48,7 +48,7 @@ STARTED = {
 
 
 def robot(bus: Bus, namespace: str = "") -> Node:
-    """A node with a bit of everything, and the frames."""
+    """A node with a parameter, topics, a service and the frames."""
     node = bus.node("sim", namespace=namespace)
     node.declare_parameter("holonomic", False)
     node.create_publisher(Pose, "turtle1/pose")
@@ -62,7 +62,7 @@ def robot(bus: Bus, namespace: str = "") -> Node:
 
 @pytest.fixture
 def env(bus: Bus, tmp_path: Path) -> dict[str, str]:
-    """The environment of a user with an empty home, who has `tfbus` on the path."""
+    """The environment of a user with an empty home and `tfbus` on the path."""
     return {
         **bus.env,
         "HOME": str(tmp_path),
@@ -75,7 +75,7 @@ def env(bus: Bus, tmp_path: Path) -> dict[str, str]:
 
 
 def candidates(env: dict[str, str], line: str) -> list[str]:
-    """What `tfbus` answers the script of fish for this line, without what it says of each."""
+    """The candidates that `tfbus` answers the script of fish for this line."""
     done = subprocess.run(
         ["tfbus"],
         env={**env, "_TFBUS_COMPLETE": "fish_complete", "TFBUS_LINE": line},
@@ -89,7 +89,7 @@ def candidates(env: dict[str, str], line: str) -> list[str]:
 
 
 def offers(env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
-    """Whether the lines are completed so, at last: the first look may miss whoever is slow."""
+    """Whether the lines are completed so in the end: the first look may miss slow nodes."""
 
     def found() -> bool:
         return all(candidates(env, line) == wanted for line, wanted in lines) or forget(env)
@@ -98,13 +98,13 @@ def offers(env: dict[str, str], *lines: tuple[str, list[str]]) -> bool:
 
 
 def forget(env: Mapping[str, str]) -> bool:
-    """Remember no names; False."""
+    """Delete the cache; returns False."""
     shutil.rmtree(Path(env["XDG_CACHE_HOME"]) / "tfbus", ignore_errors=True)
     return False
 
 
 def refresh(env: Mapping[str, str]) -> None:
-    """Have the names that are remembered be as if they were found now."""
+    """Make the cache as new as now."""
     for file in (Path(env["XDG_CACHE_HOME"]) / "tfbus").iterdir():
         os.utime(file)
 
@@ -124,11 +124,11 @@ class Terminal:
         self._tmux("send-keys", *keys)
 
     def screen(self) -> str:
-        """What is on the screen."""
+        """The text on the screen."""
         return self._tmux("capture-pane", "-p")
 
     def line(self) -> str:
-        """The last line with something on it that has `tfbus` in it; "" where there is none."""
+        """The last line that contains `tfbus`, from there on; "" if there is none."""
         lines = [line for line in self.screen().splitlines() if "tfbus" in line]
         return lines[-1][lines[-1].index("tfbus") :] if lines else ""
 
@@ -223,8 +223,8 @@ class TestCandidates:
             ("tfbus why --fleet --shared world w", ["world"]),
         )
 
-    def test_where_the_bus_cannot_be_joined_there_are_none(self, env: dict[str, str]) -> None:
-        """A router that does not answer, or a wrong option, is no name and no message."""
+    def test_without_a_bus_there_are_no_names(self, env: dict[str, str]) -> None:
+        """An unreachable router or an invalid option gives no names and no error."""
         for options in ("--mode client --connect tcp/127.0.0.1:1", "--connect nonsense"):
             assert candidates(env, f"tfbus node info {options} ") == []
 
@@ -247,14 +247,14 @@ class TestCandidates:
         assert candidates(env, "tfbus param set sim holonomic ") == []
         assert offers(env, ("tfbus param get sim ", ["holonomic"]))
 
-    def test_a_line_is_taken_apart_as_the_shell_does(self, env: dict[str, str]) -> None:
-        """Quotes may be open, and blanks escaped; a word that is wrong leads nowhere."""
+    def test_a_line_is_split_as_the_shell_does(self, env: dict[str, str]) -> None:
+        """Quotes may be open, blanks escaped; an unknown command has no candidates."""
         assert candidates(env, "tfbus topic 'ec") == ["echo"]
         assert candidates(env, r"tfbus topic echo\ ") == []
         assert candidates(env, "") == candidates(env, "tfbus ") == candidates(env, "tfbus nosuch ")
 
     def test_a_message_to_fill_in(self, bus: Bus, env: dict[str, str]) -> None:
-        """Where a message or request is wanted, one with its defaults or zeros is offered."""
+        """For a message or request, one with its defaults or zeros is offered."""
         robot(bus)
         twist = "{linear: {x: 0.0, y: 0.0, z: 0.0}, angular: {x: 0.0, y: 0.0, z: 0.0}}"
         assert offers(
@@ -267,7 +267,7 @@ class TestCandidates:
 
     @pytest.mark.parametrize("name", supplied_names())
     def test_a_message_to_fill_in_is_one_of_its_type(self, name: str) -> None:
-        """What is offered can be published as it is."""
+        """The offered message can be published as it is."""
         message_type = supplied_type(name)
         assert message_type is not None
         assert complete_values(prototype(message_type), message_type)
@@ -321,7 +321,7 @@ class TestNames:
     def test_names_are_remembered_for_some_seconds(
         self, bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """A second look within seconds asks nobody; a later one, or at another place, does."""
+        """A second look within 5 s asks no node; a later one, or at another place, does."""
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
         settings = self.settings(bus)
         first = bus.node("first")
@@ -334,10 +334,10 @@ class TestNames:
         eventually(lambda: live_names(settings).nodes == () or forget(os.environ))
 
     @pytest.mark.parametrize("content", ["", "[]", "{", json.dumps({"frames": 5}), "\0"])
-    def test_a_cache_that_cannot_be_read_is_as_none(
+    def test_an_unreadable_cache_is_ignored(
         self, bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str
     ) -> None:
-        """What another version, or nobody sane, has left behind is looked for anew."""
+        """An invalid cache is ignored."""
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
         settings = self.settings(bus)
         assert live_names(settings) == LiveNames()
@@ -356,7 +356,7 @@ class TestCommand:
         assert f"# To keep it: tfbus completion {shell} > ~/" in done.stdout
 
     def test_the_shell_is_that_of_the_user(self, bus: Bus) -> None:
-        """Without a name it is that of $SHELL; one that is not known is a usage error."""
+        """Without a name it is that of $SHELL; an unknown one is a usage error."""
         assert bus.run("completion", env={"SHELL": "/bin/zsh"}).stdout.startswith("#compdef tfbus")
         done = bus.run("completion", env={"SHELL": "/bin/tcsh"})
         assert done.returncode == 2

@@ -13,7 +13,7 @@ from tfbus.cli.create import command
     [("my_robot", "my_node"), ("my_node_pkg", "driver"), ("my_node", "driver"), ("a", "my_robot")],
 )
 def test_the_files_bear_the_names_given(tmp_path: Path, package: str, node: str) -> None:
-    """Package and node are called as told, also where a name looks like one of the template's."""
+    """Package and node get their names, also if one looks like a name of the template."""
     done = CliRunner().invoke(command, [package, "--node", node, "--directory", str(tmp_path)])
     assert done.exit_code == 0
     folder = tmp_path / package
@@ -25,12 +25,12 @@ def test_the_files_bear_the_names_given(tmp_path: Path, package: str, node: str)
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["tfbus"], "'tfbus' is the name of another Python package already"),
-        (["tests"], "'tests' is the name of another Python package already"),
-        (["json"], "'json' is the name of another Python package already"),
+        (["tfbus"], "'tfbus' is the name of another Python package"),
+        (["tests"], "'tests' is the name of another Python package"),
+        (["json"], "'json' is the name of another Python package"),
         (["1st"], "'1st' cannot be a Python package"),
-        (["mine", "--node", "echo"], "`tfbus echo` is a command of tfbus already"),
-        (["mine", "--node", "launch"], "`tfbus launch` is a command of tfbus already"),
+        (["mine", "--node", "echo"], "`tfbus echo` is a command already"),
+        (["mine", "--node", "launch"], "`tfbus launch` is a command already"),
         (["mine", "--node", "class"], "'class' cannot be a Python package"),
         (["mine", "--node", "mine"], "need different names"),
     ],
@@ -44,8 +44,8 @@ def test_names_that_would_clash_are_refused(
     assert reason in " ".join(done.output.split())
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    """Where no folder can be made, that is one sentence and exit code 1."""
+def test_a_folder_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    """It is one sentence, with exit code 1."""
     (tmp_path / "file").write_text("")
     done = CliRunner().invoke(command, ["mine", "--directory", str(tmp_path / "file")])
     assert done.exit_code == 1

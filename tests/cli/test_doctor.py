@@ -43,7 +43,7 @@ def fix(node: Node, parent: str, child: str) -> None:
 
 
 def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
-    """Where all is well nothing fails, and every check is told with its evidence."""
+    """On a healthy bus no check fails, and each has evidence."""
     move(bus.node("odometry"), "base")
     fix(bus.node("mount"), "base", "camera")
     listens = bus.node("planner")
@@ -60,7 +60,7 @@ def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
 
 
 def test_trouble_is_found_and_fails(bus: Bus) -> None:
-    """Two nodes of one name, two publishers of one frame and a tree apart are all told."""
+    """Two nodes of one name, two publishers of one frame and a separate tree are all found."""
     fix(bus.node("mount"), "base", "camera")
     fix(bus.node("other"), "base", "camera")
     fix(bus.node("elsewhere"), "map", "dock")
@@ -73,7 +73,7 @@ def test_trouble_is_found_and_fails(bus: Bus) -> None:
     assert "'camera' is published by several at once" in found["conflicts"]["evidence"][0]
     assert found["disconnected"]["verdict"] == "warn"
     assert found["unread"]["verdict"] == "ok"
-    assert "nobody reads the moving frames of stream" in found["unread"]["evidence"][0]
+    assert "no node reads the dynamic frames of stream" in found["unread"]["evidence"][0]
 
 
 def test_people_get_a_page(bus: Bus) -> None:
@@ -86,7 +86,7 @@ def test_people_get_a_page(bus: Bus) -> None:
     assert re.fullmatch(r"ok      install +tfbus .* on Python 3.*", lines[0])
     assert re.fullmatch(r"fail    conflicts", lines[1])
     assert lines[2].startswith("    - 'camera' is published by several at once: ")
-    assert lines[-2] == "    To mend it: stop one of the two, or rename one of the frames"
+    assert lines[-2] == "    Fix: stop one of the two, or rename one of the frames"
     assert lines[-1] == "1 ok, 1 fail"
     assert max(map(len, lines)) <= 80
 
@@ -100,21 +100,21 @@ def test_the_checks_are_listed(bus: Bus) -> None:
 
 
 def test_an_unknown_check_is_a_mistake(bus: Bus) -> None:
-    """A name that no check has is told with exit code 2."""
+    """An unknown check exits with 2."""
     done = bus.run("doctor", "--only", "health")
     assert done.returncode == 2
     assert "'health' is not one of" in done.stderr
 
 
-def test_a_simulated_time_that_is_not_ours_is_told(bus: Bus) -> None:
-    """By the system's time the doctor names the option, and concludes nothing from the stamps."""
+def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
+    """Under system time the doctor names the option, and does not judge the stamps."""
     bus.start("clock", "--start", "0").wait_for_line("It is 0")
     robot = bus.node("robot", sim_time=True)
     robot.wait_for_clock(DEADLINE_S)
     move(robot, "base")
     code, found = examined(bus, "--for", "1")
     assert code == 0
-    told = "told here, by /clock; the stamps of 1 of 1 publisher follow it, and this doctor does"
+    told = "the stamps of 1 of 1 publisher follow it, and this doctor does not"
     assert told in found["clock"]["evidence"][0]
     assert "--sim-time" in found["clock"]["remedy"]
     assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}

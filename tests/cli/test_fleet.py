@@ -59,11 +59,11 @@ def test_one_robot_is_seen_from_another(robots: Bus) -> None:
 def test_the_doctor_measures_every_robot(robots: Bus) -> None:
     """`tfbus doctor --fleet` checks how the frames of all robots come."""
     found = json.loads(robots.run("doctor", *SHARED, "--only", "order", "--json").stdout)
-    assert found["order"]["evidence"] == ["2 moving frames in 3 s"]
+    assert found["order"]["evidence"] == ["2 dynamic frames in 3 s"]
 
 
 def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
-    """A frame that only --fleet shows is told so, and where else one could look."""
+    """For a frame that only --fleet shows, the hint names --fleet and --namespace."""
     done = robots.run("why", "map", "base_link", "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)["remedies"][:2] == [
@@ -75,14 +75,14 @@ def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--shared", "map"), "--shared names what the robots of a fleet share: add --fleet"),
+        (("--shared", "map"), "--shared needs --fleet"),
         (("--fleet", "--shared", "/map"), "--shared: frame id '/map' begins with a slash"),
     ],
 )
 def test_what_is_shared_is_a_frame_of_a_fleet(
     bus: Bus, options: tuple[str, ...], message: str
 ) -> None:
-    """A mistake in what is shared is a usage error."""
+    """A mistake in --shared is a usage error."""
     done = bus.run("frames", *options)
     assert done.returncode == 2
     assert message in done.stderr
@@ -98,7 +98,7 @@ def test_what_is_shared_is_a_frame_of_a_fleet(
         ("plot map base_link -o robot.png", "'map' is"),
     ],
 )
-def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, known: str) -> None:
+def test_an_unknown_frame_gets_a_hint_about_namespaces(robots: Bus, line: str, known: str) -> None:
     """A tool without a namespace says in which ones there is what it does not find."""
     done = robots.run(*line.split())
     assert done.returncode == 1
@@ -107,7 +107,7 @@ def test_who_finds_no_frame_is_told_of_the_namespaces(robots: Bus, line: str, kn
 
 
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
-    """`why` and `frames` name --shared where the trees of two robots have roots of one name."""
+    """`why` and `frames` suggest --shared if the trees of two robots have roots of one name."""
     why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
     assert json.loads(why.stdout)["remedies"][0] == (
         "if the robots share 'map', say so: --shared map"

@@ -43,7 +43,7 @@ def robot(bus: Bus) -> Bus:
 
 
 def test_it_prints_the_tree_and_its_publishers(robot: Bus) -> None:
-    """At once it has the tree, rates from what publishers have kept, and who publishes."""
+    """It has the tree, rates from the publishers' history, and the publishers at once."""
     done = robot.run("frames")
     assert (done.returncode, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
@@ -58,15 +58,15 @@ def test_it_prints_the_tree_and_its_publishers(robot: Bus) -> None:
 
 
 def test_without_frames_it_fails(bus: Bus) -> None:
-    """Where nobody broadcasts, that is said, with exit code 1."""
+    """Without a broadcaster it exits with 1 and a reason."""
     done = bus.run("frames", "--wait-time", "0.2")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
-        "Error: no frame is known after 0.2 s: is a broadcaster running, on this network?\n"
+        "Error: no frame after 0.2 s: is a broadcaster running, on this network?\n"
     )
 
 
-def test_problems_are_told_and_checked(robot: Bus) -> None:
+def test_problems_are_shown_and_checked(robot: Bus) -> None:
     """Two publishers of a frame and a tree apart are named; --check then exits with 1."""
     assert robot.run("frames", "--check").returncode == 0
     send_static(robot.node("other_mount"), "base", "camera")
@@ -104,13 +104,13 @@ def test_files_are_what_their_endings_say(robot: Bus, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-o", "frames.gif"], "ends with .gif, which names no kind of file to write"),
+        (["-o", "frames.gif"], "must end with one of .svg, .pdf, "),
         (["-o", "nowhere/frames.svg"], "there is no folder nowhere to write frames.svg into"),
         (["--watch", "--json"], "--watch shows the tree in the terminal"),
     ],
 )
-def test_mistakes_are_told(bus: Bus, arguments: list[str], message: str) -> None:
-    """A mistake in an option is one sentence, with exit code 2, before anybody is listened to."""
+def test_mistakes_are_errors(bus: Bus, arguments: list[str], message: str) -> None:
+    """A mistake in an option is one sentence, with exit code 2, before it listens."""
     done = bus.run("frames", *arguments)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
@@ -127,7 +127,7 @@ def test_json_is_for_scripts(robot: Bus) -> None:
 
 
 def test_watching_follows_what_changes(robot: Bus) -> None:
-    """--watch tells of a publisher that ends while it looks, and ends with Ctrl-C."""
+    """--watch marks a publisher that ends, and ends with Ctrl-C."""
     mount = robot.node("short_lived")
     send_static(mount, "base", "gripper")
     watch: Process = robot.start("frames", "--watch")

@@ -39,17 +39,17 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
     [
         ("z", "there is no field 'z': no 'z' there; there are: cells, linear, x"),
         ("liner.x", "there is no field 'liner.x': no 'liner' there; did you mean 'linear'?"),
-        ("x.y", "there is no field 'x.y': 'y' is asked of a value that has no fields"),
+        ("x.y", "there is no field 'x.y': there is a value without fields, not 'y'"),
         ("cells[2]", "there is no field 'cells[2]': '2' is not an index of a list of 2"),
     ],
 )
-def test_a_part_that_is_not_there_is_told_with_the_nearest(path: str, sentence: str) -> None:
-    """A path that leads nowhere is refused at the name that is wrong."""
+def test_an_unknown_part_is_an_error_with_a_near_name(path: str, sentence: str) -> None:
+    """An unknown path is an error that names its wrong part."""
     assert usage_error(part_of, MESSAGE, path) == sentence
 
 
 def test_what_is_too_long_is_cut() -> None:
-    """Texts, bytes and lists are cut after so many, and marked; nothing is cut without a bound."""
+    """Texts, bytes and lists are cut at a length, and marked; without one nothing is cut."""
     message = {"a": "abcdef", "b": b"\x01\x02\x03", "c": [1, 2, 3], "d": {"e": "ab"}, "f": None}
     assert Shortening(2).shorten(message) == {
         "a": "ab...",
@@ -62,7 +62,7 @@ def test_what_is_too_long_is_cut() -> None:
 
 
 def test_long_values_can_be_left_out() -> None:
-    """Of lists and texts only the length may be shown."""
+    """Lists and texts can be shown by their lengths alone."""
     message = {"a": "abcdef", "b": b"\x01", "c": [1, 2, 3]}
     assert Shortening(2, lists=False, texts=False).shorten(message) == {
         "a": "<text of 6>",
@@ -91,13 +91,13 @@ def test_a_filter_sees_fields_as_attributes() -> None:
         ("m.x.y", "--filter 'm.x.y' fails: AttributeError: 'float' object has no attribute 'y'"),
     ],
 )
-def test_a_filter_that_cannot_be_is_told(expression: str, sentence: str) -> None:
-    """A filter that is no expression, or fails, is a usage error."""
+def test_an_invalid_filter_is_an_error(expression: str, sentence: str) -> None:
+    """A filter that is not an expression, or fails, is a usage error."""
     told = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
     assert told.startswith(sentence)
 
 
-def test_fields_that_are_not_given_take_their_defaults() -> None:
+def test_missing_fields_take_their_defaults() -> None:
     """A map becomes a whole message of its type, numbers as the type has them."""
     assert complete_values({"linear": {"x": 2}}, Twist) == {
         "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
@@ -119,22 +119,26 @@ def test_fields_that_are_not_given_take_their_defaults() -> None:
         ),
     ],
 )
-def test_values_that_are_no_such_message_are_refused(
+def test_values_of_another_type_are_errors(
     values: dict[str, Any], message_type: type, sentence: str
 ) -> None:
-    """A field that the type does not have, or cannot have, is told, with the nearest name."""
+    """An unknown field or an invalid value is an error, with a near name."""
     assert usage_error(complete_values, values, message_type) == sentence
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("Twits", "tfbus.messages has no message 'Twits'; did you mean 'Twist'? "),
+        (
+            "Twits",
+            "tfbus.messages has no message 'Twits' (write your own as package.module:Name); did "
+            "you mean 'Twist'?",
+        ),
         ("nosuch.module:A", "'nosuch.module' cannot be imported: No module named 'nosuch'"),
-        ("json:Battery", "json has no dataclass 'Battery', which a message is"),
+        ("json:Battery", "json has no dataclass 'Battery'; a message must be one"),
     ],
 )
-def test_a_type_that_is_not_there_is_told(text: str, sentence: str) -> None:
+def test_an_unknown_type_is_an_error(text: str, sentence: str) -> None:
     """A type is one of tfbus.messages, or a dataclass by its module."""
     assert usage_error(find_type, text).startswith(sentence)
 

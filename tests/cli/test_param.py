@@ -56,11 +56,11 @@ class TestParameters:
         code, _, sentence = run(bus, "param", "set", "sim", "red", "7", "rates")
         assert (code, sentence) == (
             2,
-            "Error: parameters and values come in pairs: what is 'rates' to be?",
+            "Error: parameters and values come in pairs: 'rates' has no value",
         )
 
     def test_a_negative_number_is_a_value(self, bus: Bus, sim: Node) -> None:
-        """A number below zero needs no `--` before it; an option that is none is told as ever."""
+        """A negative number needs no `--` before it; an unknown option is an error."""
         rate = sim.declare_parameter("rate", 1.0)
         done = run(bus, "param", "set", "sim", "rate", "-1.5", "--log-level", "error")
         assert done == (0, "Set parameter successful\n", "")
@@ -91,8 +91,8 @@ class TestParameters:
         done = run(bus, "param", "load", "sim", "-", stdin=text)
         assert done == (0, "Set parameter red successful\n", "")
 
-    def test_what_the_node_refuses_is_told_and_the_rest_is_set(self, bus: Bus, sim: Node) -> None:
-        """A value that cannot be keeps no other from being set; the exit code is 1."""
+    def test_refused_parameters_are_printed_and_the_rest_set(self, bus: Bus, sim: Node) -> None:
+        """An invalid value does not keep the others from being set; the exit code is 1."""
         done = run(bus, "param", "load", "sim", "-", stdin="{red: 300, title: hello}")
         assert done == (
             1,
@@ -104,13 +104,13 @@ class TestParameters:
         ("text", "sentence"),
         [
             ("[1]", "<stdin> is not a YAML map of parameters"),
-            ("{/other: {red: 1}}", "<stdin> has nothing for /sim; it has: /other"),
+            ("{/other: {red: 1}}", "<stdin> has no parameters for /sim; there are: /other"),
         ],
     )
     def test_a_file_that_is_none_is_a_usage_error(
         self, bus: Bus, sim: Node, text: str, sentence: str
     ) -> None:
-        """A file that is no map, or has nothing for the node, is told, and nothing is set."""
+        """A file that is not a map, or has nothing for the node, is an error; nothing is set."""
         code, out, told = run(bus, "param", "load", "sim", "-", stdin=text)
         assert (code, out, told) == (2, "", f"Error: Invalid value for FILE: {sentence}")
 
@@ -162,12 +162,12 @@ class TestServices:
             "Error: 'spawn' is of type Spawn, not Kill",
         )
 
-    def test_a_refusal_and_nobody_end_with_1(self, bus: Bus, sim: Node) -> None:
-        """Where the service refuses, or nobody serves it, the reason is told."""
+    def test_a_refusal_and_a_missing_service_end_with_1(self, bus: Bus, sim: Node) -> None:
+        """The error has the reason if the service refuses or does not exist."""
         code, _, told = run(bus, "service", "call", "spawn", "{z: 1}")
         assert (code, told[:30]) == (1, "Error: there is no field 'z'; ")
         assert run(bus, "service", "call", "spwan") == (
             1,
             "",
-            "Error: nobody serves 'spwan'; did you mean 'spawn'?",
+            "Error: no service 'spwan'; did you mean 'spawn'?",
         )

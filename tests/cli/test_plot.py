@@ -14,7 +14,7 @@ from tfbus.frames.track import Track
 
 
 @pytest.fixture
-def moving(bus: Bus) -> Bus:
+def robot(bus: Bus) -> Bus:
     """A bus on which world -> turtle1 moves, 50 times a second."""
     move(bus)
     return bus
@@ -42,10 +42,10 @@ def texts(svg: Path) -> set[str]:
     return {element.text for element in ElementTree.parse(svg).iter() if element.text}
 
 
-def test_it_plots_what_it_listens_to(moving: Bus, tmp_path: Path) -> None:
+def test_it_plots_what_it_listens_to(robot: Bus, tmp_path: Path) -> None:
     """After the time asked for it writes position, orientation, speed and path."""
     file = tmp_path / "turtle1.svg"
-    done = moving.run("plot", "world", "turtle1", "--for", "1", "-o", str(file))
+    done = robot.run("plot", "world", "turtle1", "--for", "1", "-o", str(file))
     assert done.returncode == 0
     assert done.stdout.startswith(f"Wrote {file}: ")
     labels = {"position (m)", "orientation (degrees)", "linear speed (m/s)", "path from above"}
@@ -53,10 +53,10 @@ def test_it_plots_what_it_listens_to(moving: Bus, tmp_path: Path) -> None:
     assert any(text.startswith("turtle1 seen from world") for text in texts(file))
 
 
-def test_it_plots_what_publishers_have_kept(moving: Bus, tmp_path: Path) -> None:
+def test_it_plots_the_history_of_publishers(robot: Bus, tmp_path: Path) -> None:
     """Without waiting it shows the last ten seconds, also those before it was started."""
     file = tmp_path / "turtle1.png"
-    done = moving.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
+    done = robot.run("plot", "world", "turtle1", "--show", "path", "-o", str(file))
     assert (done.returncode, done.stderr) == (0, "")
     assert (
         pytest.importorskip("matplotlib.image", reason="needs matplotlib").imread(file).std() > 0.0
@@ -76,7 +76,7 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
     assert "turtle1 seen from world, from 2022-12-07 08:05:00 UTC" in texts(file)
 
 
-def test_what_stands_still_is_a_straight_line() -> None:
+def test_a_frame_that_stands_still_is_a_straight_line() -> None:
     """Where a frame moves by less than can be, axes still span a millimetre, or a tenth of a
     degree, and a millimetre a second.
     """
@@ -103,22 +103,22 @@ def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) ->
     already = len(sent)
     eventually(lambda: len(sent) > already + 25)
     assert plot.stop() == 0
-    plot.wait_for_line("Interrupted: what has come so far is plotted")
+    plot.wait_for_line("Interrupted: plotting what has come so far")
     plot.wait_for_line(r"Wrote .*turtle1.svg: \d+ poses over ")
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["world", "turtle1"], 2, "there is no display to open a window on: write a file with -o"),
+        (["world", "turtle1"], 2, "there is no display for a window: write a file with -o"),
         (["-o", "x.svg"], 2, "name two frames: tfbus plot world turtle1"),
-        (["a", "b", "-o", "x.gif"], 2, "is to end with one of .png, .svg, .pdf"),
+        (["a", "b", "-o", "x.gif"], 2, "must end with one of .png, .svg, .pdf"),
         (["world", "turtel1", "-o", "x.svg"], 1, "did you mean 'turtle1'?"),
     ],
 )
-def test_mistakes_are_told(moving: Bus, arguments: list[str], code: int, message: str) -> None:
-    """A mistake is told in one sentence."""
-    done = moving.run("plot", *arguments, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
+def test_mistakes_are_errors(robot: Bus, arguments: list[str], code: int, message: str) -> None:
+    """A mistake is one sentence."""
+    done = robot.run("plot", *arguments, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
     assert done.returncode == code
     assert message in done.stderr
     assert "Traceback" not in done.stderr

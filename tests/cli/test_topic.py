@@ -1,4 +1,4 @@
-"""`tfbus topic`: what there is, who is at its ends, and what goes over it."""
+"""`tfbus topic`: topics, their publishers and subscribers, and their messages."""
 
 import json
 import re
@@ -48,7 +48,7 @@ class TestList:
         assert ends["turtle1/pose"][1][0]["node"] == "/sim"
 
     def test_transforms_are_topics_too(self, bus: Bus) -> None:
-        """What a stream sends, moving or static, is listed under its key."""
+        """A stream's transforms, dynamic and static, are listed under their keys."""
         node = bus.node("camera")
         pose = TransformStamped(1, "world", "camera", Transform.identity())
         StaticTransformBroadcaster(node).send_transform(pose)
@@ -57,15 +57,15 @@ class TestList:
         assert out.splitlines() == [
             "Type: TransformMessage",
             "Publisher count: 1",
-            "Subscription count: not known, listeners do not tell",
+            "Subscription count: unknown, listeners do not announce it",
         ]
 
     def test_nothing_is_an_empty_list(self, bus: Bus) -> None:
-        """Where there is no topic, nothing is printed, and that is no failure."""
+        """Without topics nothing is printed, with exit code 0."""
         assert run(bus, "list") == (0, "", "")
 
     def test_names_are_relative_to_the_namespace(self, bus: Bus) -> None:
-        """From within a namespace its topics have no prefix, and those outside are not there."""
+        """In a namespace its topics have no prefix, and topics outside are hidden."""
         sim(bus, "robot7")
         bus.node("other").create_publisher(Pose, "pose")
         assert run(bus, "list", "--namespace", "robot7")[1] == "turtle1/cmd_vel\nturtle1/pose\n"
@@ -91,7 +91,7 @@ class TestList:
         assert (code, out) == (1, "")
         assert err == "Error: there is no topic of type 'Poes'; did you mean 'Pose'?\n"
 
-    def test_a_topic_that_is_not_there_is_told_with_the_nearest(self, bus: Bus) -> None:
+    def test_an_unknown_topic_is_an_error_with_a_near_name(self, bus: Bus) -> None:
         """A misspelt topic fails with the one that is meant."""
         assert run(bus, "info", "x")[2] == (
             "Error: there is no topic 'x', nor any other: is a node running?\n"
@@ -131,7 +131,7 @@ class TestEcho:
     def test_a_message_in_another_form(
         self, bus: Bus, options: tuple[str, ...], printed: str
     ) -> None:
-        """As CSV, one field as JSON where a filter takes it, or the bytes as they came."""
+        """As CSV, one field as JSON behind a filter, or the bytes."""
         sim(bus)
         assert run(bus, "echo", "turtle1/pose", "--once", *options) == (0, printed, "")
 
@@ -140,10 +140,10 @@ class TestEcho:
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pose", "--once", "-i", "--field", "x")
         assert (code, err) == (0, "")
-        assert re.fullmatch(r"# came at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
+        assert re.fullmatch(r"# arrived at \d{10}\.\d{9}, \d+ bytes\n.*\n---\n", out)
 
     def test_messages_of_any_type_are_printed(self, bus: Bus) -> None:
-        """What tfbus has no type for is printed as it comes; long values are cut unless told."""
+        """Messages of unknown types are printed as they are; long values are cut by default."""
         node = bus.node("robot")
         publisher = node.create_publisher(Battery, "battery")
         battery = Battery(1, [3.5, 3.25, 3.0], "left and right", b"\x01\xff\x02")
@@ -183,21 +183,21 @@ class TestEcho:
                 },
             }, topic
 
-    def test_what_is_waited_for_is_said(self, bus: Bus) -> None:
-        """Where nobody publishes, it is said, with the nearest topic; and given up in time."""
+    def test_it_prints_what_it_waits_for(self, bus: Bus) -> None:
+        """Without a publisher it prints so, with a near topic, and fails after the timeout."""
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pse", "--timeout", "0.5")
         assert (code, out) == (1, "")
         assert err.splitlines() == [
-            "Waiting for a message on 'turtle1/pse': nobody publishes it; "
+            "Waiting for a message on 'turtle1/pse': it has no publisher; "
             "did you mean 'turtle1/pose'?",
-            "Error: no message came on 'turtle1/pse' in 0.5 s",
+            "Error: no message on 'turtle1/pse' after 0.5 s",
         ]
 
     def test_a_publisher_that_comes_later_is_heard(self, bus: Bus) -> None:
         """Echo waits for a topic that does not exist yet, and knows its type when it does."""
         echo = bus.start("topic", "echo", "color", "--field", "g")
-        echo.wait_for_line("Waiting for a message on 'color': nobody publishes it")
+        echo.wait_for_line("Waiting for a message on 'color': it has no publisher")
         node = bus.node("painter")
         colors = node.create_publisher(Color, "color")
         node.create_timer(0.05, lambda: colors.publish(Color(1, 2, 3)))
@@ -205,8 +205,8 @@ class TestEcho:
         assert echo.stop() == 0
         assert len(echo.err) == 1
 
-    def test_a_bad_message_is_told_once_and_left_out(self, bus: Bus) -> None:
-        """What is no message of the topic's type is told once; the others are printed."""
+    def test_a_bad_message_is_skipped_with_one_warning(self, bus: Bus) -> None:
+        """Messages of another type are skipped with one warning; the others are printed."""
         node = bus.node("painter")
         colors = node.create_publisher(Color, "color")
 
@@ -221,12 +221,12 @@ class TestEcho:
         assert echo.stop() == 0
         assert set(echo.out) == {"1,2,3"}
         assert len(echo.err) == 1
-        assert echo.err[0].startswith("Warning: left out a message of 'color': ")
+        assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
 
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
-        """Options that do not go together, or a field that is not there, are usage errors."""
+        """Options that exclude each other, and unknown fields, are usage errors."""
         for arguments, sentence in (
-            (("x", "--csv", "--json"), "--csv, --json and --raw are three forms: give one of them"),
+            (("x", "--csv", "--json"), "--csv, --json and --raw exclude each other: give one"),
             (
                 ("/x",),
                 "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "

@@ -29,7 +29,7 @@ class TestMeasure:
         )
 
     def test_bandwidth_and_delay(self, bus: Bus) -> None:
-        """Bandwidth tells sizes; a delay is the time since the stamp, here of a second of 1970."""
+        """Bandwidth has sizes; a delay is the time since the stamp, here of 1970."""
         node = sim(bus)
         _, out, _ = run(bus, "bw", "turtle1/pose", "--once")
         assert re.fullmatch(
@@ -60,12 +60,12 @@ class TestMeasure:
         sim(bus)
         code, out, err = run(bus, "hz", "turtle1/pose", "--filter", "m.x < 5", "--timeout", "0.5")
         assert (code, out) == (1, "")
-        assert err == "Error: too few messages came on 'turtle1/pose' in 0.5 s\n"
+        assert err == "Error: too few messages on 'turtle1/pose' after 0.5 s\n"
 
-    def test_silence_is_said(self, bus: Bus) -> None:
-        """Where no message comes, or none any more, it is said and not printed as a rate."""
+    def test_silence_is_reported(self, bus: Bus) -> None:
+        """If no messages come, or they stop, it prints so instead of a rate."""
         hz = bus.start("topic", "hz", "turtle1/pose")
-        hz.wait_for_line(r"nobody publishes it")
+        hz.wait_for_line(r"it has no publisher")
         node = sim(bus)
         hz.wait_for_line("average rate")
         node.close()
@@ -73,21 +73,21 @@ class TestMeasure:
         assert hz.stop() == 0
 
     def test_messages_without_a_stamp_have_no_delay(self, bus: Bus) -> None:
-        """A message without stamp_ns fails, saying which field is wanted."""
+        """A message without stamp_ns is an error that names the field."""
         node = bus.node("painter")
         colors = node.create_publisher(Color, "color")
         node.create_timer(0.05, lambda: colors.publish(Color(1, 2, 3)))
         code, _, err = run(bus, "delay", "color")
         assert (code, err) == (
             1,
-            "Error: messages on 'color' have no field stamp_ns, so how old they are is unknown\n",
+            "Error: messages on 'color' have no field stamp_ns, so their age is unknown\n",
         )
 
 
 class TestPub:
     @pytest.fixture
     def heard(self, bus: Bus) -> Iterator[list[Twist]]:
-        """What a node hears on cmd_vel."""
+        """The messages that a node receives on cmd_vel."""
         heard: list[Twist] = []
         bus.node("sim").create_subscription(Twist, "cmd_vel", heard.append)
         yield heard
@@ -99,7 +99,7 @@ class TestPub:
     def test_one_message_reaches_its_subscriber(
         self, bus: Bus, heard: list[Twist], message: tuple[str, ...]
     ) -> None:
-        """One message is published when somebody subscribes; the type may be left out."""
+        """One message is published once there is a subscriber; the type is optional."""
         code, out, err = run(bus, "pub", "--once", "cmd_vel", *message)
         assert (code, err) == (0, "")
         assert out == (
@@ -109,7 +109,7 @@ class TestPub:
         eventually(lambda: heard == [Twist(Vector3(x=2.0))])
 
     def test_so_many_at_a_rate(self, bus: Bus, heard: list[Twist]) -> None:
-        """Messages are published so many times, and told now and then."""
+        """It publishes N messages, and prints every second one."""
         code, out, _ = run(bus, "pub", "-t", "5", "-r", "50", "-p", "2", "cmd_vel", "Twist")
         assert code == 0
         assert [line.split(":")[0] for line in out.splitlines()] == [
@@ -120,7 +120,7 @@ class TestPub:
         eventually(lambda: heard == [Twist()] * 5)
 
     def test_it_goes_on_until_it_is_stopped(self, bus: Bus) -> None:
-        """Without a count it publishes to whoever is there, and is a topic of its own."""
+        """Without a count it does not wait for subscribers, and its topic is listed."""
         pub: Process = bus.start(
             "topic", "pub", "-q", "-r", "50", "color", "Color", "{r: 1, g: 2, b: 3}"
         )
@@ -131,7 +131,7 @@ class TestPub:
         assert (pub.out, pub.err) == ([], [])
 
     def test_a_type_may_be_called_as_in_ros(self, bus: Bus, heard: list[Twist]) -> None:
-        """What was copied from a line for ROS is published as it is there."""
+        """A command line for ROS publishes the same message."""
         twist = ("geometry_msgs/msg/Twist", "{linear: {x: 2.0}}")
         assert run(bus, "pub", "--once", "cmd_vel", *twist)[0] == 0
         eventually(lambda: [message.linear.x for message in heard] == [2.0])
@@ -145,10 +145,10 @@ class TestPub:
         eventually(lambda: heard == [Battery(1, [3.5], "left")])
 
     def test_subscribers_are_waited_for(self, bus: Bus, heard: list[Twist]) -> None:
-        """It says what it waits for; so many subscribers have to be there, or come in time."""
+        """It prints what it waits for, and fails if N subscribers do not come in time."""
         code, out, err = run(bus, "pub", "--once", "nobody", "Twist", "--max-wait-time", "0.3")
         assert (code, out) == (1, "")
-        assert err == "Error: 'nobody' has fewer than 1 subscribers (waited 0.3 s)\n"
+        assert err == "Error: 'nobody' has fewer than 1 subscribers after 0.3 s\n"
         pub = bus.start("topic", "pub", "--once", "-w", "2", "cmd_vel", "Twist")
         pub.wait_for_line("Waiting for 2 subscribers of 'cmd_vel'")
         assert heard == []
@@ -160,21 +160,21 @@ class TestPub:
         ("message", "sentence"),
         [
             (("{linaer: {x: 2}}",), "Twist has no field 'linaer'; did you mean 'linear'?"),
-            (("Twist", "5"), "Invalid value for VALUES: a map of fields in YAML is wanted"),
-            (("Twist", "{linear:", "{x: 1}}"), "3 words are more than a type and a map of fields"),
+            (("Twist", "5"), "Invalid value for VALUES: expected a YAML map of fields"),
+            (("Twist", "{linear:", "{x: 1}}"), "expected a type and a map of fields, got 3 words"),
         ],
     )
     def test_a_mistake_is_one_sentence(
         self, bus: Bus, heard: list[Twist], message: tuple[str, ...], sentence: str
     ) -> None:
-        """A field, value or type that cannot be is a usage error, and nothing is published."""
+        """An invalid field, value or type is a usage error; nothing is published."""
         code, out, err = run(bus, "pub", "--once", "cmd_vel", *message)
         assert (code, out) == (2, "")
         assert err.splitlines()[-1].startswith(f"Error: {sentence}")
         assert heard == []
 
     def test_transforms_are_not_published_by_hand(self, bus: Bus) -> None:
-        """A topic of transforms is refused, with what does publish them."""
+        """A topic of transforms is refused; the error names `tfbus static`."""
         code, _, err = run(bus, "pub", "tf/sim", "{}")
         assert code == 2
-        assert "'tf/sim' is of transforms: publish one with `tfbus static`" in err
+        assert "'tf/sim' carries transforms: publish one with `tfbus static`" in err

@@ -1,4 +1,4 @@
-"""What the tests of `tfbus topic` share: a node that says and hears, and running the tool."""
+"""Shared by the tests of `tfbus topic`: a node that publishes and subscribes, and the tool."""
 
 from dataclasses import dataclass
 

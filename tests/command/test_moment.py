@@ -39,10 +39,11 @@ def test_absolute_times_are_exact_to_the_nanosecond(text: str, ns: int) -> None:
         ("+1us", 1_000),
         ("-2min", -120_000_000_000),
         ("-1 h", -3_600_000_000_000),
+        ("now", 0),
     ],
 )
 def test_a_sign_makes_a_time_relative_to_now(text: str, ns: int) -> None:
-    """A number with a sign is that far from now, in seconds unless a unit follows."""
+    """A number with a sign is that far from now, in seconds without a unit; `now` is 0."""
     assert parse_moment(text) == Moment(ns, is_relative=True)
     assert parse_moment(text).at(now_ns=10**18) == 10**18 + ns
 

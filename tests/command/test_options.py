@@ -44,7 +44,7 @@ def test_without_options_a_node_has_its_default_name() -> None:
 
 
 def test_each_option_becomes_a_setting() -> None:
-    """Every option of a node ends up in its settings; those that may repeat, in order."""
+    """Every option of a node is in its settings; repeatable ones in order."""
     assert settings_of(
         *("--name", "echo2", "--namespace", "/robot7", "--mode", "client"),
         *("--connect", "tcp/a:1", "--connect", "tcp/b:2", "--listen", "tcp/[::]:0"),
@@ -85,7 +85,7 @@ def test_options_go_before_the_environment() -> None:
         (["--nonsense"], "No such option"),
     ],
 )
-def test_a_mistake_is_told_with_exit_code_2(arguments: Sequence[str], sentence: str) -> None:
+def test_a_mistake_exits_with_2(arguments: Sequence[str], sentence: str) -> None:
     """A mistake on the command line is one sentence on stderr, and exit code 2."""
     result = run(*arguments)
     assert result.exit_code == 2
@@ -93,14 +93,14 @@ def test_a_mistake_is_told_with_exit_code_2(arguments: Sequence[str], sentence: 
     assert "Traceback" not in result.output
 
 
-def test_trouble_is_told_with_exit_code_1() -> None:
+def test_an_error_exits_with_1() -> None:
     """A failure while it runs is one sentence on stderr, and exit code 1."""
     result = run("trouble")
     assert (result.exit_code, result.stdout, result.stderr) == (1, "", "Error: the bus is away\n")
 
 
 def test_a_node_that_is_interrupted_has_ended_well() -> None:
-    """Ctrl-C is a node's usual end, wherever it comes."""
+    """Ctrl-C is a node's usual end at any time."""
     assert (run("interrupt").exit_code, run("interrupt").output) == (0, "")
 
 

@@ -1,4 +1,4 @@
-"""The checks of the doctor: each finds its trouble where it is, and nothing where it is not."""
+"""The checks of the doctor: each finds its trouble, and nothing on a healthy bus."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,9 +8,11 @@ import pytest
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
 from tfbus.bus.interfaces import Interface
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examination import Examination, Flow, Host
+from tfbus.doctor.examination import Examination, Host
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
+from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.window import spread_of
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 
 NS = 1_000_000_000
@@ -55,7 +57,13 @@ STREAM = StreamInfo(
     clock_offset_s=0.001,
 )
 OTHER = replace(STREAM, name="other", node="/other", pid=8, frames=())
-FLOW = Flow("sim", "base", rate_hz=10.0, jitter_s=0.002, longest_gap_s=0.11, delay_s=0.001)
+FLOW = EdgeFlow(
+    *("sim", "world", "base"),
+    rate_hz=10.0,
+    jitter_s=0.002,
+    delays_s=spread_of([0.001, 0.003]),
+    longest_gap_s=0.11,
+)
 
 
 def filled() -> Buffer:
@@ -122,7 +130,7 @@ def gone() -> Buffer:
     return buffer
 
 
-# Of each check what makes the trouble, its verdict, and what the evidence says of it.
+# The trouble of each check: how to cause it, the verdict, and part of the evidence.
 TROUBLES = {
     "install": (
         with_host(versions=VERSIONS | {"msgpack": ""}),
@@ -173,7 +181,7 @@ TROUBLES = {
     "static-dynamic": (
         with_streams(STREAM, replace(OTHER, frames=(("base", "camera", False),))),
         "fail",
-        "'camera' is static by /sim on robot, pid 7 and moving by /other on robot, pid 8",
+        "'camera' is static by /sim on robot, pid 7 and dynamic by /other on robot, pid 8",
     ),
     "gone": (with_tree(gone(), STREAM), "warn", "the publisher of 'base' is gone: /sim on robot"),
     "silent": (
@@ -184,7 +192,7 @@ TROUBLES = {
     "clock": (
         with_nodes(CLOCK, FOLLOWER),
         "warn",
-        "a simulated time is told here, by /clock; the stamps of 1 of 1 publisher follow it",
+        "/clock publishes a simulated time; the stamps of 1 of 1 publisher follow it",
     ),
     "clock-skew": (
         with_streams(replace(STREAM, clock_offset_s=-2.5)),
@@ -196,10 +204,14 @@ TROUBLES = {
         "warn",
         "'base' comes at 3.0 Hz, by its stamps it is sent at 10.0 Hz",
     ),
-    "jitter": (with_flow(jitter_s=0.08), "warn", "the time between two is spread by 80 ms"),
+    "jitter": (with_flow(jitter_s=0.08), "warn", "but with a jitter of 80 ms"),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
     "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' came after"),
-    "stamps": (with_flow(delay_s=-0.5), "fail", "samples of 'base' are 500 ms in the future"),
+    "stamps": (
+        with_flow(delays_s=spread_of([-0.5])),
+        "fail",
+        "samples of 'base' are 500 ms in the future",
+    ),
     "refused": (
         lambda seen: replace(seen, rejected={"not finite": 3}),
         "fail",
@@ -213,7 +225,7 @@ TROUBLES = {
     "unread": (
         with_nodes(replace(SIM, unread=tuple(f"s{number}" for number in range(12)))),
         "warn",
-        "nobody reads the moving frames of stream 's0' of /sim",
+        "no node reads the dynamic frames of stream 's0' of /sim",
     ),
     "buffers": (
         with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
@@ -243,7 +255,7 @@ def test_nothing_is_found_where_nothing_is_wrong(name: str, healthy: Examination
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
-    """Each check names its trouble in its evidence, and says what to do."""
+    """Each check names its trouble in its evidence, and has a remedy."""
     injure, verdict, evidence = TROUBLES[name]
     finding = CHECKS[name](injure(healthy))
     assert finding.verdict == verdict
@@ -258,7 +270,7 @@ def test_stamps_of_zero_are_found(healthy: Examination) -> None:
 
 
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
-    """Messages that never came are told with the gaps."""
+    """Missed messages count as gaps."""
     finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
     assert finding.evidence == ("7 messages of stream 'sim' never came",)
 
@@ -268,7 +280,7 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     [
         ("scouting", with_host(scouted=None), "scouting is off, by the mode or the configuration"),
         ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
-        ("rates", lambda seen: replace(seen, flows=()), "no moving frame came while listening"),
+        ("rates", lambda seen: replace(seen, flows=()), "no dynamic frame came while listening"),
         ("buffers", with_nodes(), "no node has a buffer"),
         ("dropped", with_nodes(), "no node has a buffer"),
     ],
@@ -276,15 +288,17 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
 def test_what_cannot_be_seen_is_skipped(
     name: str, injure: Callable[[Examination], Examination], reason: str, healthy: Examination
 ) -> None:
-    """Where a check has nothing to look at it says so."""
+    """A check with nothing to look at is skipped, with a reason."""
     finding = CHECKS[name](injure(healthy))
     assert (finding.verdict, finding.evidence) == ("skipped", (reason,))
 
 
 def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> None:
-    """Where a publisher goes by a clock that is told, its stamps are not compared with ours."""
+    """The stamps of a publisher with simulated time are not compared with our clock."""
     names = ("rates", "stamps", "gaps", "jitter")
-    odd = with_flow(rate_hz=100.0, delay_s=-40.0, longest_gap_s=3.0, jitter_s=0.02)(healthy)
+    odd = with_flow(rate_hz=100.0, delays_s=spread_of([-40.0]), longest_gap_s=3.0, jitter_s=0.02)(
+        healthy
+    )
     assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
     told = with_nodes(CLOCK, FOLLOWER)(odd)
     assert {CHECKS[name](told).verdict for name in names} == {"ok"}
@@ -294,7 +308,7 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
 
 
 def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None:
-    """By the system's time the doctor goes with them."""
+    """Doctor and publishers all use the system's time."""
     assert CHECKS["clock"](with_nodes(CLOCK, SIM)(healthy)).verdict == "ok"
 
 
@@ -308,8 +322,8 @@ def test_a_clock_that_no_publisher_follows_is_fine(healthy: Examination) -> None
 def test_stamps_of_other_years_are_of_another_clock(
     sim_time: bool, delay_s: float, evidence: str, healthy: Examination
 ) -> None:
-    """It is told once, and nothing else is concluded from them."""
-    seen = with_flow(rate_hz=100.0, delay_s=delay_s)(healthy)
+    """They are reported once, and other checks ignore them."""
+    seen = with_flow(rate_hz=100.0, delays_s=spread_of([delay_s]))(healthy)
     seen = replace(seen, settings=NodeSettings("doctor", sim_time=sim_time))
     finding = CHECKS["stamps"](seen)
     assert len(finding.evidence) == 1
@@ -318,14 +332,14 @@ def test_stamps_of_other_years_are_of_another_clock(
 
 
 def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
-    """That two share a frame is a conflict, and no trouble with its rate."""
+    """Two publishers of a frame are a conflict, not a trouble with its rate."""
     flows = (replace(FLOW, rate_hz=5.0), replace(FLOW, stream="other", rate_hz=5.0))
     finding = CHECKS["rates"](replace(healthy, flows=flows))
-    assert (finding.verdict, finding.evidence) == ("ok", ("1 moving frame in 3 s",))
+    assert (finding.verdict, finding.evidence) == ("ok", ("1 dynamic frame in 3 s",))
 
 
-def test_a_stream_that_nobody_reads_yet_is_told_in_passing(healthy: Examination) -> None:
-    """It is how a first turtle begins, and nothing to mend."""
+def test_a_stream_that_no_node_reads_yet_is_ok(healthy: Examination) -> None:
+    """An unread stream is evidence, but no trouble."""
     finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
     assert finding.verdict == "ok"
-    assert finding.evidence == ("nobody reads the moving frames of stream 'sim' of /sim",)
+    assert finding.evidence == ("no node reads the dynamic frames of stream 'sim' of /sim",)

@@ -65,7 +65,7 @@ def test_a_node_starts_when_the_one_it_waits_for_is_on_the_bus(bus: Bus, tmp_pat
         """,
     )
     launch = bus.start("launch", str(path))
-    launch.wait_for_line(r"\[INFO\] \[middle\]: waiting for /elsewhere/first to be on the bus")
+    launch.wait_for_line(r"\[INFO\] \[middle\]: waiting for /elsewhere/first")
     assert not any("process started" in line for line in launch.err)
     bus.node("first", namespace="elsewhere")
     launch.wait_for_line(r"^\[last\] I am /last")

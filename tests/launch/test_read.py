@@ -1,4 +1,4 @@
-"""Launch files: what they mean, and what is said about every mistake in one."""
+"""Launch files: what they mean, and the error for each mistake in one."""
 
 import os
 import re
@@ -10,8 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.yaml_file import Place, YamlFileError
+from tfbus.errors import TfbusError
 from tfbus.launch.description import Argument, Process, Respawn
-from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, Place
+from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
@@ -135,10 +137,10 @@ def test_what_comes_in_is_not_substituted_again(value: str) -> None:
 
 @given(st.text())
 def test_any_text_expands_or_is_a_mistake_with_its_place(text: str) -> None:
-    """No text makes substitution fail otherwise than by an error that says where."""
+    """Any text is substituted, or raises an error with its place."""
     try:
         Scope({}, {}, "/files").expand(text, Place("f", 3, "nodes"))
-    except LaunchFileError as error:
+    except YamlFileError as error:
         assert str(error).startswith("f:3: nodes: ")
 
 
@@ -169,7 +171,7 @@ def test_conditions(tmp_path: Path, condition: str, holds: bool) -> None:
 
 
 def test_two_ways_of_one_node_may_exclude_each_other(tmp_path: Path) -> None:
-    """A name may be written twice where conditions leave one of the two."""
+    """A name can be written twice if conditions leave one of the two."""
     text = """
         arguments: {headless: {default: false}}
         nodes:
@@ -226,7 +228,7 @@ def test_an_include_comes_with_arguments_and_a_namespace(tmp_path: Path) -> None
 
 
 def test_after_looks_in_the_namespace_of_the_node_first(tmp_path: Path) -> None:
-    """A name in `after:` is of the node's own namespace, or else of its file's."""
+    """A name in `after:` is looked up in the node's namespace, then in its file's."""
     text = """
         nodes:
           - {node: simulator, name: sim}
@@ -261,7 +263,7 @@ def test_a_respawn_without_limit_never_ends_and_never_hurries(n: int, delay_s: f
     assert again is not None and again >= delay_s
 
 
-# -- mistakes: the line, the key, what is wrong and what to do
+# -- mistakes: line, key, cause and remedy
 
 MISTAKES = [
     ("{}", "1", "starts nothing"),
@@ -270,9 +272,9 @@ MISTAKES = [
     ("- a", "1", "must be a mapping"),
     ("nodes:\n  - {node: [}", "2", "is not YAML"),
     ("nodes:\n\t- a", "2", "is not YAML"),
-    ("noodes: []", "1: noodes", "unknown key 'noodes'; did you mean 'nodes'? Known here: desc"),
-    ("nodes: 5", "1: nodes", "must be a list, and is one value"),
-    ("nodes:\n", "1: nodes", "must be a list, and is empty"),
+    ("noodes: []", "1: noodes", "unknown key 'noodes'; did you mean 'nodes'?"),
+    ("nodes: 5", "1: nodes", "must be a list, not one value"),
+    ("nodes:\n", "1: nodes", "must be a list, not empty"),
     ("nodes:\n  - simulator", "2: nodes[0]", "must be a mapping with 'node' or 'command'"),
     ("nodes:\n  - name: a", "2: nodes[0]", "needs either 'node'"),
     ("nodes:\n  - {node: a, command: b}", "2: nodes[0]", "needs either 'node'"),
@@ -280,7 +282,7 @@ MISTAKES = [
     ("nodes:\n  - node: a\n    node: b", "3: nodes[0].node", "written twice, first in line 2"),
     ("nodes:\n  - node: a\n    ? [x]\n    : 1", "3: nodes[0]", "a key must be a word"),
     ("nodes:\n  - node: a\n    name: a b", "3: nodes[0].name", "cannot be a node's name"),
-    ("nodes:\n  - node: a\n    name: [x]", "3: nodes[0].name", "must be one value, and is a list"),
+    ("nodes:\n  - node: a\n    name: [x]", "3: nodes[0].name", "must be one value, not a list"),
     ("nodes:\n  - node: a\n    name:", "3: nodes[0].name", "has no value"),
     ("nodes:\n  - node: a\n    namespace: a//b", "3: nodes[0].namespace", "cannot be the name"),
     ("nodes:\n  - node: no.py", "2: nodes[0].node", "there is no file"),
@@ -297,7 +299,7 @@ MISTAKES = [
     (
         "nodes:\n  - node: a\n    parameters:\n      x: {y: 1}",
         "4: nodes[0].parameters.x",
-        "must be one value, and is a mapping",
+        "must be one value, not a mapping",
     ),
     (
         "nodes:\n  - node: a\n    remappings:\n      pose: /pose",
@@ -314,7 +316,7 @@ MISTAKES = [
     (
         "nodes:\n  - node: a\n    respawn:\n      delay: -1",
         "4: nodes[0].respawn.delay",
-        "a number of seconds, 0 or more, and is '-1'",
+        "a number of seconds, 0 or more, not '-1'",
     ),
     (
         "nodes:\n  - node: a\n    respawn:\n      delay: nan",
@@ -326,8 +328,12 @@ MISTAKES = [
         "4: nodes[0].respawn.limit",
         "a whole number",
     ),
-    ("nodes:\n  - node: a\n    if: perhaps", "3: nodes[0].if", "true or false, and is 'perhaps'"),
-    ("nodes:\n  - node: a\n    name: ${x}", "3: nodes[0].name", "no argument is called 'x'"),
+    ("nodes:\n  - node: a\n    if: perhaps", "3: nodes[0].if", "true or false, not 'perhaps'"),
+    (
+        "nodes:\n  - node: a\n    name: ${x}",
+        "3: nodes[0].name",
+        "no argument 'x' under 'arguments:'",
+    ),
     (
         "arguments: {turtle: {default: a}}\nnodes:\n  - node: a\n    name: ${trutle}",
         "4: nodes[0].name",
@@ -337,7 +343,7 @@ MISTAKES = [
     ("nodes:\n  - node: a\n    name: ${env:NO}", "3: nodes[0].name", "'NO' is not set"),
     ("nodes:\n  - node: a\n    name: '${x'", "3: nodes[0].name", "without its '}'"),
     ("nodes:\n  - node: a\n  - node: a", "3: nodes[1]", "the name '/a' is taken by"),
-    ("nodes:\n  - node: a\n    after: sim", "3: nodes[0].after", "nobody here is called 'sim'"),
+    ("nodes:\n  - node: a\n    after: sim", "3: nodes[0].after", "no node 'sim' in this launch"),
     (
         "nodes:\n  - {node: a, name: simm}\n  - node: a\n    after:\n      - sim",
         "5: nodes[1].after[0]",
@@ -362,7 +368,7 @@ MISTAKES = [
     ("includes:\n  - turtle", "2: includes[0]", "must be a mapping with 'file'"),
     ("includes:\n  - namespace: a", "2: includes[0]", "needs 'file'"),
     ("includes:\n  - file: ./no.yaml", "2: includes[0].file", "there is no launch file"),
-    ("includes:\n  - file: trutle", "2: includes[0].file", "no launch file called 'trutle'"),
+    ("includes:\n  - file: trutle", "2: includes[0].file", "no launch file 'trutle'"),
     (
         "includes:\n  - file: robot.yaml",
         "2: includes[0].file",
@@ -372,11 +378,9 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("text", "where", "what"), MISTAKES)
-def test_a_mistake_is_told_with_its_line_and_key(
-    tmp_path: Path, text: str, where: str, what: str
-) -> None:
-    """Whatever is wrong in a launch file, the error names file, line, key and cause."""
-    with pytest.raises(LaunchFileError) as caught:
+def test_a_mistake_has_its_line_and_key(tmp_path: Path, text: str, where: str, what: str) -> None:
+    """The error for any mistake in a launch file names file, line, key and cause."""
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, text)
     place, _, reason = str(caught.value).partition(f"robot.yaml:{where}: ")
     assert place == f"{tmp_path}/", f"wrong place: {caught.value}"
@@ -384,10 +388,10 @@ def test_a_mistake_is_told_with_its_line_and_key(
 
 
 def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
-    """Files that include each other are told in their order."""
+    """The error names the files of the circle in order."""
     write(tmp_path, "includes:\n  - file: ./b.yaml\n", "a.yaml")
     write(tmp_path, "includes:\n  - file: ./robot.yaml\n", "b.yaml")
-    with pytest.raises(LaunchFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
+    with pytest.raises(YamlFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
         read(tmp_path, "includes:\n  - file: ./a.yaml\n")
 
 
@@ -396,34 +400,34 @@ def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
     [
         ("{}", 3, "needs a value for its argument 'turtle'"),
         ("\n      trutle: a", 4, "takes no argument 'trutle'; did you mean 'turtle'?"),
-        ("\n      turtle: c", 4, "is one of a, b, and not 'c'"),
+        ("\n      turtle: c", 4, "must be one of a, b, not 'c'"),
     ],
 )
 def test_an_include_with_wrong_arguments_is_a_mistake_of_the_file_that_includes(
     tmp_path: Path, arguments: str, where: int, what: str
 ) -> None:
-    """Arguments of an include are checked as those of the command line are, with their line."""
+    """Arguments of an include are checked like those of the command line, with their line."""
     write(tmp_path, "arguments: {turtle: {choices: [a, b]}}\nnodes: [{node: a}]", "one.yaml")
     text = f"includes:\n  - file: ./one.yaml\n    arguments: {arguments}\n"
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, text)
     assert f"robot.yaml:{where}: includes[0].arguments" in str(caught.value)
     assert what in str(caught.value)
 
 
-def test_a_mistake_in_an_included_file_is_told_with_that_file(tmp_path: Path) -> None:
-    """The line of a mistake is that of the file it stands in."""
+def test_a_mistake_in_an_included_file_names_that_file(tmp_path: Path) -> None:
+    """The line of a mistake is that of the included file."""
     write(tmp_path, "\n\nnodes:\n  - nod: a\n", "one.yaml")
-    with pytest.raises(LaunchFileError, match=r"one\.yaml:4: nodes\[0\]\.nod: unknown key"):
+    with pytest.raises(YamlFileError, match=r"one\.yaml:4: nodes\[0\]\.nod: unknown key"):
         read(tmp_path, "includes:\n  - file: one.yaml\n")
 
 
-def test_a_file_that_cannot_be_read_is_said_in_a_sentence(tmp_path: Path) -> None:
-    """A file that is not text, and one that is not there, are told without a traceback."""
+def test_a_file_that_cannot_be_read_is_an_error_in_a_sentence(tmp_path: Path) -> None:
+    """A file that is not text, or does not exist, is an error in a sentence."""
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(LaunchError, match="is not a text file"):
+    with pytest.raises(YamlFileError, match="is not a text file"):
         read_launch_file(tmp_path / "binary.yaml")
-    with pytest.raises(LaunchError, match="cannot be read: No such file"):
+    with pytest.raises(YamlFileError, match="cannot be read: No such file"):
         read_launch_file(tmp_path / "nowhere.yaml")
 
 
@@ -431,12 +435,12 @@ def test_a_file_that_cannot_be_read_is_said_in_a_sentence(tmp_path: Path) -> Non
 def test_any_text_is_read_or_refused_in_a_sentence(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
-    """No text, however broken, makes the reader fail otherwise than by its own error."""
+    """Any text is read, or raises an error of tfbus."""
     path = tmp_path_factory.getbasetemp() / "any.yaml"
     path.write_bytes(text.encode(errors="surrogatepass"))
     try:
         read_launch_file(path)
-    except LaunchError as error:
+    except TfbusError as error:
         assert str(error)
 
 
@@ -462,11 +466,11 @@ def test_arguments_are_given_or_have_a_default(tmp_path: Path) -> None:
     [
         ({}, "needs a value for its argument 'turtle' (whose frames)"),
         ({"turtle": "a", "stile": "x"}, "no argument 'stile'; did you mean 'style'?"),
-        ({"turtle": "a", "style": "x"}, "is one of foxy, newest, and not 'x'"),
+        ({"turtle": "a", "style": "x"}, "must be one of foxy, newest, not 'x'"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path: Path, given: dict[str, str], what: str) -> None:
-    """Unknown, missing and impossible arguments are each told with what would do."""
+    """The error for an unknown, missing or invalid argument says what is allowed."""
     with pytest.raises(LaunchArgumentError) as caught:
         read(tmp_path, ARGUMENTS, **given)
     assert what in str(caught.value)
@@ -503,18 +507,20 @@ def test_a_launch_file_is_found_by_name_or_path(tmp_path: Path) -> None:
     assert find_launch_file("turtle") == installed_launch_files()["turtle"]
 
 
-def test_an_unknown_name_is_answered_with_those_there_are(tmp_path: Path) -> None:
-    """The error for an unknown name lists the names there are, the nearest one first."""
+def test_an_unknown_name_is_answered_with_a_near_one_or_all(tmp_path: Path) -> None:
+    """The error for an unknown name has the nearest name, or all names."""
     write(tmp_path, "", "mine.yaml")
-    with pytest.raises(LaunchError, match=r"did you mean 'turtle'\? There are: .*turtle"):
+    with pytest.raises(LaunchError, match=r"; did you mean 'turtle'\?"):
         find_launch_file("turtel")
-    with pytest.raises(LaunchError, match=r"did you mean '\./mine\.yaml', a file in this folder"):
+    with pytest.raises(LaunchError, match=r"; there are: carrot, .*turtle"):
+        find_launch_file("xyz")
+    with pytest.raises(LaunchError, match=r"; did you mean '\./mine\.yaml'\?"):
         find_launch_file("mine", tmp_path)
 
 
 @pytest.mark.parametrize("name", sorted(installed_launch_files()))
 def test_every_installed_launch_file_can_be_started(name: str) -> None:
-    """All launch files that come with tfbus are right, and start nodes that there are."""
+    """All launch files of tfbus are valid, and start existing nodes."""
     from tfbus.cli import NODES
 
     processes = read_launch_file(find_launch_file(name))
@@ -530,7 +536,7 @@ def program_line(process: Process, **settings: object) -> tuple[str, ...]:
 
 
 def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Path) -> None:
-    """Nodes are told to join the bus as launch is, but not to listen where it does."""
+    """Nodes join the bus as launch does, but do not listen where it does."""
     [process] = read(
         tmp_path,
         """
@@ -573,7 +579,7 @@ def test_a_command_learns_about_the_bus_from_its_environment(
 
 
 def test_a_file_may_say_that_time_is_simulated(tmp_path: Path) -> None:
-    """What a file says of simulated time holds for all its nodes and those of its includes."""
+    """`sim_time` of a file holds for all its nodes and those of its includes."""
     (tmp_path / "inner.yaml").write_text("nodes:\n  - {node: simulator, name: sim}\n")
     inner, outer, command = read(
         tmp_path,
@@ -605,17 +611,17 @@ def test_a_dry_run_prints_what_a_shell_would_do_alike(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("entry", "what"),
     [
-        ("node: simulatro", "no node 'simulatro'; did you mean 'simulator'?"),
-        ("command: no-such-program-here", "there is no program 'no-such-program-here'"),
-        ("command: ./robot.yaml", "there is no program './robot.yaml' that can be run"),
+        ("node: simulatro", "(a file of your own ends with .py); did you mean 'simulator'?"),
+        ("command: no-such-program-here", "no executable program 'no-such-program-here'"),
+        ("command: ./robot.yaml", "no executable program './robot.yaml'"),
     ],
 )
-def test_a_program_that_is_not_there_is_told_before_anything_starts(
+def test_a_missing_program_is_an_error_before_anything_starts(
     tmp_path: Path, entry: str, what: str
 ) -> None:
-    """Every program is looked for first, so that no launch stops half way."""
+    """All programs are looked up first, so no launch stops half way."""
     [process] = read(tmp_path, f"nodes:\n  - {entry}\n    name: a\n    directory: .\n")
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         check_startable(process, {"simulator"})
     assert "robot.yaml:2: nodes[0]: " in str(caught.value) and what in str(caught.value)
 
@@ -646,11 +652,19 @@ def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: 
     """The tables of keys in docs/guide/launch.md are those that the reader knows."""
     table = PAGE.read_text().split(f"| {title} |")[1].split("\n\n")[0]
     documented = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in split(row)]
-    with pytest.raises(LaunchFileError) as caught:
+    with pytest.raises(YamlFileError) as caught:
         read(tmp_path, mistake)
-    known = caught.value.reason.split("Known here: ")[1].split(", ")
+    known = str(caught.value).split("; there are: ")[1].split(", ")
     assert sorted(documented) == sorted(known)
 
 
 def split(row: str) -> list[str]:
     return re.findall(r"`(\w+)`", row)
+
+
+@pytest.mark.parametrize(("half", "other"), [("read", "run"), ("run", "read")])
+def test_the_halves_of_launch_do_not_know_each_other(half: str, other: str) -> None:
+    """Reading and running meet only in the description."""
+    sources = list((Path(__file__).parents[2] / "tfbus" / "launch" / half).glob("*.py"))
+    assert len(sources) > 4
+    assert not [path for path in sources if f"tfbus.launch.{other}" in path.read_text()]

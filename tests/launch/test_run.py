@@ -1,7 +1,7 @@
 """The supervisor of a launch, with real processes: start, output, respawn, and the end of all.
 
-Waiting is for what is seen in the output, never for a time. A supervisor's own patience is given
-as a value: so long that it never matters (`NEVER_S`), or so short that it is over at once.
+Tests wait for output, never for a time. A supervisor's timeouts never matter (`NEVER_S`), or are
+over at once.
 """
 
 import asyncio
@@ -26,15 +26,15 @@ from hypothesis import strategies as st
 from tfbus.errors import BusError
 from tfbus.launch.description import Respawn
 from tfbus.launch.run.console import Console, Lines, Stream
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.orphans import adopting_orphans
 from tfbus.launch.run.program import Program
-from tfbus.launch.run.run import Wishes
+from tfbus.launch.run.run import Debounce
 from tfbus.launch.run.supervisor import Guard, Presence, Supervisor
 
 NEVER_S = 1000.0
 DEADLINE_S = 20.0
-PATIENT = Patience(NEVER_S, NEVER_S, NEVER_S, NEVER_S)
+LONG = Timeouts(NEVER_S, NEVER_S, NEVER_S, NEVER_S)
 
 # Ends as a good node does: at once, with exit code 0, and a word about it.
 OBEDIENT = "trap 'echo bye; exit 0' INT TERM; echo ready; while :; do sleep 0.01; done"
@@ -43,7 +43,7 @@ STUBBORN = "trap '' INT TERM; echo ready $$; while :; do sleep 0.01; done"
 
 @pytest.fixture(autouse=True)
 def parent_of_orphans() -> Iterator[None]:
-    """The process of the tests stands for that of launch."""
+    """The test process plays launch."""
     with adopting_orphans():
         yield
 
@@ -54,7 +54,7 @@ def shell(name: str, script: str, **more: object) -> Program:
 
 
 class Output:
-    """What comes out of pipes, line by line, to be waited for."""
+    """The lines that come out of pipes, to wait for."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -76,7 +76,7 @@ class Output:
         return own
 
     def wait_for(self, text: str, times: int = 1) -> str:
-        """The line, of those with the text in it, that makes so many."""
+        """The `times`-th line that contains the text."""
         with self._came:
             came = self._came.wait_for(lambda: len(self._with(text)) >= times, DEADLINE_S)
             assert came, f"{text!r} did not come {times} times in:\n" + "\n".join(self.lines)
@@ -92,7 +92,7 @@ class Launch(Output):
     def __init__(
         self,
         programs: Sequence[Program],
-        patience: Patience = PATIENT,
+        timeouts: Timeouts = LONG,
         presence: Presence | None = None,
         guard: Guard | None = None,
     ) -> None:
@@ -101,7 +101,7 @@ class Launch(Output):
         self.stdout, self.stderr = self.collect(out), self.collect(err)
         self._console = Console(Stream(self._out), Stream(self._err))
         self._supervisor = Supervisor(
-            programs, self._console, presence=presence, guard=guard, patience=patience
+            programs, self._console, presence=presence, guard=guard, timeouts=timeouts
         )
         self._loop = asyncio.new_event_loop()
         self._exit_code: int | BaseException = -1
@@ -115,7 +115,7 @@ class Launch(Output):
         self._loop.call_soon_threadsafe(self._supervisor.hurry, "quick")
 
     def exit_code(self) -> int:
-        """What it ends with, after it has ended and all output has come."""
+        """Its exit code, once it has ended and all output has come."""
         self._thread.join(DEADLINE_S)
         assert not self._thread.is_alive(), "still running:\n" + "\n".join(self.lines)
         if isinstance(self._exit_code, BaseException):
@@ -136,12 +136,12 @@ class Launch(Output):
 
 
 def said(lines: Sequence[str], name: str) -> list[str]:
-    """What one process wrote, of these lines."""
+    """Those of the lines that one process wrote."""
     return [line.removeprefix(f"[{name}] ") for line in lines if line.startswith(f"[{name}] ")]
 
 
 def lives(pid: int) -> bool:
-    """Whether the process runs; one that is dead and not buried does not."""
+    """Whether the process runs; a zombie does not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
         return stat.rpartition(")")[2].split()[0] != "Z"
@@ -170,15 +170,15 @@ def assert_gone(*pids: int) -> None:
 
 
 def test_each_line_carries_the_name_of_its_process() -> None:
-    """What a process writes to stdout and stderr comes out there, with its name before it."""
+    """Output of a process to stdout and stderr comes out there, prefixed with its name."""
     launch = Launch([shell("a", "echo one; echo two >&2"), shell("b", "echo three")])
     assert launch.exit_code() == 0
     assert sorted(launch.stdout) == ["<end of output>", "[a] one", "[b] three"]
     assert said(launch.stderr, "a") == ["two"]
 
 
-def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
-    """Start and clean end of a process are told with its pid, the end after its last words."""
+def test_events_are_logged_in_the_words_of_ros2_launch() -> None:
+    """Start and clean end of a process are logged with its pid, the end after its last output."""
     launch = Launch([shell("a", "echo $$ >&2")])
     assert launch.exit_code() == 0
     pid = said(launch.stderr, "a")[0]
@@ -190,8 +190,8 @@ def test_the_events_of_a_process_are_told_in_the_words_of_ros2_launch() -> None:
 
 
 @pytest.mark.parametrize(("script", "code"), [("exit 3", 3), ("kill -9 $$", -9)])
-def test_a_death_is_told_with_exit_code_and_command(script: str, code: int) -> None:
-    """A process that dies is told with its exit code (-N: by signal N), and launch ends with 1."""
+def test_a_death_is_logged_with_exit_code_and_command(script: str, code: int) -> None:
+    """A process that dies is logged with its exit code (-N: by signal N); launch exits with 1."""
     launch = Launch([shell("a", script), shell("b", "exit 0")])
     assert launch.exit_code() == 1
     line = launch.wait_for("[ERROR] [a]: process has died [pid ")
@@ -209,7 +209,7 @@ def test_lines_stay_whole_when_written_in_pieces() -> None:
 
 
 def test_a_last_line_without_an_end_is_not_lost() -> None:
-    """What a process wrote before it ended comes out, with or without a line's end."""
+    """All output before the end of a process comes out, with or without a newline."""
     launch = Launch([shell("a", "printf 'no end'")])
     assert launch.exit_code() == 0
     assert said(launch.stdout, "a") == ["no end"]
@@ -238,7 +238,7 @@ def test_a_line_without_end_comes_in_parts() -> None:
     assert max(map(len, parts)) == 65536
 
 
-# -- the stop ladder
+# -- escalation
 
 
 def test_stopping_lets_processes_end_by_themselves() -> None:
@@ -253,9 +253,9 @@ def test_stopping_lets_processes_end_by_themselves() -> None:
         launch.wait_for(f"[INFO] [{name}]: process has finished cleanly")
 
 
-def test_who_does_not_obey_is_sent_sigterm_and_then_sigkill() -> None:
-    """SIGINT, SIGTERM, SIGKILL: each after the patience with the one before is at its end."""
-    launch = Launch([shell("a", STUBBORN)], Patience(0.05, 0.06, NEVER_S, NEVER_S))
+def test_a_process_that_does_not_obey_gets_sigterm_then_sigkill() -> None:
+    """SIGINT, SIGTERM, SIGKILL: each after the timeout of the one before."""
+    launch = Launch([shell("a", STUBBORN)], Timeouts(0.05, 0.06, NEVER_S, NEVER_S))
     pid = int(launch.wait_for("ready").split()[-1])
     launch.stop()
     assert launch.exit_code() == 0
@@ -273,7 +273,7 @@ def test_who_does_not_obey_is_sent_sigterm_and_then_sigkill() -> None:
     assert_gone(pid)
 
 
-def test_a_second_wish_to_stop_hurries_and_a_third_kills() -> None:
+def test_a_second_request_to_stop_hurries_and_a_third_kills() -> None:
     """Each further Ctrl-C goes on to the next signal at once, however patient launch is."""
     launch = Launch([shell("a", STUBBORN)])
     launch.wait_for("ready")
@@ -284,10 +284,15 @@ def test_a_second_wish_to_stop_hurries_and_a_third_kills() -> None:
     assert not any("failed to terminate" in line for line in launch.stderr)
 
 
-def test_the_same_signal_twice_within_an_instant_is_one_wish() -> None:
-    """What `timeout` sends to a process and to its group is not taken for impatience."""
-    wishes = Wishes()
-    assert [wishes.is_new(now_s) for now_s in (5.0, 5.01, 5.5, 5.55)] == [True, False, True, False]
+def test_the_same_signal_twice_within_an_instant_counts_once() -> None:
+    """A signal that `timeout` sends to a process and to its group counts once."""
+    debounce = Debounce()
+    assert [debounce.is_new(now_s) for now_s in (5.0, 5.01, 5.5, 5.55)] == [
+        True,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_grandchildren_end_as_well() -> None:
@@ -306,9 +311,9 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
     wait = "read ready < {0}; exit 0"
     launch = Launch(
         [shell("a", f"{stubborn} {wait.format('/dev/null')}")],
-        Patience(NEVER_S, 0.05, NEVER_S, NEVER_S),
+        Timeouts(NEVER_S, 0.05, NEVER_S, NEVER_S),
     )
-    launch.wait_for("[WARNING] [a]: left processes behind: sending signal 'SIGTERM' to them")
+    launch.wait_for("[WARNING] [a]: left processes behind: sending them 'SIGTERM'")
     # `read` from an empty file fails, and the shell ends with the 0 of `exit`.
     assert launch.exit_code() == 0
     for line in said(launch.stdout, "a"):
@@ -316,7 +321,7 @@ def test_what_a_process_leaves_behind_is_ended_with_it() -> None:
 
 
 def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:
-    """Ctrl-C works while nobody reads what is written, as after Ctrl-S in a terminal."""
+    """Ctrl-C works while the reader is stopped, as after Ctrl-S in a terminal."""
     unread, out = os.pipe()
     collected = Output()
     read, err = os.pipe()
@@ -324,7 +329,7 @@ def test_a_blocked_output_does_not_keep_launch_from_stopping() -> None:
 
     async def run() -> int:
         console = Console(Stream(out), Stream(err))
-        supervisor = Supervisor([shell("a", "exec yes")], console, patience=PATIENT)
+        supervisor = Supervisor([shell("a", "exec yes")], console, timeouts=LONG)
         stop = asyncio.get_running_loop().call_soon_threadsafe
         threading.Thread(
             target=lambda: (collected.wait_for("started"), stop(supervisor.stop, "enough"))
@@ -371,7 +376,7 @@ def test_a_process_is_started_again_up_to_its_limit() -> None:
 
 
 def test_a_process_that_ran_steadily_has_its_respawns_back() -> None:
-    """The limit counts respawns in a row: one that ran long enough begins anew."""
+    """The limit counts respawns in a row: a steady run resets it."""
     respawn = Respawn(delay_s=0.0, limit=1, steady_s=0.0)
     launch = Launch([shell("a", "echo run", respawn=respawn)])
     launch.wait_for("[a] run", times=5)
@@ -380,7 +385,7 @@ def test_a_process_that_ran_steadily_has_its_respawns_back() -> None:
 
 
 def test_a_killed_process_comes_back_with_a_new_pid() -> None:
-    """A process that somebody kills with SIGKILL is started again."""
+    """A process killed with SIGKILL is started again."""
     launch = Launch([shell("a", STUBBORN, respawn=Respawn(delay_s=0.0))])
     first = int(launch.wait_for("[a] ready").split()[-1])
     os.kill(first, signal.SIGKILL)
@@ -462,7 +467,7 @@ class Bus:
             return self._changed.wait_for(lambda: name in self._present, timeout_s)
 
 
-NOTICING = Patience(NEVER_S, NEVER_S, NEVER_S, notice_s=0.02)
+NOTICING = Timeouts(NEVER_S, NEVER_S, NEVER_S, notice_s=0.02)
 
 
 def test_a_process_is_started_when_those_it_waits_for_are_there() -> None:
@@ -470,9 +475,9 @@ def test_a_process_is_started_when_those_it_waits_for_are_there() -> None:
     bus = Bus()
     follower = shell("follower", "echo here", after=("/sim", "/robot7/sim"))
     launch = Launch([follower, shell("sim", OBEDIENT)], NOTICING, presence=bus)
-    launch.wait_for("[INFO] [follower]: waiting for /sim to be on the bus", times=2)
+    launch.wait_for("[INFO] [follower]: waiting for /sim", times=2)
     bus.arrive("/sim")
-    launch.wait_for("[INFO] [follower]: waiting for /robot7/sim to be on the bus")
+    launch.wait_for("[INFO] [follower]: waiting for /robot7/sim")
     assert said(launch.stdout, "follower") == []
     bus.arrive("/robot7/sim")
     launch.wait_for("[follower] here")
@@ -489,8 +494,8 @@ def test_a_stop_while_waiting_for_a_node_starts_nothing_more() -> None:
     assert said(launch.stdout, "a") == []
 
 
-def test_nobody_waits_for_a_process_that_has_ended() -> None:
-    """What waits for a node of the launch that ended without coming is told and not started."""
+def test_no_process_waits_for_one_that_has_ended() -> None:
+    """A process whose awaited node ended without appearing is not started, with an error."""
     launch = Launch(
         [
             shell("sim", "exit 1"),
@@ -500,12 +505,12 @@ def test_nobody_waits_for_a_process_that_has_ended() -> None:
         presence=Bus(),
     )
     assert launch.exit_code() == 1
-    launch.wait_for("[ERROR] [a]: will not be started: /sim has ended")
-    launch.wait_for("[ERROR] [b]: will not be started: /a has ended")
+    launch.wait_for("[ERROR] [a]: not started: /sim has ended")
+    launch.wait_for("[ERROR] [b]: not started: /a has ended")
 
 
 def test_trouble_with_the_bus_ends_a_launch_that_waits() -> None:
-    """If nobody can tell who is on the bus, launch says why and stops."""
+    """If the bus cannot be watched, launch logs why and stops."""
     launch = Launch([shell("a", "echo here", after=("/sim",))], presence=Bus("no way there"))
     launch.wait_for("[ERROR] [launch]: no way there")
     assert launch.exit_code() == 1
@@ -582,7 +587,7 @@ def test_a_signal_to_launch_ends_everything(tmp_path: Path, number: signal.Signa
 
 
 def test_a_second_ctrl_c_hurries_the_command(tmp_path: Path) -> None:
-    """A user who presses Ctrl-C again does not wait for the patience of launch."""
+    """A second Ctrl-C sends the next signal at once."""
     stubborn = f'- {{command: [sh, -c, "{STUBBORN}"], name: a}}'
     long = ("--sigterm-timeout", str(NEVER_S), "--sigkill-timeout", str(NEVER_S))
     with started(tmp_path, stubborn, *long) as launch:
@@ -591,7 +596,7 @@ def test_a_second_ctrl_c_hurries_the_command(tmp_path: Path) -> None:
         def press_until(text: str) -> None:
             def pressed() -> bool:
                 launch.process.send_signal(signal.SIGINT)
-                time.sleep(0.15)  # longer than what is taken for one wish
+                time.sleep(0.15)  # longer than the debounce
                 return any(text in line for line in launch.lines)
 
             wait_until(pressed, text)
@@ -635,7 +640,7 @@ def test_daemons_end_with_the_launch(tmp_path: Path) -> None:
         assert_gone(*pids)
 
 
-def test_launch_ends_when_nobody_reads_its_output(tmp_path: Path) -> None:
+def test_launch_ends_when_the_reader_of_its_output_is_gone(tmp_path: Path) -> None:
     """`tfbus launch FILE | head` ends like any program whose reader goes away."""
     with started(tmp_path, "- {command: [sh, -c, 'exec yes'], name: a}") as launch:
         # A reader of its own, which goes away after the first line.
@@ -648,7 +653,7 @@ def test_launch_ends_when_nobody_reads_its_output(tmp_path: Path) -> None:
         ["sh", "-c", script], capture_output=True, text=True, timeout=DEADLINE_S, check=True
     )
     assert done.stdout == "[a] y\n"
-    assert "[WARNING] [launch]: nobody reads the output any more" in done.stderr
+    assert "[WARNING] [launch]: the reader of the output is gone" in done.stderr
 
 
 def test_in_a_terminal_names_have_colours_and_ctrl_c_stops(tmp_path: Path) -> None:
@@ -699,7 +704,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
     [
         (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true", ""),
         (["--show-args"], 0, "No arguments.", ""),
-        (["x:=1"], 2, "", "takes no argument 'x'. It takes: none"),
+        (["x:=1"], 2, "", "takes no argument 'x'; it takes none"),
         (["x"], 2, "", "'x' is not of the form NAME:=VALUE"),
         (["--mode", "pear"], 2, "", "is not one of"),
         (["--namespace", "a//b"], 2, "", "cannot be the name of a namespace"),
@@ -709,7 +714,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
 def test_the_command_line_of_launch(
     tmp_path: Path, options: list[str], code: int, stdout: str, stderr: str
 ) -> None:
-    """What can be asked of `tfbus launch`, and how wrong questions are refused: code 2."""
+    """The options of `tfbus launch`; wrong ones exit with 2."""
     with started(tmp_path, "- {command: ['true'], name: a}", *options) as launch:
         assert launch.exit_code() == code
         wait_until(lambda: stdout in "\n".join(launch.stdout), stdout)
@@ -717,7 +722,7 @@ def test_the_command_line_of_launch(
         assert not any("Traceback" in line for line in launch.lines)
 
 
-def test_a_mistake_in_a_file_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_mistake_in_a_file_is_one_line(tmp_path: Path) -> None:
     """A wrong launch file gives its line and key, exit code 1, and no traceback."""
     with started(tmp_path, "- {nod: a}") as launch:
         assert launch.exit_code() == 1

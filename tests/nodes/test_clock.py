@@ -1,4 +1,4 @@
-"""`tfbus clock`: what it tells, and how it is paused, set and given another rate."""
+"""`tfbus clock`: what it publishes; pausing, setting and changing its rate."""
 
 import pytest
 
@@ -8,8 +8,8 @@ from tfbus import ServiceError
 from tfbus.messages import Clock, SetClock
 
 
-def test_it_tells_its_rate_and_whether_it_stands(bus: Bus) -> None:
-    """A clock tells its time, its rate and whether it is paused; the rate is a parameter."""
+def test_it_publishes_its_rate_and_whether_it_is_paused(bus: Bus) -> None:
+    """A clock publishes its time, its rate and whether it is paused; the rate is a parameter."""
     start_clock(bus, "--paused", "--start", "7s", "--rate", "2")
     node = bus.node("here")
     told: list[Clock] = []
@@ -21,7 +21,7 @@ def test_it_tells_its_rate_and_whether_it_stands(bus: Bus) -> None:
 
 
 def test_time_goes_on_in_whole_steps(bus: Bus) -> None:
-    """All times told are whole steps from the start, in order."""
+    """All published times are whole steps from the start, in order."""
     start_clock(bus, "--start", "5s", "--step", "0.25", "--rate", "20")
     told: list[Clock] = []
     bus.node("here").create_subscription(Clock, "clock", told.append)
@@ -40,8 +40,8 @@ def test_a_clock_that_is_set_goes_on_from_there(bus: Bus) -> None:
     eventually(lambda: 5 * SECOND < node.now_ns() < 500 * SECOND)
 
 
-def test_a_time_that_cannot_be_is_refused(bus: Bus) -> None:
-    """A clock cannot be set before 1970, and says so."""
+def test_an_invalid_time_is_refused(bus: Bus) -> None:
+    """Setting a clock before 1970 is refused."""
     start_clock(bus, "--paused", "--start", "7s")
     call = bus.run("call", "clock/set", "{stamp_ns: -5}")
     assert call.returncode == 1
@@ -51,7 +51,7 @@ def test_a_time_that_cannot_be_is_refused(bus: Bus) -> None:
 
 
 def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
-    """In an environment where all time is simulated the clock goes by the system's."""
+    """The clock uses the system's time even if the environment sets simulated time."""
     clock = bus.start("clock", "--start", "7s", "--sim-time", env={"TFBUS_SIM_TIME": "1"})
     node = follower(bus)
     eventually(lambda: node.now_ns() > 7 * SECOND)
@@ -61,15 +61,15 @@ def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--rate", "0"], "0 is not a number of at least 0.001"),
-        (["--step", "0"], "0 is not a number of at least 1e-09"),
+        (["--rate", "0"], "must be at least 0.001, not 0"),
+        (["--step", "0"], "must be at least 1e-09, not 0"),
         (["--start", "soon"], "'soon' is not a time"),
-        (["--start=-30000000min"], "--start is before 1970 or after 2116"),
-        (["--start", "2200-01-01"], "--start is before 1970 or after 2116"),
+        (["--start=-30000000min"], "--start must be between 1970 and 2116"),
+        (["--start", "2200-01-01"], "--start must be between 1970 and 2116"),
     ],
 )
-def test_a_mistake_is_told(bus: Bus, options: list[str], said: str) -> None:
-    """A rate, step or start that cannot be is refused in one sentence, with exit code 2."""
+def test_a_mistake_is_an_error(bus: Bus, options: list[str], said: str) -> None:
+    """An invalid rate, step or start is one sentence, with exit code 2."""
     clock = bus.run("clock", *options)
     assert clock.returncode == 2
     assert said in clock.stderr

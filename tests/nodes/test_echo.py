@@ -85,7 +85,7 @@ def test_styles_and_precision_change_the_text(bus: Bus, turtle: Node) -> None:
     )
 
 
-def test_it_waits_for_what_is_not_there_yet(bus: Bus) -> None:
+def test_it_waits_for_missing_frames(bus: Bus) -> None:
     """It may start first; what is missing goes to stderr, and stdout holds JSON only."""
     echo = bus.start("echo", "world", "turtle1", "--format", "json", "--rate", "50")
     echo.wait_for_line("Waiting for transform world -> turtle1: .*is a broadcaster running")
@@ -108,7 +108,7 @@ def test_it_gives_up_after_a_timeout_and_names_what_exists(bus: Bus, turtle: Nod
 
 
 def test_csv_has_one_header(bus: Bus, turtle: Node) -> None:
-    """CSV begins with the names of its columns, said once."""
+    """CSV starts with one line of column names."""
     done = bus.run("echo", "world", "turtle1", "--format", "csv", "--count", "2", "--rate", "20")
     header, *rows = done.stdout.splitlines()
     assert header.startswith("stamp_ns,frame_id,child_frame_id,x,y,z,qx")
@@ -130,7 +130,9 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     """`--at` a time before all that is known fails without waiting for what cannot come."""
     done = bus.run("echo", "world", "hand", "--at", "2022-04-04T21:56:58Z")
     assert done.returncode == 1
-    assert "known is what is sent while echo runs, and what publishers keep" in done.stderr
+    assert (
+        "echo knows what is sent while it runs, and the history that publishers keep" in done.stderr
+    )
     assert "Waiting" not in done.stderr
 
 
@@ -155,15 +157,15 @@ def test_it_says_once_when_what_it_shows_is_not_sent_any_more(bus: Bus) -> None:
     echo = bus.start("echo", "world", "camera", "--rate", "20")
     eventually(lambda: echo.out)
     static.stop(signal.SIGKILL)
-    echo.wait_for_line("'camera': not sent any more; what follows is where it was last")
+    echo.wait_for_line("'camera': publisher gone; showing its last pose")
     before = len(echo.out)
     eventually(lambda: len(echo.out) > before + 30)
-    assert len([line for line in echo.err if "not sent any more" in line]) == 1
+    assert len([line for line in echo.err if "publisher gone" in line]) == 1
     assert echo.stop() == 0
 
 
-def test_data_that_stands_still_is_told_once(bus: Bus) -> None:
-    """Where a publisher lives but sends no more, one line says so, and the last pose goes on."""
+def test_a_transform_that_stalls_is_logged_once(bus: Bus) -> None:
+    """If a running publisher stops sending, one line says so, and the last pose is printed."""
     node = bus.node("sim")
     broadcaster = TransformBroadcaster(node)
     echo = bus.start("echo", "world", "rock", "--rate", "20")
@@ -175,7 +177,7 @@ def test_data_that_stands_still_is_told_once(bus: Bus) -> None:
     )
     eventually(lambda: echo.out)
     sending.cancel()
-    echo.wait_for_line(r"Nothing newer has come for 5\.\d s; what follows is where it was last")
+    echo.wait_for_line(r"Nothing newer for 5\.\d s; showing the last pose")
     before = len(echo.out)
     eventually(lambda: len(echo.out) > before + 30)
     assert len([line for line in echo.err if "Nothing newer" in line]) == 1
@@ -202,7 +204,7 @@ def test_only_changes_are_printed(bus: Bus) -> None:
 def test_a_question_that_can_never_be_answered_fails_at_once(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What no waiting makes right ends it at once, however patient it is."""
+    """An error that waiting cannot fix ends it at once, whatever the timeout."""
 
     def refuse(*_: object) -> TransformStamped:
         raise InvalidArgumentException("no such thing")
@@ -216,7 +218,7 @@ def test_a_question_that_can_never_be_answered_fails_at_once(
 
 
 def test_a_fixed_frame_joins_two_times(bus: Bus, clockwork: Node) -> None:
-    """With `--fixed-frame` it tells where the target was then, seen from the source now."""
+    """With `--fixed-frame` it prints a frame at one time, seen from another now."""
     options = ("--at", "-1s", "--fixed-frame", "world", "--format", "json", "--once")
     done = bus.run("echo", "hand", "hand", *options)
     assert json.loads(done.stdout)["xyz"][0] == pytest.approx(-1.0, abs=0.5)
@@ -233,7 +235,7 @@ def test_signals_end_it_cleanly(bus: Bus, turtle: Node, number: int, frame: str)
 
 
 def test_a_closed_pipe_ends_it_quietly(bus: Bus, turtle: Node) -> None:
-    """`tfbus echo ... | head -3` prints three lines, and nothing is said about the pipe."""
+    """`tfbus echo ... | head -3` prints three lines and no error."""
     echo = f"{sys.executable} -m tfbus echo world turtle1 --rate 50"
     shell = bus.start_command(["bash", "-c", f"{echo} | head -3; exit ${{PIPESTATUS[0]}}"])
     assert shell.wait() == 0
@@ -258,22 +260,22 @@ def node_name(process: Process) -> str:
     ("arguments", "complaint"),
     [
         (["/world", "turtle1"], "write 'world'"),
-        (["world", ""], "name is not empty"),
+        (["world", ""], "name must not be empty"),
         (["world", "turtle1", "--rate", "0"], "at least 1e-06"),
-        (["world", "turtle1", "--rate", "nan"], "is not a number"),
+        (["world", "turtle1", "--rate", "nan"], "must be finite"),
         (["world", "turtle1", "--rate", "1e-10"], "at least 1e-06"),
-        (["world", "turtle1", "--timeout", "inf"], "is not a number"),
+        (["world", "turtle1", "--timeout", "inf"], "must be finite"),
         (["world", "turtle1", "--at", "99999999999999999999999h"], "too far away"),
-        (["world", "turtle1", "--timeout", "-1"], "greater than 0"),
+        (["world", "turtle1", "--timeout", "-1"], "must be more than 0"),
         (["world", "turtle1", "--precision", "-1"], "0<=x<=17"),
         (["world", "turtle1", "--at", "noon"], "is not a time"),
-        (["world", "turtle1", "--once", "--count", "2"], "give one of them"),
+        (["world", "turtle1", "--once", "--count", "2"], "exclude each other"),
         (["world"], "Missing argument 'SOURCE'"),
         (["world", "turtle1", "2.5"], "the rate is an option: --rate 2.5"),
     ],
 )
-def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:
-    """A mistake is told in a sentence, with exit code 2, before the bus is joined."""
+def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:
+    """A mistake is one sentence, with exit code 2, before it joins the bus."""
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert complaint in result.output

@@ -43,7 +43,7 @@ def eyes(bus: Bus) -> Iterator[Eyes]:
 
 
 def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while nobody knows."""
+    """The source's x in the target, to the nanometre; None without a transform."""
     if not buffer.can_transform(target, source):
         return None
     return round(buffer.lookup_transform(target, source).transform.x, 9)
@@ -78,7 +78,7 @@ def test_what_does_not_move_is_static_for_others_too(bus: Bus, eyes: Eyes) -> No
     """A static transform is shown as one: it holds at all times, and comes to late joiners."""
     bus.start("static", "world", "dock", "--x", "5", "--namespace", "robot7")
     process = bus.start("share", "robot7", "dock", "--to", "robot1", "--relative-to", "world")
-    process.wait_for_line("'robot7/dock' is to be seen in 'world'")
+    process.wait_for_line("'robot7/dock' is visible in 'world'")
     eventually(lambda: x_of(eyes.of(1), "world", "robot7/dock") == 5)
     assert eyes.of(1).frame("robot7/dock").static
 
@@ -92,13 +92,13 @@ def test_frames_of_a_robot_that_is_gone_are_taken_back(bus: Bus, eyes: Eyes) -> 
     eventually(lambda: {"robot7/base_link", "robot7/dock"} <= {*eyes.of(1).frames()})
     first.signal(SIGKILL)
     eventually(lambda: eyes.of(1).frames() == ["map"])
-    process.wait_for_line("'robot7/base_link' is not to be seen: .*gone")
+    process.wait_for_line("'robot7/base_link' is not visible: .*gone")
     robot(bus, 7)
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
 
 
 def test_the_end_of_share_is_noticed(bus: Bus, eyes: Eyes) -> None:
-    """Who sees the frames learns that they are shown no more."""
+    """The frames are gone for the robots that saw them."""
     robot(bus, 7)
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     eventually(lambda: x_of(eyes.of(1), "map", "robot7/base_link") == 7)
@@ -118,7 +118,7 @@ def test_frames_may_be_shown_to_all(bus: Bus, eyes: Eyes) -> None:
 
 
 def test_what_is_shown_to_a_robot_is_not_the_robot(bus: Bus, eyes: Eyes) -> None:
-    """Where several share with all, a robot that is gone is shown nothing more by any of them."""
+    """If several share with all, none of them keeps showing frames to a robot that is gone."""
     robots = {number: robot(bus, number) for number in (1, 7, 8)}
     for number in (7, 8):
         bus.start("share", f"robot{number}", "base_link", "--to", "all", "--rate", "50")
@@ -133,7 +133,7 @@ def test_what_is_shown_to_a_robot_is_not_the_robot(bus: Bus, eyes: Eyes) -> None
 def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
     bus: Bus, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where the bus cannot be joined for one robot it is told once, and tried again."""
+    """A robot whose bus cannot be joined is logged once, and retried."""
     node = bus.node("share_1")
     unreachable = {"robot2"}
     joined: list[str] = []
@@ -159,7 +159,7 @@ def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
         )
     assert joined == ["robot1", "robot2"]
     told = capsys.readouterr().err
-    assert told.count("Nothing is shown to robot2 so far; it is tried again: cannot join") == 1
+    assert told.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
 
 
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
@@ -171,12 +171,12 @@ def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
         eventually(lambda: x_of(buffer, "map", "robot7/dock") == 5)
 
 
-def test_what_is_not_there_is_told(bus: Bus) -> None:
-    """Where a frame cannot be seen, share says so after a while, and why, and goes on."""
+def test_a_missing_frame_is_logged(bus: Bus) -> None:
+    """A frame without a transform is logged after 2 s, with the reason; share goes on."""
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
-    line = process.wait_for_line("is not to be seen")
+    line = process.wait_for_line("is not visible")
     assert line.endswith(
-        "'robot7/base_link' is not to be seen: there is no frame 'map'; no frame is known so far"
+        "'robot7/base_link' is not visible: there is no frame 'map'; no frame is known so far"
     )
 
 
@@ -185,17 +185,17 @@ def test_what_is_not_there_is_told(bus: Bus) -> None:
     [
         (["robot7", "--to", "robot1"], "Missing argument 'FRAMES...'"),
         (["robot7", "base_link"], "Missing option '--to'"),
-        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' sees its own frames anyway"),
-        (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the frames"),
-        (["robot7", "/base", "--to", "robot1"], "begins with a slash"),
+        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' sees its own frames;"),
+        (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the shown frames"),
+        (["robot7", "/base", "--to", "robot1"], "must not start with a slash"),
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),
         (["robot7", "base", "--to", "a*"], "--to: 'a*' cannot be the name of a namespace"),
-        (["/", "base", "--to", "a"], "ROBOT: the name of a robot is not empty"),
-        (["robot7", "base", "--to", "a", "--rate", "0"], "0 is not a number of at least 0.01"),
+        (["/", "base", "--to", "a"], "ROBOT: the name of a robot must not be empty"),
+        (["robot7", "base", "--to", "a", "--rate", "0"], "must be at least 0.01, not 0"),
     ],
 )
-def test_mistakes_are_told_in_a_sentence(arguments: list[str], mistake: str) -> None:
-    """What cannot be is refused at once, with what is allowed, and exit code 2."""
+def test_mistakes_are_one_sentence(arguments: list[str], mistake: str) -> None:
+    """A mistake is an error at once, with what is allowed, and exit code 2."""
     refused = CliRunner().invoke(share.main, arguments)
     assert refused.exit_code == 2
     assert mistake in " ".join(refused.output.split())

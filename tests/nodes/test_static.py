@@ -20,12 +20,12 @@ def lookup(bus: Bus, target: str, source: str) -> Transform:
 
 
 def announced(process: Process) -> list[str]:
-    """What it said, without the times, once it is ready."""
+    """Its log, without times, once it is ready."""
     process.wait_for_line(": ready$")
     return [line.split("]: ")[-1] for line in process.err]
 
 
-def test_it_is_seen_by_those_who_start_later(bus: Bus) -> None:
+def test_later_listeners_see_it(bus: Bus) -> None:
     """A static transform reaches processes that start after it, as long as it runs."""
     static = bus.start("static", "world", "camera", "--x", "1", "--yaw", "0.5")
     assert announced(static) == [
@@ -79,7 +79,7 @@ def test_a_mistake_in_a_file_is_one_sentence(tmp_path: Path) -> None:
     path.write_text("- frame_id: world\n  child_frame_id: camera\n  x: far\n")
     result = CliRunner().invoke(main, ["--file", str(path)])
     assert result.exit_code == 1
-    assert result.output == f"Error: {path}:3: x: 'far' is not a number\n"
+    assert result.output == f"Error: {path}:3: [0].x: 'far' is not a number\n"
 
 
 @pytest.mark.parametrize(
@@ -91,11 +91,11 @@ def test_a_mistake_in_a_file_is_one_sentence(tmp_path: Path) -> None:
         ("0 0 0 0 0 0 1 map base 100", "map base --qw 1"),
     ],
 )
-def test_the_form_of_ros_is_told_in_flags(old: str, new: str) -> None:
-    """The numbers that ROS takes in a row are a mistake, told with the same in flags."""
+def test_the_form_of_ros_is_answered_in_flags(old: str, new: str) -> None:
+    """The form of ROS without flags is an error that has the same in flags."""
     result = CliRunner().invoke(main, old.split())
     assert result.exit_code == 2
-    assert result.output.endswith(f"the same is: tfbus static {new}\n")
+    assert result.output.endswith(f"give the numbers by flags, as in: tfbus static {new}\n")
 
 
 @pytest.mark.parametrize(
@@ -111,16 +111,16 @@ def test_other_rows_are_not_the_form_of_ros(words: str) -> None:
     [
         ([], "--frame-id: is missing"),
         (["world"], "--child-frame-id: is missing"),
-        (["world", "world"], "--child-frame-id: is 'world', the parent's own name"),
+        (["world", "world"], "--child-frame-id: 'world' is the parent's name too"),
         (["world", "camera", "--frame-id", "map"], "not both"),
-        (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: cannot stand beside roll"),
-        (["world", "camera", "--x", "nan"], "'--x': nan is not a number that is finite"),
+        (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: excludes roll"),
+        (["world", "camera", "--x", "nan"], "'--x': must be finite, not nan"),
         (["world", "camera", "--qx", "1"], "divided by its norm it is qx 0.707106781"),
-        (["world", "camera", "--file", "edges.yaml"], "give no others beside it"),
+        (["world", "camera", "--file", "edges.yaml"], "--file excludes other frames and numbers"),
     ],
 )
-def test_mistakes_on_the_command_line_are_told(arguments: list[str], complaint: str) -> None:
-    """A mistake is told in a sentence that names the flag, with exit code 2."""
+def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:
+    """A mistake is a sentence that names the flag, with exit code 2."""
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert complaint in result.output

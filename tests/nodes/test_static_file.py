@@ -1,4 +1,4 @@
-"""Edges that never change: fields and files."""
+"""Static edges: fields and files."""
 
 import math
 from pathlib import Path
@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformStamped
+from tfbus.command import YamlFileError
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
-from tfbus.nodes.static_file import EdgeFileError, read_edges
+from tfbus.nodes.static_file import read_edges
 
 FRAMES = {"frame_id": "world", "child_frame_id": "camera"}
 ANGLE = st.floats(-3.0, 3.0)
@@ -19,8 +20,8 @@ def edge(parent: str, child: str, transform: Transform) -> TransformStamped:
     return TransformStamped(0, parent, child, transform)
 
 
-def test_fields_that_are_not_given_are_the_identitys() -> None:
-    """An edge without numbers is the identity; a quaternion that is not given has qw 1."""
+def test_missing_fields_are_the_identitys() -> None:
+    """An edge without numbers is the identity; the default of qw is 1."""
     assert make_edge(FRAMES, {}) == edge("world", "camera", Transform.identity())
     assert make_edge(FRAMES, {"qx": 0.0, "y": 2.0}) == edge("world", "camera", Transform((0, 2, 0)))
 
@@ -40,19 +41,24 @@ def test_degrees_are_radians_of_another_size(roll: float, pitch: float, yaw: flo
     [
         ({}, {}, "frame_id", "is missing"),
         ({"frame_id": "a"}, {}, "child_frame_id", "is missing"),
-        ({"frame_id": "a", "child_frame_id": "a"}, {}, "child_frame_id", "parent's own name"),
+        (
+            {"frame_id": "a", "child_frame_id": "a"},
+            {},
+            "child_frame_id",
+            "is the parent's name too",
+        ),
         ({"frame_id": "a", "child_frame_id": "/b"}, {}, "child_frame_id", "write 'b'"),
-        (FRAMES, {"x": math.nan}, "x", "is nan; a finite number is wanted"),
-        (FRAMES, {"qw": math.inf}, "qw", "is inf; a finite number is wanted"),
-        (FRAMES, {"yaw": 1.0, "qz": 1.0}, "qz", "cannot stand beside yaw"),
+        (FRAMES, {"x": math.nan}, "x", "must be finite, not nan"),
+        (FRAMES, {"qw": math.inf}, "qw", "must be finite, not inf"),
+        (FRAMES, {"yaw": 1.0, "qz": 1.0}, "qz", "excludes yaw"),
         (FRAMES, {"qx": 1.0, "qw": 1.0}, "qx", "divided by its norm it is qx 0.707106781 "),
         (FRAMES, {"qw": 0.0}, "qw", "norm 0"),
     ],
 )
-def test_an_edge_that_cannot_be_names_the_field(
+def test_an_invalid_edge_names_the_field(
     frames: dict[str, str], numbers: dict[str, float], field: str, reason: str
 ) -> None:
-    """A mistake in an edge names the field at fault and says what is wanted."""
+    """A mistake in an edge names the field and what is allowed."""
     with pytest.raises(EdgeMistake) as raised:
         make_edge(frames, numbers)
     assert raised.value.field == field
@@ -60,7 +66,7 @@ def test_an_edge_that_cannot_be_names_the_field(
 
 
 def test_a_file_holds_many_edges(tmp_path: Path) -> None:
-    """A file is a list of edges in the keys of the flags, angles in degrees where it says so."""
+    """A file is a list of edges whose keys are the flags, with angles in degrees on request."""
     path = tmp_path / "edges.yaml"
     path.write_text(
         """\
@@ -79,8 +85,8 @@ def test_a_file_holds_many_edges(tmp_path: Path) -> None:
     assert other == edge("world", "007", Transform(quat_xyzw=(0, 0, 1, 0)))
 
 
-def test_degrees_may_hold_for_a_whole_file(tmp_path: Path) -> None:
-    """`--deg` is what an edge of the file has that does not say `deg` itself."""
+def test_degrees_can_hold_for_a_whole_file(tmp_path: Path) -> None:
+    """`--deg` is the default of `deg` for each edge."""
     path = tmp_path / "edges.yaml"
     path.write_text(
         "- {frame_id: a, child_frame_id: b, yaw: 90}\n"
@@ -94,44 +100,66 @@ def test_degrees_may_hold_for_a_whole_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "edges.yaml:1: a list of edges is wanted"),
-        ("a: 1", "edges.yaml:1: a list of edges is wanted"),
-        ("- a", "edges.yaml:1: an edge is wanted"),
+        ("", "edges.yaml:1: is empty; write a list of edges"),
+        ("[]", "edges.yaml:1: is empty; write a list of edges"),
+        ("a: 1", "edges.yaml:1: must be a list, not a mapping"),
+        ("- a", r"edges.yaml:1: \[0\]: must be a mapping .*, not one value"),
         ("- {frame_id: a\n", "edges.yaml:2: is not YAML"),
-        ("- frame_id: a\n  yawn: 1", "edges.yaml:2: yawn: is not a key .*did you mean 'yaw'"),
-        ("- frame_id: a\n  x: 1\n  x: 2", "edges.yaml:3: x: is written twice, first in line 2"),
-        ("- frame_id: a\n  child_frame_id: [b]", "edges.yaml:2: child_frame_id: one value"),
-        ("- frame_id: a\n  child_frame_id: b\n  x: one", "edges.yaml:3: x: 'one' is not a number"),
-        ("- frame_id: a\n  child_frame_id: b\n  x: .nan", "edges.yaml:3: x: '.nan' is not a"),
-        ("- frame_id: a\n  child_frame_id: b\n  x:", "edges.yaml:3: x: '' is not a number"),
-        ("- frame_id: a\n  child_frame_id: b\n  x: inf", "edges.yaml:3: x: is inf; a finite"),
-        ("- frame_id: a\n  child_frame_id: b\n  deg: 1", "edges.yaml:3: deg: '1' is neither true"),
-        ("- frame_id: a\n  x: 1", "edges.yaml:1: child_frame_id: is missing"),
-        ("- frame_id: a\n  child_frame_id: a", "edges.yaml:2: child_frame_id: is 'a', the parent"),
+        ("- frame_id: a\n  yawn: 1", r"edges.yaml:2: \[0\].yawn: unknown key .*did you mean 'yaw'"),
+        (
+            "- frame_id: a\n  x: 1\n  x: 2",
+            r"edges.yaml:3: \[\d\].x: is written twice, first in line 2",
+        ),
+        (
+            "- frame_id: a\n  child_frame_id: [b]",
+            r"edges.yaml:2: \[\d\].child_frame_id: must be one value",
+        ),
+        (
+            "- frame_id: a\n  child_frame_id: b\n  x: one",
+            r"edges.yaml:3: \[\d\].x: 'one' is not a number",
+        ),
+        (
+            "- frame_id: a\n  child_frame_id: b\n  x: .nan",
+            r"edges.yaml:3: \[\d\].x: '.nan' is not a",
+        ),
+        ("- frame_id: a\n  child_frame_id: b\n  x:", r"edges.yaml:3: \[\d\].x: has no value"),
+        (
+            "- frame_id: a\n  child_frame_id: b\n  x: inf",
+            r"edges.yaml:3: \[\d\].x: must be finite, not inf",
+        ),
+        (
+            "- frame_id: a\n  child_frame_id: b\n  deg: 1",
+            r"edges.yaml:3: \[\d\].deg: must be true or false, not '1'",
+        ),
+        ("- frame_id: a\n  x: 1", "edges.yaml:1: \\[0\\]: child_frame_id is missing"),
+        (
+            "- frame_id: a\n  child_frame_id: a",
+            r"edges.yaml:2: \[\d\].child_frame_id: 'a' is the parent's name",
+        ),
         (
             "- {frame_id: a, child_frame_id: b}\n- {frame_id: c, child_frame_id: b}",
-            "edges.yaml:2: child_frame_id: 'b' has its place in the tree from line 1 already",
+            r"edges.yaml:2: \[\d\].child_frame_id: 'b' has a parent already, in line 1",
         ),
         (
             "- {frame_id: a, child_frame_id: b}\n- {frame_id: b, child_frame_id: a}",
-            "edges.yaml:2: child_frame_id: .*would close a loop",
+            r"edges.yaml:2: \[\d\].child_frame_id: .*would close a loop",
         ),
     ],
 )
 def test_a_mistake_in_a_file_gets_its_line_and_key(
     tmp_path: Path, text: str, complaint: str
 ) -> None:
-    """Whatever is wrong in a file is told with its line and key, and what is allowed."""
+    """The error for any mistake in a file has its line and key, and what is allowed."""
     path = tmp_path / "edges.yaml"
     path.write_text(text)
-    with pytest.raises(EdgeFileError, match=complaint):
+    with pytest.raises(YamlFileError, match=complaint):
         read_edges(path)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    """A file that is not there, or no text, is named in the error."""
-    with pytest.raises(EdgeFileError, match=r"none\.yaml cannot be read: No such file"):
+    """The error names a file that does not exist or is not text."""
+    with pytest.raises(YamlFileError, match=r"none\.yaml cannot be read: No such file"):
         read_edges(tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(EdgeFileError, match=r"binary\.yaml is not a text file"):
+    with pytest.raises(YamlFileError, match=r"binary\.yaml is not a text file"):
         read_edges(tmp_path / "binary.yaml")

@@ -35,12 +35,12 @@ class TestRows:
     bus = table(("drone", 60.0), ("camera", None), ("Base", 9.5))
 
     def test_they_are_sorted_by_any_column(self) -> None:
-        """Numbers are sorted as numbers, and what has none comes last."""
+        """Numbers are sorted as numbers, empty cells last."""
         assert names(chosen(self.bus, "", 1, False)) == ["Base", "drone", "camera"]
         assert names(chosen(self.bus, "", 1, True)) == ["camera", "drone", "Base"]
 
     def test_numbers_and_words_can_be_in_one_column(self) -> None:
-        """A column of numbers may have a word in it, as `static` among rates."""
+        """A column of numbers can contain a word, such as `static` among rates."""
         rows = (
             *table(("drone", 60.0)).rows,
             Row("fixed", (Cell("fixed", "fixed"), Cell("static", "static"))),
@@ -49,7 +49,7 @@ class TestRows:
         assert names(chosen(both, "", 1, False)) == ["drone", "fixed"]
 
     def test_they_are_filtered_by_words(self) -> None:
-        """A row is shown where each word is in one of its cells, in whatever case."""
+        """A row is shown if each word is in one of its cells, in any case."""
         assert names(chosen(self.bus, "ba", 0, False)) == ["Base"]
         assert names(chosen(self.bus, "DRO 60", 0, False)) == ["drone"]
         assert names(chosen(self.bus, "dro base", 0, False)) == []
@@ -114,7 +114,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     tmux("send-keys", "r")
     shows("frame ▼")
     tmux("send-keys", "r", "Enter")
-    shows("Publisher: /odometry on", "the mean of ten seconds")
+    shows("Publisher: /odometry on", "mean of 10 s")
     tmux("send-keys", "Escape")
     eventually(lambda: "Publisher" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "r")
@@ -128,7 +128,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     tmux("send-keys", "1")
     shows("frame ▼")
     tmux("send-keys", "/")
-    shows("words that a row is to have")
+    shows("words that a row must contain")
     tmux("send-keys", "came")
     eventually(lambda: "odometry" not in tmux("capture-pane", "-p"))
     tmux("send-keys", "Enter")
@@ -150,4 +150,4 @@ def test_without_a_terminal_it_says_what_to_use(bus: Bus) -> None:
     """Piped, it names the tools that are for scripts, with exit code 2."""
     done = bus.run("top")
     assert done.returncode == 2
-    assert "top needs a terminal: for scripts there are tfbus frames" in done.stderr
+    assert "top needs a terminal: in scripts use tfbus frames" in done.stderr

@@ -16,42 +16,42 @@ from tfbus.cli.verbs import Verbs
 
 NODE_GROUP = "tfbus.nodes"
 
-# Makes `tfbus` answer the script of a shell instead of doing anything else.
+# Set by the completion script of a shell, which `tfbus` then answers.
 _COMPLETE_VARIABLE = "_TFBUS_COMPLETE"
 
-# One line each, said here too because importing the subcommands for `--help` would take long;
-# a test compares them.
+# One line each, repeated here because importing all subcommands for `--help` is slow; a test
+# compares them.
 TOOLS = {
-    "call": "Call a service, or send a goal and follow it.",
-    "completion": "Print the script that makes your shell complete tfbus.",
-    "create": "Write a small package with a node of your own.",
-    "doctor": "Look for what is wrong with the bus, and say what to do; exits with 1 on a failure.",
-    "frames": "Show the tree of frames, who publishes it, and what is wrong with it.",
+    "call": "Call a service or an action, and print its answers.",
+    "completion": "Print the script that completes tfbus in your shell.",
+    "create": "Create a small package with a node, a launch file and a test.",
+    "doctor": "Check this host and the bus, and say what to fix; exits with 1 on a failure.",
+    "frames": "Show the tree of frames, its publishers, and what is wrong with it.",
     "launch": "Start the processes of a launch file, and stop them together.",
-    "monitor": "Measure how transforms come: all, or those between two frames.",
-    "node": "List nodes, or show what one of them does.",
+    "monitor": "Measure rate, delay and order of transforms: all, or those between two frames.",
+    "node": "List nodes, or show one.",
     "param": "List, read, set, save and load the parameters of nodes.",
     "plot": "Plot position, orientation and speed of SOURCE seen from TARGET.",
-    "router": "Run a Zenoh router, where nodes of several networks meet.",
+    "router": "Run a Zenoh router, which connects networks.",
     "service": "List, show and call services.",
     "top": "Watch nodes, streams, frames and topics on one screen.",
     "topic": "List, show, print, measure and publish topics.",
-    "why": "Say why SOURCE is not seen from TARGET, edge by edge, and what to do.",
+    "why": "Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.",
 }
 # Tools of several files.
 _IN_PACKAGES = {"completion": "completion.command", "param": "param.group", "topic": "topic.group"}
 
 NODES = {
-    "broadcaster": "Broadcast a turtle's frame and its drone's.",
+    "broadcaster": "Broadcast the frames of a turtle and its drone.",
     "carrot": "Broadcast a frame fixed to another one, or circling it.",
-    "clock": "Tell the simulated time to all nodes with --sim-time.",
+    "clock": "Publish the simulated time for nodes with --sim-time.",
     "draw_square": "Drive a turtle along a square.",
     "echo": "Print the pose of the frame SOURCE seen from the frame TARGET.",
     "follow": "Spawn a turtle that follows a frame.",
-    "mimic": "Command the speeds of input/pose to output/cmd_vel.",
+    "mimic": "Copy the speeds of input/pose to output/cmd_vel.",
     "share": "Show frames of one robot to others.",
     "simulator": "Turtles on a field: drive them, watch their poses (turtlesim).",
-    "static": "Publish transforms that never change.",
+    "static": "Publish static transforms.",
     "teleop": "Drive a turtle with the keyboard.",
     "view": "Show all frames in a browser.",
 }
@@ -61,20 +61,20 @@ class Commands(Verbs):
     """Subcommands by name, imported when one is called."""
 
     def main(self, args: Any = None, prog_name: Any = None, *_: Any, **given: Any) -> Any:
-        """As click's own; a shell that completes is answered by `completion.shells`."""
+        """As click's own; `completion.shells` answers a shell's completion."""
         if _COMPLETE_VARIABLE in os.environ:
             import_module("tfbus.cli.completion.shells")
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click's own, but a tool that Ctrl-C ends before its time says nothing of it."""
+        """As click's own, but Ctrl-C ends a tool without a message."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise SystemExit(128 + signal.SIGINT) from None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
-        """The names of subcommands that begin so, none of which is imported for it."""
+        """The names of subcommands that start with the text, without importing any."""
         from click.shell_completion import CompletionItem  # only while completing
 
         helps = {**dict.fromkeys(self.list_commands(ctx)), **TOOLS, **NODES}
@@ -105,13 +105,17 @@ class Commands(Verbs):
             for name, point in entry_points().items()
             if name not in own
         }
-        for title, commands in (("Tools", TOOLS), ("Nodes", NODES), ("Nodes of others", others)):
+        for title, commands in (
+            ("Tools", TOOLS),
+            ("Nodes", NODES),
+            ("Nodes of other packages", others),
+        ):
             if commands:
                 with formatter.section(title):
                     formatter.write_dl(sorted(commands.items()))
 
 
-# What programs are called in ROS that are commands here.
+# Names in ROS of what is a command here.
 _CALLED_IN_ROS = {
     "action": "call",
     "bag": "echo --format csv",
@@ -128,7 +132,7 @@ _CALLED_IN_ROS = {
 
 @click.command(
     cls=Commands,
-    hints={theirs: f"here it is: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
+    hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
     | {"run": "a node is a command itself, as in: tfbus simulator"},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Begin with: tfbus launch turtle",
@@ -139,7 +143,7 @@ def main() -> None:
 
 
 def entry_points() -> dict[str, Any]:
-    """The nodes of the entry-point group by name, other packages' and our own."""
+    """The nodes of the entry-point group by name: ours and those of other packages."""
     from importlib import metadata  # 10 ms that most commands do not need
 
     return {point.name: point for point in metadata.entry_points(group=NODE_GROUP)}

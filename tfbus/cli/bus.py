@@ -1,4 +1,4 @@
-"""The bus as a command sees it that looks, or asks, and goes: a session without a node."""
+"""A session without a node, for commands that look at the bus and exit."""
 
 from collections.abc import Callable
 
@@ -10,21 +10,19 @@ from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import DecodeError
 from tfbus.runtime.log import open_log
 
-# All answer at once, but where they are busy; one that never does is not waited for any longer.
+# Nodes answer at once unless they are busy.
 _PATIENCE_S = 2.0
 
 
 def open_bus(settings: NodeSettings) -> Session:
-    """A session that has found who is there; it is not listed as a node itself."""
+    """A session that has found the others; it is not listed as a node itself."""
     session = Session(settings, open_log("/tfbus", settings.name, settings.log_level))
     session.settle()
     return session
 
 
 def look(session: Session, on_unreadable: Callable[[DecodeError], object] = warn) -> Graph:
-    """The topics and services that there are; `on_unreadable(error)` is told of those who cannot
-    be read, and are passed over.
-    """
+    """The topics and services; `on_unreadable(error)` is called for each description it skips."""
     nodes = describe_all(session, on_unreadable, timeout_s=_PATIENCE_S)
     streams = describe_streams(session, on_unreadable, timeout_s=_PATIENCE_S)
     return graph_of(nodes, streams, session.settings.namespace)

@@ -1,4 +1,4 @@
-"""`tfbus call`: call a service, or send a goal and follow it, from the command line."""
+"""`tfbus call`: call a service or an action from the command line."""
 
 import queue
 from collections.abc import Iterator
@@ -13,16 +13,15 @@ from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.message import checked_map, encode_values
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import ServiceName
+from tfbus.command.types import POSITIVE, ServiceName
 from tfbus.errors import ServiceError
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wording import did_you_mean
 
-# However long a goal takes: what ends the waiting is silence.
-_LONGEST_GOAL_S = 1e6
+# An action may take any time: only silence ends the wait.
+_LONGEST_ACTION_S = 1e6
 _CANCEL_TIMEOUT_S = 2.0
 
 TIMEOUT = click.option(
@@ -31,7 +30,8 @@ TIMEOUT = click.option(
     type=POSITIVE,
     default=5.0,
     metavar="S",
-    help="Give up when no answer, or feedback, comes for so long; 5 s.",
+    show_default=True,
+    help="Fail after this many seconds without an answer or feedback.",
 )
 
 
@@ -43,10 +43,10 @@ TIMEOUT = click.option(
 @TIMEOUT
 @bus_options("call")
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
-    """Call a service, or send a goal and follow it.
+    """Call a service or an action, and print its answers.
 
-    REQUEST is a YAML map of its fields. Each answer is printed as one line of JSON: a service
-    has one, a goal tells its feedback and then its result. Ctrl-C cancels a goal.
+    REQUEST is a YAML map of fields. Each answer is one line of JSON: the response of a service, or
+    the feedback and then the result of an action. Ctrl-C cancels an action.
     """
     payload = encode_values(checked_map(request, "REQUEST"), "REQUEST")
     with open_bus(settings) as session:
@@ -57,10 +57,9 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
 def follow(
     session: Session, service: str, payload: bytes, timeout_s: float
 ) -> Iterator[dict[str, Any]]:
-    """The answers as they come; goals that were accepted are cancelled where it ends early.
+    """The answers as they come; an early end cancels the accepted action.
 
-    Raises ServiceError with the reason where the service refuses, where nobody serves it, or
-    where nothing comes for `timeout_s`.
+    Raises ServiceError if the service refuses, does not exist, or sends nothing for `timeout_s`.
     """
     accepted = []
     answered = False
@@ -74,7 +73,7 @@ def follow(
             if isinstance(values.get("accepted"), str):
                 accepted.append(values["accepted"])
             yield values
-    except BaseException:  # Ctrl-C and a reader that has gone too
+    except BaseException:  # also Ctrl-C, and a caller that stops reading
         for goal in accepted:
             cancel = encode_map({"id": goal})
             list(session.ask(f"{service}/cancel", cancel, timeout_s=_CANCEL_TIMEOUT_S))
@@ -82,14 +81,14 @@ def follow(
     finally:
         signals.uninstall()
     if not answered:
-        raise ServiceError(_nobody(session, service))
+        raise ServiceError(_no_service(session, service))
 
 
 def _answers(session: Session, service: str, payload: bytes, timeout_s: float) -> Iterator[Answer]:
-    """The answers as they come. Raises ServiceError where none comes for `timeout_s`."""
+    """The answers as they come. Raises ServiceError if none comes for `timeout_s`."""
     answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
     session.ask_later(
-        service, payload, answers.put, lambda: answers.put(None), timeout_s=_LONGEST_GOAL_S
+        service, payload, answers.put, lambda: answers.put(None), timeout_s=_LONGEST_ACTION_S
     )
     try:
         while (answer := answers.get(timeout=timeout_s)) is not None:
@@ -102,6 +101,6 @@ def _silence(service: str, timeout_s: float) -> str:
     return f"{service!r} did not answer in {timeout_s:g} s"
 
 
-def _nobody(session: Session, service: str) -> str:
+def _no_service(session: Session, service: str) -> str:
     served = [name for name, info in look(session).services.items() if info.servers]
-    return f"nobody serves {service!r}{did_you_mean(service, served, none=', nor anything else')}"
+    return f"no service {service!r}{did_you_mean(service, served, none=', nor any other')}"

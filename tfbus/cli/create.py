@@ -1,7 +1,7 @@
-"""`tfbus create`: a small package with a node of one's own, to begin from.
+"""`tfbus create`: a small package with a node, to start from.
 
 The folder `template` beside this file is that package, for the robot `my_robot` and the node
-`my_node`; creating one is copying it with other names.
+`my_node`; `tfbus create` copies it with other names.
 """
 
 import keyword
@@ -28,45 +28,51 @@ def _check_module_name(ctx: click.Context, param: click.Parameter, value: str) -
     if not value.isidentifier() or keyword.iskeyword(value) or not value.isascii():
         raise click.BadParameter(
             f"{value!r} cannot be a Python package: use letters, digits and '_', "
-            "and begin with a letter"
+            "and start with a letter"
         )
     return value
 
 
 def _check_package(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if value in {"tfbus", "tests"} | sys.stdlib_module_names:
-        raise click.BadParameter(f"{value!r} is the name of another Python package already")
+        raise click.BadParameter(f"{value!r} is the name of another Python package")
     return _check_module_name(ctx, param, value)
 
 
 def _check_node(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if value in {*TOOLS, *NODES}:
-        raise click.BadParameter(f"`tfbus {value}` is a command of tfbus already")
+        raise click.BadParameter(f"`tfbus {value}` is a command already")
     return _check_module_name(ctx, param, value)
 
 
 @click.command(epilog="Example: tfbus create my_robot --node my_node")
 @click.argument("package", callback=_check_package)
-@click.option("--node", default="my_node", callback=_check_node, help="The node's name; my_node.")
 @click.option(
-    "--directory", default=".", type=click.Path(path_type=Path), help="Where to write it; here."
+    "--node", default="my_node", callback=_check_node, show_default=True, help="The node's name."
+)
+@click.option(
+    "--directory",
+    default=".",
+    type=click.Path(path_type=Path),
+    show_default=True,
+    help="Where to create it.",
 )
 def command(package: str, node: str, directory: Path) -> None:
-    """Write a small package with a node of your own.
+    """Create a small package with a node, a launch file and a test.
 
-    It has a pyproject.toml with the entry point, one node, one launch file and one test, and
-    installs and runs as written. Nothing that exists is overwritten.
+    It installs and runs as it is; its pyproject.toml makes the node a command of tfbus. Existing
+    files are not overwritten.
     """
     if package == node:
         raise click.UsageError("the package and the node need different names")
     folder = directory / package
     if folder.exists():
-        raise click.ClickException(f"{folder} exists already: choose another name or --directory")
+        raise click.ClickException(f"{folder} exists: choose another name or --directory")
     try:
         _write(folder, {"my_robot": package, "my_node": node})
     except OSError as error:
         raise click.ClickException(f"{folder} cannot be written: {error.strerror}") from error
-    click.echo(f"Next: cd {folder}, and do what its README.md says")
+    click.echo(f"Next: cd {folder}, and follow its README.md")
 
 
 def _write(folder: Path, names: dict[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""`tfbus doctor`: what is wrong with this bus, how one can see it, and what to do."""
+"""`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
 
 import textwrap
 from collections import Counter
@@ -8,8 +8,8 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, width
-from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
+from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examine import examine
 from tfbus.doctor.finding import Finding, Verdict
@@ -27,18 +27,19 @@ _INDENT = " " * 4
     type=click.Choice(list(CHECKS)),
     multiple=True,
     metavar="CHECK",
-    help="Make this check alone; repeatable. --list names all.",
+    help="Run only this check; repeatable. --list names all.",
 )
 @click.option(
     "--for",
     "listen_s",
-    type=click.FloatRange(0.5, 3600.0),
+    type=Number(least=0.5, most=3600.0),
     default=3.0,
     metavar="SECONDS",
-    help="Listen for so long; 3.",
+    show_default=True,
+    help="How long to listen, at least 0.5.",
 )
-@click.option("--list", "list_checks", is_flag=True, help="Print the names of the checks.")
-@json_option("Print one JSON object: of each check its verdict, evidence and remedy.")
+@click.option("--list", "list_checks", is_flag=True, help="Print the checks and exit.")
+@json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @listening_options(own_name("_doctor"))
 def command(
     settings: NodeSettings,
@@ -48,7 +49,7 @@ def command(
     list_checks: bool,
     as_json: bool,
 ) -> None:
-    """Look for what is wrong with the bus, and say what to do; exits with 1 on a failure."""
+    """Check this host and the bus, and say what to fix; exits with 1 on a failure."""
     if list_checks:
         print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in CHECKS.items())
         return
@@ -72,7 +73,7 @@ def _lines(name: str, finding: Finding) -> list[str]:
     lines = [head.rstrip()]
     for sentence in finding.evidence:
         lines += _wrapped(sentence, "- ")
-    return [*lines, *_wrapped(f"To mend it: {finding.remedy}", "")]
+    return [*lines, *_wrapped(f"Fix: {finding.remedy}", "")]
 
 
 def _wrapped(text: str, bullet: str) -> list[str]:

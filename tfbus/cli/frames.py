@@ -1,4 +1,4 @@
-"""`tfbus frames`: the tree of frames in the terminal, as a picture, or for other programs."""
+"""`tfbus frames`: the tree of frames in the terminal, as a picture, or as JSON."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -8,8 +8,8 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import in_place, json_option, paint, print_lines, width
-from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
+from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
 from tfbus.frames import document
 from tfbus.frames.listening import Listening, listening
@@ -41,43 +41,30 @@ _ROLES: dict[State, str] = {
 }
 
 
-def _check_output(ctx: click.Context, param: click.Parameter, paths: tuple[Path, ...]) -> object:
-    for path in paths:
-        if path.suffix not in _ENDINGS:
-            raise click.BadParameter(
-                f"{path} ends with {path.suffix or 'nothing'}, which names no kind of file to "
-                f"write; use one of {', '.join(_ENDINGS)}"
-            )
-        if not path.parent.is_dir():
-            raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
-    return paths
-
-
 @click.command(epilog="Examples: tfbus frames; tfbus frames -o frames.svg; tfbus frames --watch")
 @click.option(
     "-o",
     "--output",
     "outputs",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=OutputFile(*_ENDINGS),
     metavar="FILE",
-    callback=_check_output,
-    help=f"Write a file, by its ending: {' '.join(_ENDINGS)}; repeatable.",
+    help=f"Write a file of the kind that its ending says: {' '.join(_ENDINGS)}; repeatable.",
 )
-@click.option(
-    "-w", "--watch", is_flag=True, help="Show it again and again, in place, until Ctrl-C."
-)
-@click.option("-l", "--long", is_flag=True, help="Say all that is known of each edge.")
+@click.option("-w", "--watch", is_flag=True, help="Refresh it in place every 0.5 s, until Ctrl-C.")
+@click.option("-l", "--long", is_flag=True, help="Print all facts of each edge.")
 @json_option("Print one JSON object.")
 @click.option(
     "-t",
     "--wait-time",
     "wait_s",
-    type=click.FloatRange(0.0, 3600.0),
+    type=Number(least=0.0, most=3600.0),
     default=2.0,
-    help="Listen for so many seconds at most, less where all is known before; 2.",
+    metavar="SECONDS",
+    show_default=True,
+    help="Listen for at most this long; less once every stream is complete.",
 )
-@click.option("--check", is_flag=True, help="Exit with 1 where something is wrong with the tree.")
+@click.option("--check", is_flag=True, help="Exit with 1 if something is wrong with the tree.")
 @listening_options(own_name("_frames"))
 def command(
     settings: NodeSettings,
@@ -89,12 +76,12 @@ def command(
     wait_s: float,
     check: bool,
 ) -> None:
-    """Show the tree of frames, who publishes it, and what is wrong with it."""
+    """Show the tree of frames, its publishers, and what is wrong with it."""
     if watch and (outputs or as_json):
-        raise click.UsageError("--watch shows the tree in the terminal: leave -o and --json away")
+        raise click.UsageError("--watch shows the tree in the terminal: omit -o and --json")
     with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
-            with suppress(KeyboardInterrupt):  # which is its end wherever it comes
+            with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
         tree = heard.tree()
@@ -108,8 +95,7 @@ def command(
         click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
     if not tree.frames:
         raise click.ClickException(
-            f"no frame is known after {wait_s:g} s: "
-            f"{hint or 'is a broadcaster running, on this network?'}"
+            f"no frame after {wait_s:g} s: {hint or 'is a broadcaster running, on this network?'}"
         )
     if check and tree.problems():
         raise SystemExit(1)
@@ -128,7 +114,7 @@ def _paint(line: str, state: State) -> str:
 def _watch(heard: Listening, long: bool) -> None:
     while True:
         tree = heard.tree()
-        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame is known yet."]))
+        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame yet."]))
         if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
             return
 
@@ -141,7 +127,7 @@ def _write(tree: FrameTree, path: Path) -> None:
             path.write_text(_TEXTS[path.suffix](tree))
     except ImportError as error:
         raise TfbusError(
-            f"{path.name} is drawn by matplotlib, which is not installed: "
+            f"{path.name} needs matplotlib, which is not installed: "
             "pip install 'tfbus[plot]', or write .dot, .mmd, .json, .yaml or .txt"
         ) from error
     except OSError as error:

@@ -12,13 +12,13 @@ import click
 from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import complete_argument, complete_file
-from tfbus.command.numbers import NOT_NEGATIVE
+from tfbus.command.types import NOT_NEGATIVE
 from tfbus.errors import TfbusError
-from tfbus.launch.place import LaunchArgumentError
+from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
 from tfbus.launch.read.find import find_launch_file
 from tfbus.launch.read.reader import read_arguments, read_launch_file
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.run.run import run_programs
 from tfbus.launch.run.supervisor import Presence
@@ -30,45 +30,54 @@ from tfbus.launch.run.supervisor import Presence
 )
 @click.argument("file", shell_complete=complete_file)
 @click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...", shell_complete=complete_argument)
-@click.option("-s", "--show-args", is_flag=True, help="Print the arguments FILE takes, and end.")
-@click.option("-n", "--dry-run", is_flag=True, help="Print the command lines, and start nothing.")
-@click.option("--namespace", metavar="PATH", help="Put everything into this namespace: robot7.")
-@click.option("--mode", type=click.Choice(MODES), help="How all nodes join the bus.")
-@click.option("--connect", multiple=True, metavar="ENDPOINT", help="Connect all nodes to this.")
+@click.option("-s", "--show-args", is_flag=True, help="Print the arguments of FILE and exit.")
+@click.option("-n", "--dry-run", is_flag=True, help="Print the command lines and exit.")
+@click.option("--namespace", metavar="PATH", help="The namespace of all nodes, such as robot7.")
+@click.option("--mode", type=click.Choice(MODES), help="How all nodes join the bus (default peer).")
+@click.option(
+    "--connect",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Connect all nodes to this endpoint; repeatable.",
+)
 @click.option(
     "--listen",
     multiple=True,
     metavar="ENDPOINT",
-    help="Where launch itself listens, for its own look at the bus; nodes do not.",
+    help="Where launch itself listens, to see nodes; repeatable. Nodes do not listen there.",
 )
 @click.option(
     "--config",
     type=click.Path(),
     metavar="FILE",
-    help="Zenoh's configuration for all nodes, JSON5.",
+    help="Zenoh's configuration of all nodes, in JSON5.",
 )
-@click.option("--log-level", type=click.Choice(LOG_LEVELS), help="Of all nodes; info by default.")
-@click.option("--sim-time", is_flag=True, help="All nodes take the time from the topic clock.")
+@click.option(
+    "--log-level", type=click.Choice(LOG_LEVELS), help="The log level of all nodes (default info)."
+)
+@click.option("--sim-time", is_flag=True, help="Let all nodes take the time from the topic clock.")
 @click.option(
     "--for",
     "longest_s",
     type=NOT_NEGATIVE,
     metavar="SECONDS",
-    help="Stop by itself after that time.",
+    help="Stop after this time.",
 )
 @click.option(
     "--sigterm-timeout",
     type=NOT_NEGATIVE,
     metavar="SECONDS",
     default=5.0,
-    help="Between SIGINT and SIGTERM; 5.",
+    show_default=True,
+    help="From SIGINT to SIGTERM.",
 )
 @click.option(
     "--sigkill-timeout",
     type=NOT_NEGATIVE,
     metavar="SECONDS",
     default=5.0,
-    help="Between SIGTERM and SIGKILL; 5.",
+    show_default=True,
+    help="From SIGTERM to SIGKILL.",
 )
 def command(
     file: str,
@@ -82,10 +91,10 @@ def command(
 ) -> None:
     """Start the processes of a launch file, and stop them together.
 
-    FILE is the name of a launch file that comes with tfbus, such as turtle, or the path of one.
-    Ctrl-C stops all processes; a second one hurries it.
+    FILE is a launch file of tfbus, such as turtle, or a path. Ctrl-C stops all processes; a second
+    Ctrl-C sends the next signal at once.
     """
-    with _told_as_click_does():
+    with _as_click_errors():
         path = find_launch_file(file)
         if show_args:
             click.echo(show_arguments(read_arguments(path)))
@@ -98,23 +107,23 @@ def command(
         if dry_run:
             click.echo("\n".join(map(dry_run_line, programs)))
             return
-        patience = Patience(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
-        raise SystemExit(_run(programs, settings, patience, longest_s))
+        timeouts = Timeouts(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+        raise SystemExit(_run(programs, settings, timeouts, longest_s))
 
 
 @contextmanager
-def _told_as_click_does() -> Iterator[None]:
-    """One sentence and exit code 2 for a wrong argument, 1 for all else that cannot be."""
+def _as_click_errors() -> Iterator[None]:
+    """Turn errors into one sentence, with exit code 2 for a wrong argument, else 1."""
     try:
         yield
     except LaunchArgumentError as error:
-        raise click.UsageError(f"{error}. Arguments are given as NAME:=VALUE") from error
+        raise click.UsageError(f"{error} (write arguments as NAME:=VALUE)") from error
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
 
 
 def _settings(bus: Mapping[str, Any]) -> NodeSettings:
-    """What the options say; what they do not say comes from the environment."""
+    """The settings from the options, completed from the environment."""
     try:
         return NodeSettings(name="launch", **{name: value for name, value in bus.items() if value})
     except TfbusError as error:
@@ -138,10 +147,10 @@ def _node_names() -> set[str]:
 def _run(
     programs: Sequence[Program],
     settings: NodeSettings,
-    patience: Patience,
+    timeouts: Timeouts,
     longest_s: float | None,
 ) -> int:
-    run = partial(run_programs, programs, patience=patience, longest_s=longest_s)
+    run = partial(run_programs, programs, timeouts=timeouts, longest_s=longest_s)
     if not any(program.after for program in programs):
         return run(presence=None)
     with _presence(settings) as presence:
@@ -150,9 +159,9 @@ def _run(
 
 @contextmanager
 def _presence(settings: NodeSettings) -> Iterator[Presence]:
-    """A look at the whole bus: nodes are awaited by their full names.
+    """The nodes of the whole bus, to wait for by their full names.
 
-    A client's router is waited for; Ctrl-C and SIGTERM end that as they end a launch.
+    A client waits for its router, until Ctrl-C or SIGTERM.
     """
     from tfbus.bus.session import Session  # Zenoh, which a launch without `after:` does not need
     from tfbus.discover.presence import NodeWatch

@@ -1,4 +1,4 @@
-"""Completion of launch files, and of the arguments that one takes."""
+"""Completion of launch files and their arguments."""
 
 import click
 from click.shell_completion import CompletionItem
@@ -12,14 +12,14 @@ from tfbus.launch.read.reader import read_arguments
 def complete_file(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """The launch files that come with tfbus, and paths."""
+    """The launch files of tfbus, and paths."""
     return [*matching(installed_launch_files(), incomplete), CompletionItem(incomplete, "file")]
 
 
 def complete_argument(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """`NAME:=` of the arguments that the file takes; of one, its choices or its default."""
+    """`NAME:=` for each argument of the file; after it, its choices or its default."""
     try:
         declared = read_arguments(find_launch_file(ctx.params.get("file") or ""))
     except TfbusError:

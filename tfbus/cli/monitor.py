@@ -1,4 +1,4 @@
-"""`tfbus monitor`: how transforms come, live: rates, jitter, delays, misses, clocks."""
+"""`tfbus monitor`: rates, jitter, delays, missed messages and clocks of transforms, live."""
 
 import itertools
 import time
@@ -8,17 +8,17 @@ from contextlib import suppress
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.monitor_report import as_lines
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
-from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
-from tfbus.command.types import FrameName
+from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.listening import Listening, listening
 from tfbus.monitor.meter import TransformMeter
-from tfbus.monitor.report import PairWatch, Report, as_lines, as_map, make_report
+from tfbus.monitor.report import PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 
-# A pair is looked up so often, to see how old its answer gets between two samples.
+# How often a pair is looked up: its answer ages between two samples.
 _LOOK_EVERY_S = 0.05
 
 
@@ -31,9 +31,11 @@ _LOOK_EVERY_S = 0.05
     "-p",
     "--period",
     "period_s",
-    type=click.FloatRange(0.1, 3600.0),
+    type=Number(least=0.1, most=3600.0),
     default=1.0,
-    help="Seconds from one report to the next; 1.",
+    metavar="SECONDS",
+    show_default=True,
+    help="Time between reports, at least 0.1.",
 )
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
@@ -47,12 +49,12 @@ def command(
     once: bool,
     as_json: bool,
 ) -> None:
-    """Measure how transforms come: all, or those between two frames.
+    """Measure rate, delay and order of transforms: all, or those between two frames.
 
-    Of two frames they are those over which SOURCE is seen from TARGET.
+    With two frames: the edges on the path of SOURCE seen from TARGET.
     """
     if target is not None and source is None:
-        raise click.UsageError(f"a pair is two frames: tfbus monitor {target} FRAME, or none")
+        raise click.UsageError(f"give two frames, as in: tfbus monitor {target} FRAME; or none")
     pair = PairWatch(target, source) if target is not None and source is not None else None
     with listening(settings, fleet, goes_on=not once) as heard:
         reports = _reports(heard, pair, period_s)
@@ -60,7 +62,7 @@ def command(
         if first is None:
             raise KeyboardInterrupt
         _check(heard, first, once)
-        with suppress(KeyboardInterrupt):  # which is its end wherever it comes
+        with suppress(KeyboardInterrupt):  # its usual end
             for report in [first] if once else itertools.chain([first], reports):
                 if as_json:
                     print_json(as_map(report))
@@ -69,29 +71,27 @@ def command(
 
 
 def _check(heard: Listening, report: Report, once: bool) -> None:
-    """Raises ClickException where there is nothing to measure, and waiting is no good."""
+    """Raises ClickException if there is nothing to measure and waiting does not help."""
     pair = report.pair
     if pair and pair.failure:
         unknown = sorted({pair.target, pair.source}.difference(heard.buffer.frames()))
         hint = next(filter(None, map(heard.hint, unknown)), "")
         failure = f"{pair.failure}; {hint}" if hint else pair.failure
-        raise click.ClickException(
-            f"{failure} (tfbus why {pair.target} {pair.source} says what to do)"
-        )
+        raise click.ClickException(f"{failure} (see: tfbus why {pair.target} {pair.source})")
     if once and not report.edges():
         hint = heard.hint() or "is a broadcaster running?"
-        raise click.ClickException(f"no transform has come: {hint}")
+        raise click.ClickException(f"no transform yet: {hint}")
 
 
 def _reports(heard: Listening, pair: PairWatch | None, period_s: float) -> Iterator[Report]:
-    """What is known after each period, until the node is shut down."""
+    """A report after each period, until the node is shut down."""
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
         yield make_report(heard, meter, pair)
 
 
 def _measure(heard: Listening, pair: PairWatch | None, period_s: float) -> bool:
-    """Whether the node goes on after one period."""
+    """Wait for one period; False if the node is shut down."""
     end_s = time.monotonic() + period_s
     while (left_s := end_s - time.monotonic()) > 0:
         if not heard.node.wait(min(left_s, _LOOK_EVERY_S), clock=SYSTEM_CLOCK):

@@ -1,4 +1,4 @@
-"""`tfbus node`: which nodes are there, and what one of them does."""
+"""`tfbus node`: the nodes on the bus, and what one of them does."""
 
 import time
 from collections import Counter
@@ -20,20 +20,20 @@ _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 
 @click.group(cls=Verbs)
 def command() -> None:
-    """List nodes, or show what one of them does."""
+    """List nodes, or show one."""
 
 
 @command.command("list", epilog="Example: tfbus node list")
-@click.option("-a", "--all", "everyone", is_flag=True, help="Also those whose names begin with _.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@click.option("-a", "--all", "everyone", is_flag=True, help="Include names that start with _.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
 @json_option("Print a JSON list.")
 @bus_options("node")
 def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_json: bool) -> None:
-    """Print the full names of all nodes, one a line."""
+    """Print the full names of all nodes, one per line."""
     with open_bus(settings) as session:
         names = [name for name in list_nodes(session) if everyone or not _is_hidden(name)]
-        told = {(node.session, node.name) for node in describe_all(session, warn)}
-    for name, count in Counter(name for _, name in told).items():
+        described = {(node.session, node.name) for node in describe_all(session, warn)}
+    for name, count in Counter(name for _, name in described).items():
         if count > 1:
             warn(f"{count} nodes have the name {name}")
     if only_count:
@@ -46,10 +46,10 @@ def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_js
 
 @command.command("info", epilog="Example: tfbus node info /sim")
 @click.argument("name", type=NodeName())
-@json_option("Print JSON, one object a line.")
+@json_option("Print JSON, one object per line.")
 @bus_options("node")
 def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
-    """Print what the node NAME publishes, subscribes, serves; its parameters, host and pid."""
+    """Print the topics, services, parameters, host and pid of the node NAME."""
     with open_bus(settings) as session:
         nodes = describe_nodes(session, name)
     if len(nodes) > 1:
@@ -62,7 +62,7 @@ def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether a node is a tool's own, as of `tfbus topic echo`, and not part of the robot."""
+    """Whether a node belongs to a tool, such as `tfbus topic echo`."""
     return name.rpartition("/")[2].startswith("_")
 
 
@@ -79,7 +79,7 @@ def _lines(node: NodeDescription) -> list[str]:
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
         lines += [
-            f"    {name}: {paint(type_ or 'not told', 'type')}"
+            f"    {name}: {paint(type_ or 'unknown', 'type')}"
             for name, type_ in sorted(getattr(node, kind).items())
         ]
     lines.append("  Parameters:")

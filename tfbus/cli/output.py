@@ -1,8 +1,8 @@
-"""What the tools print: plain when it is piped, coloured and no wider than it in a terminal.
+"""The output of all tools: plain in a pipe; coloured, and no wider than it, in a terminal.
 
-Every tool prints through here, so that they look alike: `paint` for a word, `table` for rows,
-`yaml_lines` for values, `say` and `warn` for what is not the answer itself. Colour is taken out by
-click where stdout is no terminal, and by `NO_COLOR` (https://no-color.org) everywhere.
+`paint` is for a word, `table` for rows, `yaml_text` for values, `say` and `warn` for what goes to
+stderr. click removes colours where stdout is no terminal, `NO_COLOR` (https://no-color.org)
+everywhere.
 """
 
 import json
@@ -17,7 +17,7 @@ import click
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# What the words of an output are, and how each is shown.
+# The roles of words, and their styles.
 _ROLES: dict[str, dict[str, Any]] = {
     "heading": {"bold": True},
     "name": {"fg": "cyan"},
@@ -28,14 +28,14 @@ _ROLES: dict[str, dict[str, Any]] = {
     "bad": {"fg": "red"},
 }
 
-# What `table` puts between two columns, and at the end of a cell that is cut.
+# Between two columns of a table, and at the end of a cut cell.
 _GAP = "  "
 _CUT = "…"
 
-# The cursor to the top left, and all below it cleared.
+# Moves the cursor to the top left, and clears all below.
 _TO_THE_TOP = "\x1b[H\x1b[J"
 
-# A text of YAML stays on its line, however long it is.
+# Keeps a long text in YAML on its line.
 _NEVER_FOLDED = 2**31 - 1
 
 _YAML_KEY = re.compile(r"^(\s*(?:- )*)([^\s:'\"{\[-][^:]*)(:)(?=\s|$)")
@@ -57,20 +57,20 @@ def as_json(value: object) -> str:
 
 
 def as_text(value: object) -> str:
-    """A text as it is, all else as JSON."""
+    """A text as it is, other values as JSON."""
     return value if isinstance(value, str) else as_json(value)
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Print lines, all in one go; nothing where there are none."""
+    """Print lines in one write; nothing for no lines."""
     text = "\n".join(lines)
     if text:
         click.echo(text)
 
 
 def in_place(lines: Iterable[str]) -> list[str]:
-    """The lines as a page that takes the place of the one before, in a terminal; below it, with a
-    line between, elsewhere.
+    """The lines as a page that replaces the one before in a terminal; elsewhere, with an empty line
+    after it.
     """
     page = list(lines)
     if not is_terminal():
@@ -79,29 +79,29 @@ def in_place(lines: Iterable[str]) -> list[str]:
 
 
 def warn(what: object) -> None:
-    """Say on stderr what is wrong with others, and does not keep the tool from its work."""
+    """Print to stderr a problem that does not stop the tool."""
     click.echo(f"{paint('Warning:', 'warning')} {what}", err=True)
 
 
 def say(what: object) -> None:
-    """Say on stderr what the tool is about, such as what it waits for."""
+    """Print to stderr what the tool is doing, such as what it waits for."""
     click.echo(paint(str(what), "faint"), err=True)
 
 
 def paint(text: str, role: str) -> str:
-    """The text as its role is shown: heading, name, type, faint, good, warning or bad."""
+    """The text in the style of its role: heading, name, type, faint, good, warning or bad."""
     if not text or os.environ.get("NO_COLOR"):
         return text
     return click.style(text, **_ROLES[role])
 
 
 def is_terminal() -> bool:
-    """Whether somebody looks at what is printed."""
+    """Whether stdout is a terminal."""
     return sys.stdout.isatty()
 
 
 def width() -> int:
-    """How many characters a line has: the terminal's, or COLUMNS; 80 where nobody says."""
+    """The width of a line in characters: the terminal's, or COLUMNS, or 80."""
     return shutil.get_terminal_size((80, 24)).columns
 
 
@@ -114,9 +114,8 @@ def table(
 ) -> list[str]:
     """Lines of columns under headings; cells may be painted.
 
-    The columns of index `right` are set to the right. Where a line would be longer than
-    `longest` (None: the terminal's width; no bound where it is piped), the widest column is cut,
-    and then the next.
+    The columns of index `right` are aligned to the right. If a line is longer than `longest` (None:
+    the terminal's width; unlimited in a pipe), the widest columns are cut.
     """
     if longest is None and is_terminal():
         longest = width()
@@ -136,7 +135,7 @@ def table(
 
 def yaml_text(value: object) -> str:
     """The value as YAML in block style, its keys painted; maps keep their order."""
-    import yaml  # only where something is printed as YAML
+    import yaml  # only if YAML is printed
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     text: str = yaml.dump(
@@ -147,7 +146,7 @@ def yaml_text(value: object) -> str:
         default_flow_style=False,
         width=_NEVER_FOLDED,
     )
-    text = text.removesuffix("\n...\n").rstrip("\n")  # the end of a value that stands alone
+    text = text.removesuffix("\n...\n").rstrip("\n")  # YAML ends a scalar document so
     return text if not is_terminal() else "\n".join(map(_painted_key, text.splitlines()))
 
 

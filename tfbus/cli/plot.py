@@ -1,4 +1,4 @@
-"""`tfbus plot`: where a frame was over a time, as a picture or in a window."""
+"""`tfbus plot`: the path of a frame over time, as a picture or in a window."""
 
 import os
 import sys
@@ -10,10 +10,8 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say
-from tfbus.command.names import own_name
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import listening_options
-from tfbus.command.types import FrameName
+from tfbus.command.types import POSITIVE, FrameName, Number, OutputFile, own_name
 from tfbus.errors import LookupException, TfbusError
 from tfbus.frames.listening import Listening, listening
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
@@ -24,17 +22,9 @@ from tfbus.wording import counted
 
 _ENDINGS = (".png", ".svg", ".pdf")
 
-# Publishers keep so much of what they sent, unless they are told otherwise.
+# How much publishers keep by default.
 _KEPT_S = 10.0
 _MOST_S = 86_400.0
-
-
-def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
-    if path is not None and path.suffix not in _ENDINGS:
-        raise click.BadParameter(f"{path} is to end with one of {', '.join(_ENDINGS)}")
-    if path is not None and not path.parent.is_dir():
-        raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
-    return path
 
 
 @click.command(
@@ -46,24 +36,23 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=OutputFile(*_ENDINGS),
     metavar="FILE",
-    callback=_check_output,
-    help=f"Write a picture, by its ending: {' '.join(_ENDINGS)}; else a window opens.",
+    help=f"Write a picture ({' '.join(_ENDINGS)}) instead of opening a window.",
 )
 @click.option(
     "--for",
     "for_s",
-    type=click.FloatRange(0.0, _MOST_S, min_open=True),
+    type=Number(least=0.0, most=_MOST_S, more_than_least=True),
     metavar="SECONDS",
-    help="Listen for so long first; else the last 10 s are shown, which publishers have kept.",
+    help="Listen for this long; if not given, plot the last 10 s, which publishers keep.",
 )
 @click.option(
     "--from",
     "recording",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Show what tfbus echo --format csv (or json) has written.",
+    help="Plot what tfbus echo --format csv (or json) wrote.",
 )
 @click.option(
     "--show",
@@ -71,9 +60,11 @@ def _check_output(ctx: click.Context, param: click.Parameter, path: Path | None)
     type=click.Choice(PANELS),
     multiple=True,
     default=PANELS,
-    help="What to show; repeatable. All of them unless given.",
+    help="What to plot; repeatable; all if not given.",
 )
-@click.option("--rate", "rate_hz", type=POSITIVE, default=50.0, help="Poses per second; 50.")
+@click.option(
+    "--rate", "rate_hz", type=POSITIVE, default=50.0, show_default=True, help="Poses per second."
+)
 @listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
@@ -88,10 +79,10 @@ def command(
 ) -> None:
     """Plot position, orientation and speed of SOURCE seen from TARGET."""
     if output is None and not _has_display():
-        raise click.UsageError("there is no display to open a window on: write a file with -o")
+        raise click.UsageError("there is no display for a window: write a file with -o")
     if recording is not None:
         if target is not None or for_s is not None:
-            raise click.UsageError("--from shows what is in its file: leave frames and --for away")
+            raise click.UsageError("--from plots a file: omit the frames and --for")
         track = track_from_file(recording)
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
@@ -100,7 +91,7 @@ def command(
     if len(track) < 2:
         raise click.ClickException(
             f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
-            "that time, and two at least are needed: is it static, or has its publisher stopped?"
+            "that time, and a plot needs 2: is it static, or has its publisher stopped?"
         )
     _show(track, output, tuple(dict.fromkeys(panels)))
 
@@ -120,8 +111,8 @@ def _listen(
         if for_s is None:
             from_ns -= int(_KEPT_S * 1e9)
         elif not _wait(heard, for_s):
-            say("Interrupted: what has come so far is plotted")
-        # The newest pose that is known ends it, not now: what is later cannot be looked up.
+            say("Interrupted: plotting what has come so far")
+        # Up to the newest known pose, not to now: later lookups would fail.
         try:
             newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
         except LookupException as error:
@@ -132,7 +123,7 @@ def _listen(
 
 
 def _wait(heard: Listening, for_s: float) -> bool:
-    """Listen for so many seconds, and show how far it is; False where Ctrl-C ends it early."""
+    """Listen with a progress bar; False if Ctrl-C ends it early."""
     start_s = time.monotonic()
     with (
         suppress(KeyboardInterrupt),
@@ -160,7 +151,7 @@ def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
             click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {span_s:.1f} s")
     except ImportError as error:
         raise TfbusError(
-            "plots are drawn by matplotlib, which is not installed: pip install 'tfbus[plot]'"
+            "plots need matplotlib, which is not installed: pip install 'tfbus[plot]'"
         ) from error
     except OSError as error:
         raise TfbusError(f"{output} cannot be written: {error.strerror}") from error

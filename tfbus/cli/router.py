@@ -1,4 +1,4 @@
-"""`tfbus router`: Zenoh's router, for those who have no zenohd."""
+"""`tfbus router`: Zenoh's router, without an installed zenohd."""
 
 from dataclasses import replace
 
@@ -16,16 +16,16 @@ DEFAULT_ENDPOINT = "tcp/[::]:7447"
 @click.command(epilog="Example: tfbus router --listen tcp/[::]:7447")
 @bus_options("router")
 def command(settings: NodeSettings) -> None:
-    """Run a Zenoh router, where nodes of several networks meet.
+    """Run a Zenoh router, which connects networks.
 
-    Nodes reach it by `--connect tcp/HOST:7447`, and `--mode client` sends all they say through
-    it. Routers given `--connect` join each other.
+    Nodes reach it by `--connect tcp/HOST:7447`; with `--mode client` all their messages go through
+    it. Routers join each other by `--connect`.
     """
     listen = settings.listen or (() if settings.config else (DEFAULT_ENDPOINT,))
     settings = replace(settings, mode="router", listen=listen)
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
     with Session(settings, log):
-        log.info("Routing on %s", ", ".join(listen) or f"what {settings.config} says")
+        log.info("Routing on %s", ", ".join(listen) or f"the endpoints of {settings.config}")
         signals.wait()
     signals.uninstall()

@@ -1,4 +1,4 @@
-"""`tfbus service`: which services there are, and calling one."""
+"""`tfbus service`: the services on the bus, and calls of one."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -27,12 +27,12 @@ def command() -> None:
 
 
 @command.command("list", epilog="Example: tfbus service list -t")
-@click.option("-t", "--show-types", is_flag=True, help="Print the type of each too.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
-@json_option("Print a JSON list of objects, with all ends.")
+@click.option("-t", "--show-types", is_flag=True, help="Print their types too.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@json_option("Print a JSON list of objects, with all servers and clients.")
 @bus_options("service")
 def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_json: bool) -> None:
-    """Print the names of all services and goals, one a line."""
+    """Print the names of all services and actions, one per line."""
     with open_bus(settings) as session:
         services = _served(session)
     if only_count:
@@ -53,7 +53,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 @json_option("Print a JSON object.")
 @bus_options("service")
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
-    """Print the type of SERVICE, and how many call and serve it."""
+    """Print the type of SERVICE, and the numbers of its servers and clients."""
     with open_bus(settings) as session:
         info = _find(session, service)
     if as_json:
@@ -75,10 +75,10 @@ def type_command(settings: NodeSettings, service: str) -> None:
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
 @click.argument("type_name", metavar="TYPE")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
 @bus_options("service")
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
-    """Print the names of the services and goals of TYPE, one a line."""
+    """Print the names of the services and actions of TYPE, one per line."""
     with open_bus(settings) as session:
         served = {service.name: service for service in _served(session)}
     found = names_of_type(served, type_name, "service")
@@ -96,8 +96,8 @@ def call_command(
 ) -> None:
     """Call SERVICE and print its response as YAML.
 
-    REQUEST is a YAML map of fields. TYPE may be left out; where it is given, the service has to
-    be of it. A goal answers several times, as in `tfbus call`.
+    REQUEST is a YAML map of fields. TYPE is optional; a service of another type is an error. An
+    action answers several times, as in `tfbus call`.
     """
     type_name, text = _split(request)
     payload = encode_values(checked_map(text, "REQUEST"), "REQUEST")
@@ -124,10 +124,10 @@ def _find(session: Session, service: str) -> ServiceInfo:
 
 
 def _split(words: Sequence[str]) -> tuple[str, str]:
-    """The name of a type, "" where it is left out, and the request."""
+    """The name of a type, "" if it is omitted, and the request."""
     if len(words) > 2:
         raise click.UsageError(
-            f"{len(words)} words are more than a type and a map of fields: put the map in quotes"
+            f"expected a type and a map of fields, got {len(words)} words: quote the map"
         )
     if len(words) == 2:
         return words[0], words[1]
@@ -147,4 +147,4 @@ def _as_map(service: ServiceInfo) -> dict[str, object]:
 
 
 def _types(service: ServiceInfo) -> str:
-    return ", ".join(service.types) or "not told"
+    return ", ".join(service.types) or "unknown"

@@ -4,8 +4,8 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import is_terminal
-from tfbus.command.names import own_name
 from tfbus.command.options import listening_options
+from tfbus.command.types import own_name
 from tfbus.errors import TfbusError
 from tfbus.frames.listening import listening
 from tfbus.wire.fleet import Fleet
@@ -20,12 +20,11 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
         from tfbus.top.source import Source
     except ImportError as error:
         raise TfbusError(
-            "the screen is drawn by textual, which is not installed: pip install 'tfbus[top]'"
+            "top needs textual, which is not installed: pip install 'tfbus[top]'"
         ) from error
     if not is_terminal():
         raise click.UsageError(
-            "top needs a terminal: for scripts there are tfbus frames, monitor and doctor, "
-            "all with --json"
+            "top needs a terminal: in scripts use tfbus frames, monitor or doctor with --json"
         )
     with listening(settings, fleet, goes_on=True) as heard:
         TopApp(Source(heard)).run()

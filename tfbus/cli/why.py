@@ -6,10 +6,9 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
-from tfbus.command.moment import Moment, parse_moment
-from tfbus.command.names import own_name
+from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
-from tfbus.command.types import FrameName
+from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_elsewhere
 from tfbus.frames.listening import listening
 from tfbus.frames.why import Explanation, Step, explain
@@ -18,15 +17,8 @@ from tfbus.wording import duration
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
-# Of what publishers have kept, as much as can be asked for.
+# The most history that it asks for.
 _LONGEST_BACK_S = 3600.0
-
-
-def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Moment | None:
-    try:
-        return None if text is None else parse_moment(text)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
 
 
 @click.command(epilog="Examples: tfbus why world turtle1; tfbus why world turtle1 --at -3s")
@@ -37,8 +29,8 @@ def _moment(ctx: click.Context, param: click.Parameter, text: str | None) -> Mom
     "--at",
     "moment",
     metavar="TIME",
-    callback=_moment,
-    help="At a time: seconds or ns since 1970, ISO 8601, or from now as -3s; else the latest.",
+    type=MomentType(),
+    help="Seconds or ns since 1970, ISO 8601, or -3s from now; the latest time if not given.",
 )
 @json_option("Print a JSON object.")
 @listening_options(own_name("_why"))
@@ -50,10 +42,10 @@ def command(
     moment: Moment | None,
     as_json: bool,
 ) -> None:
-    """Say why SOURCE is not seen from TARGET, edge by edge, and what to do.
+    """Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.
 
-    It asks publishers for what they have kept, so a time of the last seconds can be asked for.
-    The exit code is 1 where the lookup has no answer.
+    It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
+    fails.
     """
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
@@ -76,7 +68,7 @@ def command(
 
 
 def _history_s(moment: Moment | None) -> float:
-    """How far back is asked for: to the time, and some seconds to tell a rate by."""
+    """How much history to ask for: back to the moment, and 10 s to measure rates."""
     back_s = -moment.ns / 1e9 if moment and moment.is_relative else 0.0
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
 
@@ -110,14 +102,14 @@ def _outcome(it: Explanation, now_ns: int) -> str:
 
 def _step_lines(step: Step) -> list[str]:
     verdict = paint(f"{step.verdict:4}", _ROLES[step.verdict])
-    told = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
-    lines = _wrapped(told, "        ")
+    text = f"{step.parent} -> {step.child}  {', '.join(step.facts)}"
+    lines = _wrapped(text, "        ")
     lines[0] = f"  {verdict}  {lines[0].lstrip()}"
     return lines + (_wrapped(step.reason, "        ") if step.reason else [])
 
 
 def _wrapped(text: str, lead: str) -> list[str]:
-    """The text in lines of 80 characters at most, the first after `lead`, the others below."""
+    """The text in lines of at most 80 characters, indented by `lead`."""
     return click.wrap_text(
         text, width=80, initial_indent=lead, subsequent_indent=" " * len(lead)
     ).splitlines()
@@ -130,5 +122,5 @@ def _as_map(it: Explanation) -> dict[str, object]:
         "quat_xyzw": it.answer.transform.quat_xyzw.tolist(),
     }
     steps = [asdict(step) for step in it.steps]
-    told = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
-    return {**told, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}
+    lookup = {"target": it.target, "source": it.source, "stamp_ns": it.stamp_ns, "answer": answer}
+    return {**lookup, "failure": it.failure, "steps": steps, "remedies": list(it.remedies)}

@@ -1,1 +1,43 @@
-"""What every command line shares: options, argument types, completion."""
+"""What every command line shares: options, argument types, completion.
+
+What nodes use of it is listed in `__all__`, beside what `tfbus` itself has, and imported when
+first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tfbus.command.moment import Moment as Moment
+    from tfbus.command.types import MomentType as MomentType
+    from tfbus.command.types import OutputFile as OutputFile
+    from tfbus.command.types import frame_mistake as frame_mistake
+    from tfbus.command.types import own_name as own_name
+    from tfbus.command.yaml_file import Value as Value
+    from tfbus.command.yaml_file import YamlFileError as YamlFileError
+    from tfbus.command.yaml_file import read_yaml_file as read_yaml_file
+    from tfbus.wording import listed as listed
+
+_MODULE_OF = {
+    "Moment": "tfbus.command.moment",
+    "MomentType": "tfbus.command.types",
+    "OutputFile": "tfbus.command.types",
+    "Value": "tfbus.command.yaml_file",
+    "YamlFileError": "tfbus.command.yaml_file",
+    "frame_mistake": "tfbus.command.types",
+    "listed": "tfbus.wording",
+    "own_name": "tfbus.command.types",
+    "read_yaml_file": "tfbus.command.yaml_file",
+}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'tfbus.command' has no attribute {name!r}")
+    return getattr(import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,6 +1,4 @@
-"""The names that are on the bus now, for a command line to complete: found within a moment, and
-remembered for some seconds.
-"""
+"""The names on the bus for completion: found within 1 s, and cached for 5 s."""
 
 import hashlib
 import json
@@ -17,10 +15,10 @@ from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import namespace_of
 
-# How long names are remembered: as long as one line is typed.
+# About as long as typing one line takes.
 FRESH_S = 5.0
 
-# Of a completion nobody waits longer: for others to be found, to be linked, to answer.
+# A completion must be quick: time to find others, to link, and for answers.
 _SCOUTING_S = 0.15
 _QUIET_S = 0.1
 _SETTLE_S = 0.4
@@ -29,11 +27,10 @@ _ANSWER_S = 0.4
 
 @dataclass(frozen=True)
 class LiveNames:
-    """What there is, as names are written within the namespace of who looks.
+    """All names, relative to the namespace of the settings.
 
-    `frames` are those of its own namespace, `robots` those of the namespaces below; `topics` and
-    `services` have the types that are told of them, `parameters` is by the relative
-    names of nodes.
+    `frames` are those of the namespace, `robots` those of the namespaces below. `topics` and
+    `services` map to types, `parameters` maps names of nodes.
     """
 
     frames: tuple[str, ...] = ()
@@ -45,30 +42,28 @@ class LiveNames:
 
 
 def live_names(settings: NodeSettings) -> LiveNames:
-    """The names that are there now, or were within the last seconds; none where the bus cannot
-    be joined.
-    """
+    """The names now, or up to 5 s ago; none if the bus cannot be joined."""
     file = _cache_file(settings)
-    remembered = _remembered(file)
-    if remembered is not None:
-        return remembered
+    cached = _cached(file)
+    if cached is not None:
+        return cached
     try:
         names = look_for_names(settings)
     except TfbusError:
         return LiveNames()
-    _remember(file, names)
+    _cache(file, names)
     return names
 
 
 def look_for_names(settings: NodeSettings) -> LiveNames:
-    """The names that are there now. Raises BusError where the bus cannot be joined."""
-    from tfbus.bus.session import Session  # Zenoh, which names that are remembered do not need
+    """The names now. Raises BusError if the bus cannot be joined."""
+    from tfbus.bus.session import Session  # Zenoh, which cached names do not need
     from tfbus.discover.presence import describe_all, describe_streams
 
     with Session(settings, logging.Logger("silent"), scouting_s=_SCOUTING_S) as session:
         session.settle(quiet_s=_QUIET_S, timeout_s=_SETTLE_S)
-        nodes = describe_all(session, _pass_over, timeout_s=_ANSWER_S)
-        streams = describe_streams(session, _pass_over, timeout_s=_ANSWER_S)
+        nodes = describe_all(session, _skip, timeout_s=_ANSWER_S)
+        streams = describe_streams(session, _skip, timeout_s=_ANSWER_S)
     return _names(nodes, streams, settings.namespace)
 
 
@@ -79,7 +74,7 @@ def _names(
     from tfbus.discover.presence import relative_name
 
     graph = graph_of(nodes, streams, namespace)
-    # A listener hears the streams of its own namespace; with a fleet also of those within it.
+    # A listener reads the streams of its namespace; with a fleet also of those below.
     frames: dict[str, set[str]] = {}
     for key, stream in streams.items():
         names = {name for parent, child, _ in stream.frames for name in (parent, child)}
@@ -103,31 +98,31 @@ def _names(
     )
 
 
-def _pass_over(error: object) -> None:
-    """A completion is no place to complain of others."""
+def _skip(error: object) -> None:
+    """A completion does not report unreadable nodes."""
 
 
 def _cache_file(settings: NodeSettings) -> Path:
-    """Another one for each place on the bus."""
+    """A file for each place on the bus."""
     place = (settings.namespace, settings.mode, settings.connect, settings.listen, settings.config)
     name = hashlib.sha256(repr(place).encode()).hexdigest()[:16]
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(folder) / "tfbus" / f"names-{name}.json"
 
 
-def _remembered(file: Path) -> LiveNames | None:
+def _cached(file: Path) -> LiveNames | None:
     try:
         age_s = time.time() - file.stat().st_mtime
         if 0.0 <= age_s < FRESH_S:
             content = json.loads(file.read_text())
             return from_map(LiveNames, content) if isinstance(content, dict) else None
     except (OSError, ValueError, TfbusError):
-        pass  # there is none, or another version's
+        pass  # none, or another version's
     return None
 
 
-def _remember(file: Path, names: LiveNames) -> None:
-    """Write it whole or not at all: several shells may complete at once."""
+def _cache(file: Path, names: LiveNames) -> None:
+    """Write the file atomically: several shells may complete at once."""
     with suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_suffix(f".{os.getpid()}")

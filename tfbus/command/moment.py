@@ -1,4 +1,4 @@
-"""Moments as people write them: `1649109418.66`, `2026-11-21T09:00:00Z`, `-3s`."""
+"""Moments as people write them: `1649109418.66`, `2026-11-21T09:00:00Z`, `-3s`, `now`."""
 
 import re
 from dataclasses import dataclass
@@ -16,37 +16,39 @@ _NS_PER_UNIT = {
 _NUMBER = re.compile(r"([+-]?)(\d+(?:\.\d*)?|\.\d+)\s*([a-z]*)")
 _FRACTION = re.compile(r"(?<=:\d\d)[.,](\d+)")
 
-# Whole numbers without a unit: seconds since 1970 stay below this for the next 3000 years, and
-# nanoseconds since 1970 were above the other after the first twelve days.
+# Whole numbers without a unit: seconds since 1970 stay below the first for 3000 years, and
+# nanoseconds since 1970 passed the second after twelve days.
 _SECONDS_BELOW = 10**11
 _NANOSECONDS_FROM = 10**15
 
-# What a stamp can hold, and what can be added to now, 146 years.
+# The last stamp, and the most that can be added to now: 146 years.
 _LAST_NS = 2**63 - 1
 _FARTHEST_FROM_NOW_NS = 2**62
 
 
 @dataclass(frozen=True)
 class Moment:
-    """A time in nanoseconds: since the Unix epoch, or, where `is_relative`, since now."""
+    """A time in nanoseconds: since the Unix epoch, or since now if `is_relative`."""
 
     ns: int
     is_relative: bool = False
 
     def at(self, now_ns: int) -> int:
-        """The moment in nanoseconds since the Unix epoch, when it is `now_ns`."""
+        """The moment in nanoseconds since the Unix epoch, if now is `now_ns`."""
         return now_ns + self.ns if self.is_relative else self.ns
 
 
 def parse_moment(text: str) -> Moment:
-    """The moment that the text says; ValueError with a sentence where it says none.
+    """The moment that a text says. Raises ValueError for any other text.
 
-    A number with a sign is relative to now, in seconds or in the unit that follows (ns, us, ms,
-    s, min, h). A number without one counts from the Unix epoch: in its unit, or in seconds, or
-    in nanoseconds where it is too large for seconds. Anything else is a date and time of ISO
-    8601, to the nanosecond, in local time where it names no zone.
+    `now` is now. A number with a sign is relative to now, in seconds or in the unit that follows
+    (ns, us, ms, s, min, h). A number without a sign counts from the Unix epoch: in its unit, or in
+    seconds, or in nanoseconds if it is too large for seconds. Anything else is a date and time of
+    ISO 8601, to the nanosecond, in local time if it names no zone.
     """
     text = text.strip()
+    if text == "now":
+        return Moment(0, is_relative=True)
     number = _NUMBER.fullmatch(text)
     moment = _counted(text, *number.groups()) if number else _dated(text)
     if abs(moment.ns) > (_FARTHEST_FROM_NOW_NS if moment.is_relative else _LAST_NS):
@@ -74,7 +76,7 @@ def _implied_unit(text: str, sign: str, digits: str) -> str:
 
 def _dated(text: str) -> Moment:
     try:
-        # Python's own reading stops at microseconds.
+        # Python reads microseconds only.
         moment = datetime.fromisoformat(_FRACTION.sub("", text))
     except ValueError as error:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The command-line options that every process takes, as one frozen value of settings."""
+"""The command-line options of every process, as one frozen value of settings."""
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -13,26 +13,24 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def bus_options(name: str) -> Callable[[F], F]:
-    """Give a click command the options by which a process joins the bus; its first argument is
-    then their value, NodeSettings of this name.
+    """Add the options by which a process joins the bus to a click command.
 
-    A TfbusError that the command raises is told as one sentence, with exit code 1 (2 where the
-    settings themselves are wrong).
+    The command's first argument is then their value, NodeSettings of this name. A TfbusError that
+    it raises is printed as one sentence, with exit code 1; 2 for wrong settings.
     """
     return _with_options(name, _BUS_OPTIONS)
 
 
 def listening_options(name: str) -> Callable[[F], F]:
-    """`bus_options` of a command that listens to transforms: it may go by simulated time, and has
-    `fleet_options`.
-    """
+    """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms."""
     options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
     return lambda function: fleet_options(_with_options(name, options)(function))
 
 
 def fleet_options(function: F) -> F:
-    """Give a click command the options that say whether it sees a whole fleet; its argument
-    `fleet` is then their value, a Fleet or None, as a TransformListener takes it.
+    """Add `--fleet` and `--shared` to a click command.
+
+    Its argument `fleet` is then their value, a Fleet or None, for a TransformListener.
     """
 
     @functools.wraps(function)
@@ -40,7 +38,7 @@ def fleet_options(function: F) -> F:
         from tfbus.wire.fleet import Fleet  # numpy, which `--help` does not need
 
         if shared_frames and not fleet:
-            raise click.UsageError("--shared names what the robots of a fleet share: add --fleet")
+            raise click.UsageError("--shared needs --fleet")
         try:
             seen = Fleet(shared_frames) if fleet else None
         except TfbusError as error:
@@ -54,10 +52,10 @@ def fleet_options(function: F) -> F:
 
 
 def node_options(default_name: str) -> Callable[[F], F]:
-    """Give a click command the options of a node: as `bus_options`, with its name, parameters
-    and remappings. `default_name` is the node's name without `--name`.
+    """Add the options of a node to a click command: `bus_options`, name, parameters, remappings.
 
-    Ctrl-C and SIGTERM are a node's usual end, also while it is still joining the bus: exit code 0.
+    `default_name` is the node's name without `--name`. Ctrl-C and SIGTERM are a node's usual end,
+    also while it joins the bus: exit code 0.
     """
 
     def decorate(function: F) -> F:
@@ -104,9 +102,9 @@ def _with_options(
 
 
 def settings_from_args(default_name: str, argv: Sequence[str] | None = None) -> NodeSettings:
-    """The settings that a command line gives, where it has the options of a node and no others.
+    """The settings from a command line that has only the options of a node.
 
-    A mistake in it is told on stderr and exits with 2; `--help` prints the options and exits.
+    A mistake in it is printed to stderr and exits with 2; `--help` prints the options and exits.
     """
 
     @click.command(help=f"The node {default_name}.")
@@ -122,7 +120,7 @@ def settings_from_args(default_name: str, argv: Sequence[str] | None = None) -> 
 
 
 class _click_exits:
-    """Ends the process as click does in its own main, for a command that returns a value."""
+    """Exits as click's own main does, for a command that returns a value."""
 
     def __enter__(self) -> None:
         return None
@@ -152,36 +150,42 @@ def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
 
 _BUS_OPTIONS = {
     "namespace": click.option(
-        "--namespace", metavar="PATH", help="Put before all names on the bus: robot7."
+        "--namespace", metavar="PATH", help="Prefix of all names on the bus, such as robot7."
     ),
     "mode": click.option(
-        "--mode", type=click.Choice(MODES), help="How to join the bus; peer by default."
+        "--mode", type=click.Choice(MODES), help="How to join the bus (default peer)."
     ),
     "connect": click.option(
-        "--connect", multiple=True, metavar="ENDPOINT", help="Connect to tcp/host:7447; repeatable."
+        "--connect",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Connect to an endpoint, such as tcp/host:7447; repeatable.",
     ),
     "listen": click.option(
-        "--listen", multiple=True, metavar="ENDPOINT", help="Listen on tcp/[::]:7447; repeatable."
+        "--listen",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Listen on an endpoint, such as tcp/[::]:7447; repeatable.",
     ),
     "config": click.option(
-        "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, JSON5."
+        "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, in JSON5."
     ),
     "log_level": click.option(
-        "--log-level", type=click.Choice(LOG_LEVELS), help="info by default."
+        "--log-level", type=click.Choice(LOG_LEVELS), help="The least level to log (default info)."
     ),
 }
 _FLEET_OPTIONS = (
     click.option(
         "--fleet",
         is_flag=True,
-        help="See the robots in the namespaces below too; their frames are robot7/base_link.",
+        help="Include the robots in namespaces below; their frames are robot7/base_link.",
     ),
     click.option(
         "--shared",
         "shared_frames",
         multiple=True,
         metavar="FRAME",
-        help="With --fleet: a frame that all robots share, such as map; repeatable.",
+        help="With --fleet, a frame that all robots share, such as map; repeatable.",
     ),
 )
 _NODE_OPTIONS = {
@@ -189,7 +193,7 @@ _NODE_OPTIONS = {
     "sim_time": click.option(
         "--sim-time/--system-time",
         default=None,
-        help="Take the time from the topic clock; or from the system, the default.",
+        help="Take the time from the topic clock, or from the system (default).",
     ),
     "parameters": click.option(
         "--param",
@@ -203,6 +207,6 @@ _NODE_OPTIONS = {
         "remappings",
         multiple=True,
         metavar="FROM:=TO",
-        help="Use another topic or service; repeatable.",
+        help="Use another topic or service name; repeatable.",
     ),
 }

@@ -1,42 +1,46 @@
-"""Names as a command line takes them: checked, and completed with those that are on the bus.
+"""Types for click's arguments and options: names on the bus, numbers, times, files to write.
 
-Types for click's arguments and options: `@click.argument("target", type=FrameName())`.
+`@click.argument("target", type=FrameName())`. Names are completed from the bus.
 """
 
+import math
+import os
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.wire.keys import check_topic
 
 if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
 
-# Of the options of a command those that say where on the bus it is.
+# The options of a command that say where on the bus it is.
 _PLACE = ("namespace", "mode", "connect", "listen", "config")
 
 
 class _BusName(click.ParamType[str]):
-    """A name that others on the bus have too; a subclass says which those are."""
+    """A name on the bus; a subclass says which are candidates."""
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The names to complete with, and what there is to say of each."""
+        """The names to complete with, and a help text for each."""
         raise NotImplementedError
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         return str(value)
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Those of the names on the bus that begin so; none where the bus cannot be joined."""
+        """The names that start with the text; none if the bus cannot be joined."""
         found = self.candidates(names_at(ctx), ctx)
         if incomplete.startswith("/"):
             found = {f"/{name}": text for name, text in found.items()} if self._has_full() else {}
@@ -47,19 +51,17 @@ class _BusName(click.ParamType[str]):
         ]
 
     def _has_full(self) -> bool:
-        """Whether such a name may be written with a slash before it."""
+        """Whether the name may start with a slash."""
         return False
 
 
 class FrameName(_BusName):
-    """The name of a frame: any text that is not empty and does not begin with a slash."""
+    """The name of a frame: a text that is not empty and does not start with a slash."""
 
     name = "frame"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The frames that living streams of this namespace have, and with --fleet of those below,
-        as they are called then.
-        """
+        """The frames of this namespace; with --fleet also of those below, by their names then."""
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
         from tfbus.wire.fleet import Fleet  # numpy, which most completion does not need
@@ -71,26 +73,29 @@ class FrameName(_BusName):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         name = str(value)
-        if not name:
-            self.fail("a frame's name is not empty", param, ctx)
-        if name.startswith("/"):
-            self.fail(
-                f"{name!r} begins with a slash, which frames do not: write {name.lstrip('/')!r}",
-                param,
-                ctx,
-            )
+        if mistake := frame_mistake(name):
+            self.fail(mistake, param, ctx)
         return name
 
 
+def frame_mistake(name: str) -> str:
+    """What is wrong with a frame's name, and what to write instead; "" for a valid name."""
+    if not name:
+        return "a frame's name must not be empty"
+    if name.startswith("/"):
+        return f"{name!r} must not start with a slash: write {name.lstrip('/')!r}"
+    return ""
+
+
 class NodeName(_BusName):
-    """The name of a node as it is written within the namespace, or its full name."""
+    """The name of a node, relative to the namespace or full."""
 
     name = "node"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The nodes that are there."""
+        """All nodes."""
         return dict.fromkeys(names.nodes, "")
 
     def _has_full(self) -> bool:
@@ -105,29 +110,29 @@ class TopicName(_BusName):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The name; a usage error where it can be none."""
+        """The name; a usage error for an invalid one."""
         try:
             return check_topic(str(value), kind=self.name)
         except InvalidNameError as error:
             self.fail(str(error), param, ctx)
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The topics that nodes publish or subscribe to, and what they carry."""
+        """The topics that nodes publish or subscribe to, and their types."""
         return names.topics
 
 
 class ServiceName(TopicName):
-    """The name of a service or goal, which is formed as a topic's."""
+    """The name of a service or action."""
 
     name = "service"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The services and goals that nodes serve, and their types."""
+        """The services and actions of all nodes, and their types."""
         return names.services
 
 
 class ParameterName(_BusName):
-    """The name of a parameter of the node that the argument `node` of the command names."""
+    """The name of a parameter of the node in the command's argument `node`."""
 
     name = "parameter"
 
@@ -137,8 +142,90 @@ class ParameterName(_BusName):
         return dict.fromkeys(names.parameters.get(node, ()), "")
 
 
+class Number(click.ParamType[float]):
+    """A finite number from `least`, or above it where `more_than_least`, to `most`."""
+
+    name = "number"
+
+    def __init__(
+        self,
+        *,
+        least: float = -math.inf,
+        most: float = math.inf,
+        more_than_least: bool = False,
+    ):
+        self._least = least
+        self._most = most
+        self._more = more_than_least
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number; a usage error for another text, or a number out of range."""
+        try:
+            number = float(str(value))
+        except ValueError:
+            self.fail(f"{value!r} is not a number", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"must be finite, not {value}", param, ctx)
+        if number > self._most:
+            self.fail(f"must be at most {self._most:g}, not {number:g}", param, ctx)
+        if number < self._least or (self._more and number == self._least):
+            relation = "more than" if self._more else "at least"
+            self.fail(f"must be {relation} {self._least:g}, not {number:g}", param, ctx)
+        return number
+
+
+# Seconds: what a clock can wait for, thirty years.
+NOT_NEGATIVE = Number(least=0.0, most=1e9)
+POSITIVE = Number(least=0.0, most=1e9, more_than_least=True)
+
+
+class MomentType(click.ParamType[Moment]):
+    """A time: seconds or nanoseconds since 1970, ISO 8601, `-3s` from now, or `now`."""
+
+    name = "time"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Moment:
+        """The moment; a usage error for another text."""
+        try:
+            return value if isinstance(value, Moment) else parse_moment(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+class OutputFile(click.Path):
+    """A file to write, whose name ends with one of `endings`; its folder must exist."""
+
+    def __init__(self, *endings: str):
+        super().__init__(path_type=Path, dir_okay=False)
+        self._endings = endings
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Path:
+        """The path; a usage error for another ending or a folder that does not exist."""
+        path = Path(value)
+        if path.suffix not in self._endings:
+            one_of = "one of " if len(self._endings) > 1 else ""
+            self.fail(f"{path} must end with {one_of}{', '.join(self._endings)}", param, ctx)
+        if not path.parent.is_dir():
+            self.fail(f"there is no folder {path.parent} to write {path.name} into", param, ctx)
+        return path
+
+
+def own_name(kind: str) -> str:
+    """A node's name that no other process has: `echo_5d205229`."""
+    return f"{kind}_{os.urandom(4).hex()}"
+
+
 def names_at(ctx: click.Context) -> "LiveNames":
-    """The names at the place on the bus that the options typed so far say."""
+    """The names on the bus that the options typed so far select."""
     from tfbus.command.live_names import LiveNames, live_names  # Zenoh, which only completion needs
 
     given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}
@@ -149,5 +236,5 @@ def names_at(ctx: click.Context) -> "LiveNames":
 
 
 def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Those of the values that begin so, for the completion of an argument."""
+    """The values that start with the text, as candidates."""
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]

@@ -1,1 +1,1 @@
-"""What is wrong with a bus and why: checks, each of which finds one kind of trouble."""
+"""What is wrong with a bus: checks that each find one kind of trouble."""

@@ -1,4 +1,4 @@
-"""All checks by their stable names, in the order in which they are told."""
+"""All checks by their stable names, in the order they are printed."""
 
 from collections.abc import Callable
 

@@ -1,5 +1,6 @@
-"""Looking at a bus: gathers all that the checks need."""
+"""Looks at a bus: gathers all that the checks need."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,13 +13,13 @@ from tfbus.doctor.host import examine_host
 from tfbus.errors import DecodeError, TimeoutException
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.listener import TransformListener
-from tfbus.monitor.flows import FlowMeter
+from tfbus.monitor.meter import TransformMeter
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
-# What publishers have kept tells the rates that they had before.
+# What publishers keep shows the rates before.
 _HISTORY_S = 10.0
 _CLOCK_WITHIN_S = 5.0
 
@@ -29,34 +30,33 @@ def examine(
     on_unreadable: Callable[[DecodeError], object],
     fleet: Fleet | None = None,
 ) -> Examination:
-    """Look at this host and at the bus, listening for so many seconds: to the transforms of its
-    namespace, or of a fleet.
+    """Look at this host and, for `listen_s` seconds, at the transforms of its namespace or fleet.
 
-    Raises BusError where the bus cannot be joined.
+    Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
+    clock runs.
     """
     with Node(settings=replace(settings, log_level="error"), patience_s=0.0) as node:
         if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
-            raise TimeoutException("nobody tells the time: start a clock (tfbus clock)")
+            raise TimeoutException("no message on 'clock' yet: start a clock (tfbus clock)")
         node.session.settle()
-        # Nodes are asked before anything is subscribed to: who listens now is not us.
+        # Before we subscribe: a listener that nodes report is not ours.
         nodes = _others(node, describe_all(node.session, on_unreadable))
         host = examine_host(settings, len(node.session.routers()))
         buffer = Buffer(_HISTORY_S)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
-            meter = FlowMeter(node, fleet)
+            meter = TransformMeter(node, fleet, recent_s=math.inf)
             listened_s = _listen(node, listen_s)
-            meter.close()
             return Examination(
                 settings,
                 host,
                 nodes,
                 frame_tree(buffer, listener.streams(), node.now_ns()),
-                meter.flows(),
+                tuple(meter.edges()),
                 listened_s,
                 dict(buffer.rejected),
                 dict(meter.largest),
             )
-    raise KeyboardInterrupt  # which the node's `with` has ended quietly, without a verdict
+    raise KeyboardInterrupt  # the node's `with` swallowed it
 
 
 def _others(node: Node, described: list[NodeDescription]) -> tuple[NodeDescription, ...]:

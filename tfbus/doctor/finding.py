@@ -1,17 +1,19 @@
-"""What a check has found."""
+"""The result of a check."""
 
 from dataclasses import dataclass
 from typing import Literal
+
+_MOST_SENTENCES = 10
 
 Verdict = Literal["ok", "warn", "fail", "skipped"]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The verdict of one check, what it rests on, and what to do about it.
+    """The verdict of one check, its evidence, and what to do about it.
 
-    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" where there is
-    nothing to do.
+    `evidence` are sentences; of a skipped check, the reason. `remedy` is "" if there is nothing to
+    do.
     """
 
     verdict: Verdict
@@ -25,12 +27,18 @@ def ok(*evidence: str) -> Finding:
 
 
 def skipped(reason: str) -> Finding:
-    """It could not be looked at, or does not apply."""
+    """The check could not be made, or does not apply."""
     return Finding("skipped", (reason,))
 
 
 def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") -> Finding:
-    """The verdict where there is evidence; ok, with `fine` as the evidence, where there is none."""
+    """The verdict, if there is evidence; else ok, with `fine` as the evidence."""
     if not evidence:
         return ok(*filter(None, (fine,)))
     return Finding(verdict, tuple(evidence), remedy)
+
+
+def first_of(sentences: list[str]) -> list[str]:
+    """The first ten sentences, and how many more there are."""
+    rest = len(sentences) - _MOST_SENTENCES
+    return [*sentences[:_MOST_SENTENCES], f"and {rest} more"] if rest > 0 else sentences

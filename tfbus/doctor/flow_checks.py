@@ -3,22 +3,23 @@
 from collections import Counter
 
 from tfbus.doctor.clock_checks import of_our_time, of_system_time
-from tfbus.doctor.examination import Examination, Flow
+from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.frames.snapshot import who
 from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
+from tfbus.monitor.meter import EdgeFlow
 from tfbus.wording import counted, duration
 
-# Above this a lookup at one's own "now" fails, or is a guess.
+# Above this, lookups at a node's own "now" fail or extrapolate.
 _MOST_SKEW_S = 0.1
-# An edge whose rate in the last seconds is off by this factor from that of its kept history.
+# The rate now differs by this factor from that of the history.
 _RATE_FACTOR = 1.5
-# Where times between samples are spread by more than this part of the mean, it is not regular.
+# Jitter above this part of the period is irregular.
 _MOST_JITTER = 0.5
-# A pause is a gap where it is so many periods long, and at least so long at all.
+# A pause is a gap if it is this many periods long, and at least this long.
 _GAP_PERIODS, _LEAST_GAP_S = 5.0, 0.25
 _FUTURE_S = 0.02
-# A message of more than Zenoh's batch goes in fragments: where one is dropped, all is lost.
+# A message longer than Zenoh's batch goes in fragments: one dropped fragment loses all.
 _BATCH_BYTES = 65_535
 
 
@@ -40,41 +41,41 @@ def check_clock_skew(seen: Examination) -> Finding:
     return found(
         "fail",
         skewed,
-        "let both hosts take their time from the same server (chrony, or another NTP client)",
+        "synchronise both hosts to the same server (chrony, or another NTP client)",
         f"{counted(len(offsets), 'clock')} within {duration(_MOST_SKEW_S)} of ours",
     )
 
 
 def check_rates(seen: Examination) -> Finding:
     """Frames come as often as they did before."""
-    publishers = Counter(flow.frame for flow in seen.flows)
+    publishers = Counter(flow.child for flow in seen.flows)
     evidence = []
     for flow in _of_near_stamps(seen):
-        before_hz = seen.tree.frames[flow.frame].rate_hz if flow.frame in seen.tree.frames else None
-        # Of a frame that several publish the former rate is that of all of them; see conflicts.
-        if flow.rate_hz and before_hz and publishers[flow.frame] == 1:
+        before_hz = seen.tree.frames[flow.child].rate_hz if flow.child in seen.tree.frames else None
+        # The former rate of a frame with several publishers is their sum; see conflicts.
+        if flow.rate_hz and before_hz and publishers[flow.child] == 1:
             factor = flow.rate_hz / before_hz
             if not 1 / _RATE_FACTOR < factor < _RATE_FACTOR:
                 evidence.append(
-                    f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
+                    f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
                     f"{before_hz:.1f} Hz"
                 )
     return _of_flows(
-        seen, "warn", evidence, "see what its node, or the network, is busy with (tfbus monitor)"
+        seen, "warn", evidence, "check the load of its node and of the network (tfbus monitor)"
     )
 
 
 def check_jitter(seen: Examination) -> Finding:
     """Frames come regularly."""
     evidence = [
-        f"{flow.frame!r} comes at {flow.rate_hz:.1f} Hz, but the time between two is spread by "
+        f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, but with a jitter of "
         f"{duration(flow.jitter_s)}"
-        # A simulated time goes on in steps, and may go so fast that any delay is a long one.
+        # Simulated time goes in steps, and so fast at times that any delay is long.
         for flow in of_system_time(seen)
         if flow.rate_hz and flow.jitter_s and flow.jitter_s * flow.rate_hz > _MOST_JITTER
     ]
     return _of_flows(
-        seen, "warn", evidence, "send from a timer, not from a loop that also does other work"
+        seen, "warn", evidence, "send from a timer, not from a loop that does other work too"
     )
 
 
@@ -85,8 +86,8 @@ def check_gaps(seen: Examination) -> Finding:
         limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
         if flow.longest_gap_s > limit_s:
             evidence.append(
-                f"{flow.frame!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
-                "are interpolated across that"
+                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
+                "interpolate across that"
             )
     evidence += [
         f"{counted(stream.missed, 'message')} of stream {stream.name!r} never came"
@@ -94,39 +95,46 @@ def check_gaps(seen: Examination) -> Finding:
         if stream.missed
     ]
     return _of_flows(
-        seen, "warn", evidence, "see whether its node stalls or the network drops (tfbus monitor)"
+        seen,
+        "warn",
+        evidence,
+        "check whether its node stalls or the network drops messages (tfbus monitor)",
     )
 
 
 def check_order(seen: Examination) -> Finding:
     """Samples come in the order of their stamps."""
     evidence = [
-        f"{counted(flow.out_of_order, 'sample')} of {flow.frame!r} came after a newer one"
+        f"{counted(flow.out_of_order, 'sample')} of {flow.child!r} came after a newer one"
         for flow in seen.flows
         if flow.out_of_order
     ]
-    return _of_flows(seen, "warn", evidence, "send each frame from one place, with rising stamps")
+    return _of_flows(
+        seen, "warn", evidence, "publish each frame from one place, with rising stamps"
+    )
 
 
 def check_stamps(seen: Examination) -> Finding:
     """No stamp is in the future, or zero."""
     evidence = [
-        f"{counted(flow.at_zero, 'sample')} of {flow.frame!r} came with the stamp 0"
+        f"{counted(flow.at_zero, 'sample')} of {flow.child!r} came with the stamp 0"
         for flow in seen.flows
         if flow.at_zero
     ]
     far = [
-        f"samples of {flow.frame!r} are {duration(abs(flow.delay_s))} "
-        f"{'in the future' if flow.delay_s < 0 else 'old'}: "
+        f"samples of {flow.child!r} are {duration(abs(flow.least_delay_s))} "
+        f"{'in the future' if flow.least_delay_s < 0 else 'old'}: "
         f"{'is its node without --sim-time?' if seen.settings.sim_time else ASK_IF_SIMULATED}"
         for flow in of_our_time(seen)
-        if flow.delay_s is not None and is_another_time(flow.delay_s) and not flow.at_zero
+        if flow.least_delay_s is not None
+        and is_another_time(flow.least_delay_s)
+        and not flow.at_zero
     ]
     evidence += far
     evidence += [
-        f"samples of {flow.frame!r} are {duration(-flow.delay_s)} in the future"
+        f"samples of {flow.child!r} are {duration(-flow.least_delay_s)} in the future"
         for flow in _of_near_stamps(seen)
-        if flow.delay_s is not None and flow.delay_s < -_FUTURE_S
+        if flow.least_delay_s is not None and flow.least_delay_s < -_FUTURE_S
     ]
     return _of_flows(
         seen,
@@ -138,7 +146,7 @@ def check_stamps(seen: Examination) -> Finding:
 
 
 def check_messages(seen: Examination) -> Finding:
-    """Messages fit into one packet of Zenoh's."""
+    """Messages fit into one packet of Zenoh."""
     large = [
         f"messages of stream {stream!r} have up to {size / 1e3:.0f} kB"
         for stream, size in seen.largest.items()
@@ -147,13 +155,13 @@ def check_messages(seen: Examination) -> Finding:
     return found(
         "warn",
         large,
-        "send fewer frames at a time, or let each have a key of its own (split=True)",
+        "send fewer frames at a time, or give each its own key (split=True)",
         "all are below 65 kB",
     )
 
 
 def check_refused(seen: Examination) -> Finding:
-    """No transform was refused."""
+    """No transform was rejected."""
     evidence = [f"{counted(count, 'time')}: {reason}" for reason, count in seen.rejected.items()]
     evidence += [
         f"{counted(stream.rejected, 'message')} of stream {stream.name!r} could not be read"
@@ -161,19 +169,19 @@ def check_refused(seen: Examination) -> Finding:
         if stream.rejected
     ]
     return found(
-        "fail", evidence, "mend the publisher; each reason says what is allowed", "all were taken"
+        "fail", evidence, "fix the publisher; each reason says what is allowed", "none was rejected"
     )
 
 
 def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:
     if not seen.flows:
-        return skipped("no moving frame came while listening")
+        return skipped("no dynamic frame came while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
-    frames = {flow.frame for flow in seen.flows}
-    return ok(f"{counted(len(frames), 'moving frame')} in {seen.listened_s:.0f} s")
+    frames = {flow.child for flow in seen.flows}
+    return ok(f"{counted(len(frames), 'dynamic frame')} in {seen.listened_s:.0f} s")
 
 
-def _of_near_stamps(seen: Examination) -> list[Flow]:
-    """The flows by whose stamps something can be said here: those by a clock like ours."""
-    return [flow for flow in of_our_time(seen) if not is_another_time(flow.delay_s)]
+def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:
+    """The flows whose stamps can be judged here: those by a clock like ours."""
+    return [flow for flow in of_our_time(seen) if not is_another_time(flow.least_delay_s)]

@@ -1,4 +1,4 @@
-"""What there is on this host: packages, interfaces, and whether scouting finds anybody."""
+"""Looks at this host: its packages, its interfaces, and whether scouting works."""
 
 import logging
 import platform
@@ -20,7 +20,7 @@ _SCOUT_S = 1.5
 
 
 def examine_host(settings: NodeSettings, routers: int) -> Host:
-    """Look at this host; takes a second or two, for the trial of scouting."""
+    """Look at this host; the trial of scouting takes 1 to 2 s."""
     return Host(
         versions={
             "Python": platform.python_version(),
@@ -44,7 +44,7 @@ def _version(package: str) -> str:
 
 
 def _is_scouted(settings: NodeSettings) -> bool | None:
-    """Whether a session of ours is found by its scouting; None where it does not scout."""
+    """Whether scouting finds a session of ours; None if scouting is off."""
     if not has_scouting(settings):
         return None
     log = logging.getLogger(__name__)
@@ -53,11 +53,11 @@ def _is_scouted(settings: NodeSettings) -> bool | None:
 
 
 def _why_unreachable(endpoint: str) -> str:
-    """Why nothing answers at an endpoint as `tcp/host:7447`; "" where something does."""
+    """Why an endpoint such as `tcp/host:7447` does not answer; "" if it does."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.partition("?")[0].rpartition(":")
     if protocol not in ("tcp", "tls", "ws") or not port.isdigit():
-        return ""  # cannot be tried without speaking its protocol
+        return ""  # untested: tfbus does not speak its protocol
     try:
         with socket.create_connection((host.strip("[]"), int(port)), _CONNECT_WITHIN_S):
             return ""

@@ -1,4 +1,4 @@
-"""Checks of this host: what is installed, and whether the others can be found from here."""
+"""Checks of this host: its packages, and whether it finds other hosts."""
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
@@ -24,25 +24,25 @@ def check_kernel(seen: Examination) -> Finding:
         return ok("the buffer is compiled")
     return Finding(
         "warn",
-        ("the buffer is interpreted: right, but a lookup takes some seventy times as long",),
-        "install tfbus again where there is a C compiler, without TFBUS_PURE_PYTHON",
+        ("the buffer is interpreted: lookups take about 70 times as long",),
+        "reinstall tfbus with a C compiler present, without TFBUS_PURE_PYTHON",
     )
 
 
 def check_zenoh(seen: Examination) -> Finding:
-    """Zenoh is of a version that tfbus is tested with."""
+    """tfbus is tested with this version of Zenoh."""
     version = seen.host.versions.get("eclipse-zenoh", "")
     if version.startswith(f"{_ZENOH}."):
         return ok(f"eclipse-zenoh {version}")
     return Finding(
         "warn",
-        (f"eclipse-zenoh {version or 'is not there'}; tfbus is tested with {_ZENOH}",),
+        (f"eclipse-zenoh {version or 'is not installed'}; tfbus is tested with {_ZENOH}",),
         f"pip install 'eclipse-zenoh~={_ZENOH}.0'",
     )
 
 
 def check_scouting(seen: Examination) -> Finding:
-    """Processes find each other without being told where they are."""
+    """Processes find each other by multicast."""
     if seen.host.scouted is None:
         return skipped("scouting is off, by the mode or the configuration")
     carriers = [each.name for each in seen.host.interfaces if each.is_up and each.has_multicast]
@@ -52,22 +52,22 @@ def check_scouting(seen: Examination) -> Finding:
     evidence = ["a session of this host was not found by multicast"]
     if not carriers:
         evidence.append("no interface is up and carries multicast")
-        remedy = "bring a network up (ip link set eth0 up multicast on), or give --connect ENDPOINT"
+        remedy = "bring up a network (ip link set eth0 up multicast on), or give --connect ENDPOINT"
     else:
-        evidence.append(f"{', '.join(carriers)} should carry it: a firewall may be in the way")
-        remedy = "let UDP port 7446 to 224.0.0.224 through the firewall, or give --connect ENDPOINT"
+        evidence.append(f"{', '.join(carriers)} should carry it: a firewall may block it")
+        remedy = "open UDP port 7446 to 224.0.0.224 in the firewall, or give --connect ENDPOINT"
     return Finding("fail", tuple(evidence), remedy)
 
 
 def check_routers(seen: Examination) -> Finding:
-    """The endpoints to connect to answer."""
+    """The endpoints of --connect answer."""
     endpoints = seen.settings.connect
     evidence = [f"{endpoint}: {why}" for endpoint, why in seen.host.unreachable.items()]
     if endpoints:
         return found(
             "fail",
             evidence,
-            "start the router there (tfbus router), and let its port through the firewall",
+            "start the router there (tfbus router), and open its port in the firewall",
             f"{', '.join(endpoints)} answers",
         )
     if seen.host.routers:

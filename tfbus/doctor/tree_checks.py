@@ -1,13 +1,11 @@
-"""Checks of who is there and of the tree of frames."""
+"""Checks of the nodes, and of the tree of frames."""
 
 from collections import defaultdict
 
 from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, Verdict, found
+from tfbus.doctor.finding import Finding, Verdict, first_of, found
 from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.wording import counted
-
-_MOST_SENTENCES = 10
 
 
 def check_node_names(seen: Examination) -> Finding:
@@ -23,7 +21,7 @@ def check_node_names(seen: Examination) -> Finding:
     return found(
         "fail",
         doubled,
-        "give each a name of its own (--name), or a namespace (--namespace)",
+        "give each its own name (--name) or namespace (--namespace)",
         counted(len(seen.nodes), "node"),
     )
 
@@ -35,12 +33,14 @@ def check_conflicts(seen: Examination) -> Finding:
 
 def check_loops(seen: Examination) -> Finding:
     """No edges make a loop."""
-    return _of_tree(seen, "loop", "fail", "swap parent and child where they are the wrong way")
+    return _of_tree(
+        seen, "loop", "fail", "swap parent and child of the edge that points the wrong way"
+    )
 
 
 def check_orphans(seen: Examination) -> Finding:
     """No frame is alone."""
-    return _of_tree(seen, "orphan", "warn", "publish a transform that joins it to the others")
+    return _of_tree(seen, "orphan", "warn", "publish a transform that connects it to the others")
 
 
 def check_disconnected(seen: Examination) -> Finding:
@@ -49,27 +49,27 @@ def check_disconnected(seen: Examination) -> Finding:
         seen,
         "disconnected",
         "warn",
-        "publish a transform between the trees; look for a misspelled name of a parent",
+        "publish a transform between the trees; look for a misspelled parent",
     )
 
 
 def check_gone(seen: Examination) -> Finding:
-    """The publisher of each frame is there."""
-    return _of_tree(seen, "gone", "warn", "start it again, or take its frames out of the tree")
+    """The publisher of each frame runs."""
+    return _of_tree(seen, "gone", "warn", "start it again, or remove its frames from the tree")
 
 
 def check_silent(seen: Examination) -> Finding:
-    """Each frame that is told of is sent."""
+    """Each announced frame is sent."""
     return _of_tree(
         seen,
         "silent",
         "warn",
-        "see whether its node still sends (tfbus monitor), and what it was started with",
+        "check whether its node still sends (tfbus monitor), and its options",
     )
 
 
 def check_static_dynamic(seen: Examination) -> Finding:
-    """No frame is published both as static and as moving."""
+    """No frame is both static and dynamic."""
     kinds = defaultdict(list)
     for stream in seen.tree.streams.values():
         for _, child, static in stream.frames:
@@ -78,17 +78,14 @@ def check_static_dynamic(seen: Examination) -> Finding:
     mixed = [
         f"{child!r} is "
         + " and ".join(
-            f"{'static' if static else 'moving'} by {who(stream)}" for static, stream in claims
+            f"{'static' if static else 'dynamic'} by {who(stream)}" for static, stream in claims
         )
         for child, claims in kinds.items()
         if len({static for static, _ in claims}) > 1
     ]
-    return found("fail", mixed, "publish it either as static or as moving", "none is both")
+    return found("fail", mixed, "publish it either as static or as dynamic", "none is both")
 
 
 def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str) -> Finding:
     sentences = [problem.text for problem in seen.tree.problems() if problem.kind == kind]
-    if len(sentences) > _MOST_SENTENCES:
-        rest = len(sentences) - _MOST_SENTENCES
-        sentences = [*sentences[:_MOST_SENTENCES], f"and {rest} more of this kind"]
-    return found(verdict, sentences, remedy, counted(len(seen.tree.frames), "frame"))
+    return found(verdict, first_of(sentences), remedy, counted(len(seen.tree.frames), "frame"))

@@ -1,14 +1,14 @@
-"""What a launch file says, as frozen values: nothing here reads, starts or waits."""
+"""What a launch file describes, as frozen values between the reader and the runner."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.launch.place import Place
+from tfbus.command.yaml_file import Place
 
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument that a launch file takes: `name:=value`. Without a default it must be given."""
+    """An argument of a launch file, given as `name:=value`; required without a default."""
 
     name: str
     default: str | None = None
@@ -20,9 +20,8 @@ class Argument:
 class Respawn:
     """How a process that ended is started again.
 
-    The first time after `delay_s`, then after twice as long each time, never longer than
-    `longest_delay_s`; at most `limit` times in a row (None: always). Once it has run for
-    `steady_s` it has recovered: delay and count begin anew.
+    First after `delay_s`, then after twice the delay each time, up to `longest_delay_s`; at most
+    `limit` times in a row (None: no limit). A run of `steady_s` resets delay and count.
     """
 
     delay_s: float = 1.0
@@ -31,11 +30,11 @@ class Respawn:
     steady_s: float = 30.0
 
     def delay_before(self, respawn: int) -> float | None:
-        """Seconds to wait before the given respawn in a row (from 0); None: not again."""
+        """Seconds to wait before the given respawn in a row, from 0; None after the last."""
         if self.limit is not None and respawn >= self.limit:
             return None
         longest = max(self.delay_s, self.longest_delay_s)
-        # An exponent beyond this says nothing new and could overflow a float.
+        # A larger exponent could overflow a float.
         return min(self.delay_s * 2.0 ** min(respawn, 64), longest)
 
 
@@ -44,8 +43,8 @@ class Process:
     """One process of a launch: a tfbus node (`node`) or any program (`command`), not both.
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
-    Python file that is a node; `arguments` come after everything else. Names in `after` are full
-    names of nodes, `/robot7/sim`.
+    Python file; `arguments` come last on its command line. Names in `after` are full names of
+    nodes, `/robot7/sim`.
     """
 
     name: str
@@ -70,5 +69,5 @@ class Process:
 
     @property
     def label(self) -> str:
-        """The name that stands before each line of output, `robot7/sim`."""
+        """The name that starts each line of output, `robot7/sim`."""
         return self.full_name.removeprefix("/")

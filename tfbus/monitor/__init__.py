@@ -1,1 +1,1 @@
-"""How transforms come, measured."""
+"""Measures how transforms come."""

@@ -1,7 +1,7 @@
-"""How transforms come: of each edge and each stream how often, how late, and in which order."""
+"""Measures how transforms come: the rate, delay and order of each edge, the load of each stream."""
 
 import threading
-import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,10 +14,9 @@ from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
-# What is older than this tells of a past that is over.
-_LAST_S = 10.0
-_MOST_SAMPLES = 2_000
-# Names come from the bus: of more edges than these nothing is measured.
+RECENT_S = 10.0
+_MOST_SAMPLES = 5_000
+# Names come from the bus: further edges and streams are not measured.
 _MOST_EDGES = 20_000
 
 Edge = tuple[str, str, str]  # stream, parent, child
@@ -25,25 +24,33 @@ Edge = tuple[str, str, str]  # stream, parent, child
 
 @dataclass(frozen=True)
 class EdgeFlow:
-    """How the samples of one edge came in the last ten seconds.
+    """How the samples of one edge came.
 
-    `jitter_s` is the standard deviation of the times between them, `delays_s` how old they were
-    when they came, by their stamps and our clock. `out_of_order` counts, since the beginning,
-    those with an older stamp than the one before.
+    Of the recent ones: `rate_hz` by their arrivals, `jitter_s` the standard deviation of the times
+    between them, `delays_s` their ages at arrival, by their stamps and our clock, below zero for
+    stamps in the future. Since the meter was made: `longest_gap_s` between two stamps,
+    `out_of_order` counts samples older than one before, `at_zero` those with the stamp 0.
     """
 
     stream: str
     parent: str
     child: str
-    rate_hz: float | None
-    jitter_s: float | None
-    delays_s: Spread | None
-    out_of_order: int
+    rate_hz: float | None = None
+    jitter_s: float | None = None
+    delays_s: Spread | None = None
+    longest_gap_s: float = 0.0
+    out_of_order: int = 0
+    at_zero: int = 0
+
+    @property
+    def least_delay_s(self) -> float | None:
+        """The age at arrival of the sample that came soonest."""
+        return self.delays_s.min if self.delays_s else None
 
 
 @dataclass(frozen=True)
 class StreamFlow:
-    """How many messages of a stream came in the last ten seconds, and how many bytes."""
+    """The load of a stream in the last seconds: messages and bytes per second."""
 
     messages_hz: float
     bytes_per_s: float
@@ -51,26 +58,33 @@ class StreamFlow:
 
 class _EdgeMeter:
     def __init__(self) -> None:
-        self.window = Window(_MOST_SAMPLES)
-        self.newest_ns = 0
-        self.out_of_order = 0
+        self.delays = Window(_MOST_SAMPLES)
+        self.longest_gap_ns = self.out_of_order = self.at_zero = 0
+        self._newest_ns: int | None = None
 
     def add(self, at_s: float, stamp_ns: int, now_ns: int) -> None:
-        self.window.add(at_s, (now_ns - stamp_ns) / 1e9)
-        if stamp_ns < self.newest_ns:
+        self.delays.add(at_s, (now_ns - stamp_ns) / 1e9)
+        self.at_zero += stamp_ns == 0
+        step_ns = 0 if self._newest_ns is None else stamp_ns - self._newest_ns
+        if step_ns < 0:
             self.out_of_order += 1
         else:
-            self.newest_ns = stamp_ns
+            self._newest_ns = stamp_ns
+            self.longest_gap_ns = max(self.longest_gap_ns, step_ns)
 
 
 class TransformMeter:
-    """Measures the dynamic transforms that come, of a fleet or of the node's namespace, from when
-    it is made until the node is closed.
+    """Measures the dynamic transforms of a fleet, or of the node's namespace.
+
+    From when it is made until the node is closed. Rates and delays are of the last `recent_s`
+    seconds, and of at most 5000 samples per edge. All times are by the node's clock.
     """
 
-    def __init__(self, node: Node, fleet: Fleet | None = None):
+    def __init__(self, node: Node, fleet: Fleet | None = None, *, recent_s: float = RECENT_S):
+        self.largest: Counter[str] = Counter()  # message of each stream, in bytes
         self._node = node
-        self._since_s = time.monotonic()
+        self._recent_s = recent_s
+        self._since_s = self._elapsed_s()
         self._lock = threading.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
@@ -82,38 +96,52 @@ class TransformMeter:
         """How the samples of each edge came."""
         with self._lock:
             meters = list(self._edges.items())
-        for (stream, parent, child), meter in meters:
-            arrivals_s, delays_s = _recent(meter.window)
+        for edge, meter in meters:
+            arrivals_s, delays_s = self._recent(meter.delays)
             between = spread_of([b - a for a, b in pairwise(arrivals_s)])
             yield EdgeFlow(
-                stream,
-                parent,
-                child,
-                None if between is None or not between.mean else 1.0 / between.mean,
-                None if between is None else between.std_dev,
-                spread_of(delays_s),
-                meter.out_of_order,
+                *edge,
+                rate_hz=None if between is None or not between.mean else 1.0 / between.mean,
+                jitter_s=None if between is None else between.std_dev,
+                delays_s=spread_of(delays_s),
+                longest_gap_s=meter.longest_gap_ns / 1e9,
+                out_of_order=meter.out_of_order,
+                at_zero=meter.at_zero,
             )
 
     def stream(self, name: str) -> StreamFlow:
         """How the messages of a stream came."""
         with self._lock:
             window = self._streams.get(name)
-        arrivals_s, sizes = _recent(window) if window else ([], [])
-        over_s = max(min(time.monotonic() - self._since_s, _LAST_S), 1e-3)
+        arrivals_s, sizes = self._recent(window) if window else ([], [])
+        over_s = max(min(self._elapsed_s() - self._since_s, self._recent_s), 1e-3)
         return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s)
 
+    def _elapsed_s(self) -> float:
+        return self._node.clock.elapsed_ns() / 1e9
+
+    def _recent(self, window: Window) -> tuple[list[float], list[float]]:
+        """The recent arrivals and numbers."""
+        reading, from_s = window.read(), self._elapsed_s() - self._recent_s
+        recent = [
+            (at_s, number)
+            for at_s, number in zip(reading.arrivals_s, reading.numbers, strict=True)
+            if at_s >= from_s
+        ]
+        return [at_s for at_s, _ in recent], [number for _, number in recent]
+
     def _take(self, key: str, payload: bytes) -> None:
-        at_s, now_ns = time.monotonic(), self._node.now_ns()
+        at_s, now_ns = self._elapsed_s(), self._node.now_ns()
         try:
             message = decode_transforms(payload)
         except DecodeError:
-            return  # the listener counts it, and says so
+            return  # the listener counts it, and logs it
         stream, frames = stream_of(key), self._names.of_message(key, message.batch.frames)
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or len(self._streams) < _MOST_EDGES:
                 self._streams.setdefault(stream, Window(_MOST_SAMPLES)).add(at_s, len(payload))
+                self.largest[stream] = max(self.largest[stream], len(payload))
 
     def _take_rows(
         self,
@@ -132,14 +160,3 @@ class TransformMeter:
                 meter = self._edges[edge] = _EdgeMeter()
             if meter is not None:
                 meter.add(at_s, stamp_ns, now_ns)
-
-
-def _recent(window: Window) -> tuple[list[float], list[float]]:
-    """The arrivals and numbers of the last ten seconds."""
-    reading, from_s = window.read(), time.monotonic() - _LAST_S
-    recent = [
-        (at_s, number)
-        for at_s, number in zip(reading.arrivals_s, reading.numbers, strict=True)
-        if at_s >= from_s
-    ]
-    return [at_s for at_s, _ in recent], [number for _, number in recent]

@@ -1,4 +1,4 @@
-"""The last numbers of something that is measured, and how they are spread."""
+"""The last numbers of a measurement, and their spread."""
 
 import math
 import threading
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Spread:
-    """How `count` numbers are spread; `std_dev` is that of the numbers themselves (not n - 1).
+    """The spread of `count` numbers; `std_dev` divides by n, not n - 1.
 
     `p50`, `p95` and `p99` are percentiles, each one of the numbers.
     """
@@ -25,7 +25,7 @@ class Spread:
 
 
 def spread_of(numbers: Sequence[float]) -> Spread | None:
-    """How the numbers are spread; None where there are none."""
+    """The spread of the numbers; None for no numbers."""
     if not numbers:
         return None
     ordered = sorted(numbers)
@@ -37,7 +37,7 @@ def spread_of(numbers: Sequence[float]) -> Spread | None:
 
 
 class Window:
-    """The last `size` messages of a topic: when each came (monotonic s), and a number of each."""
+    """The last `size` messages of a topic: the arrival (in s) and a number of each."""
 
     def __init__(self, size: int):
         self._lock = threading.Lock()
@@ -51,7 +51,7 @@ class Window:
             self._total += 1
 
     def read(self) -> "Reading":
-        """What is in the window now."""
+        """The window as it is now."""
         with self._lock:
             messages, total = list(self._messages), self._total
         return Reading(
@@ -61,7 +61,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Reading:
-    """A window as it was at one time: arrivals, numbers, and how many messages came in all."""
+    """A window at one time: arrivals, numbers, and the count of all messages so far."""
 
     arrivals_s: tuple[float, ...]
     numbers: tuple[float, ...]
@@ -69,7 +69,7 @@ class Reading:
 
     @property
     def intervals_s(self) -> list[float]:
-        """The times between arrivals, in seconds: one less than there are messages."""
+        """The times between arrivals, in seconds."""
         return [
             later - earlier
             for earlier, later in zip(self.arrivals_s, self.arrivals_s[1:], strict=False)

@@ -37,9 +37,7 @@ _STYLES: dict[State, str] = {
 
 
 class FrameScreen(ModalScreen[None]):
-    """One frame: how often and how late it came since the beginning, two minutes at most, and all
-    facts.
-    """
+    """One frame: its rate and delay over the last two minutes, and all facts."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q", "dismiss", "Back"),
@@ -74,18 +72,16 @@ class FrameScreen(ModalScreen[None]):
 
     def _show(self) -> None:
         past = self._source.past(self._frame)
-        # Of a root and of a static frame there is none.
-        moves = any(past.rates_hz)
+        # A root and a static frame have none.
+        is_dynamic = any(past.rates_hz)
         for part in ("rate", "delay"):
-            self.query_one(f"#{part}", Label).display = moves
-            self.query_one(f"#{part}s", Sparkline).display = moves
-        if moves:
-            since = f"so it was in the last {len(past.rates_hz)} s:"
+            self.query_one(f"#{part}", Label).display = is_dynamic
+            self.query_one(f"#{part}s", Sparkline).display = is_dynamic
+        if is_dynamic:
+            since = f"the last {len(past.rates_hz)} s:"
             rate, delay = f"{past.rates_hz[-1]:.1f} Hz", duration(past.delays_s[-1])
-            self.query_one("#rate", Label).update(f"Rate {rate}, the mean of ten seconds; {since}")
-            self.query_one("#delay", Label).update(
-                f"Delay {delay}, the median of ten seconds; {since}"
-            )
+            self.query_one("#rate", Label).update(f"Rate {rate}, mean of 10 s; {since}")
+            self.query_one("#delay", Label).update(f"Delay {delay}, median of 10 s; {since}")
             self.query_one("#rates", Sparkline).data = list(past.rates_hz)
             self.query_one("#delays", Sparkline).data = list(past.delays_s)
         lines = "\n".join(line.strip() for line in self._source.details(self._frame))
@@ -93,7 +89,7 @@ class FrameScreen(ModalScreen[None]):
 
 
 class TopApp(App[None]):
-    """All tables, a tab each."""
+    """All tables, one per tab."""
 
     TITLE = "tfbus top"
     ENABLE_COMMAND_PALETTE = False
@@ -132,7 +128,7 @@ class TopApp(App[None]):
             for name in _NAMES:
                 with TabPane(name.capitalize(), id=name):
                     yield DataTable(id=f"{name}-table", cursor_type="row", zebra_stripes=True)
-        yield Input(placeholder="words that a row is to have", id="filter")
+        yield Input(placeholder="words that a row must contain", id="filter")
         yield Footer()
 
     def on_mount(self) -> None:
@@ -142,7 +138,7 @@ class TopApp(App[None]):
         self.set_interval(_ASK_EVERY_S, self._ask)
         self.set_focus(self._table_of("frames"))
 
-    # What the keys do
+    # Keys
 
     def action_show(self, name: str) -> None:
         """Show a tab."""
@@ -156,13 +152,13 @@ class TopApp(App[None]):
         self._show(name)
 
     def action_reverse(self) -> None:
-        """Sort the other way round."""
+        """Reverse the order."""
         name = self._tab()
         self._descending[name] = not self._descending[name]
         self._show(name)
 
     def action_filter(self) -> None:
-        """Ask for words."""
+        """Show the field for words."""
         field = self.query_one("#filter", Input)
         field.display = True
         self.set_focus(field)
@@ -175,7 +171,7 @@ class TopApp(App[None]):
         self.set_focus(self._table_of(self._tab()))
 
     def action_pause(self) -> None:
-        """Stand still, or go on."""
+        """Pause, or go on."""
         self._is_paused = not self._is_paused
         self._say()
 
@@ -199,7 +195,7 @@ class TopApp(App[None]):
         if self._tab() == "frames" and event.row_key.value is not None and not is_open:
             self.push_screen(FrameScreen(self._source, event.row_key.value))
 
-    # What it shows
+    # Tables
 
     @work(thread=True, exclusive=True)
     def _ask(self) -> None:
@@ -257,11 +253,11 @@ def _cells(row: Row) -> list[Text]:
 
 
 def _fill(table: "DataTable[Text]", rows: list[Row]) -> None:
-    """Show these rows, with the cursor on the one where it was, or at its place."""
+    """Show these rows; the cursor stays on its row, or at its place."""
     keys = [str(row.key.value) for row in table.ordered_rows]
     at = table.cursor_row
     if keys == [row.key for row in rows]:
-        # In place: a table that is cleared and filled flickers.
+        # In place, as clearing a table flickers.
         for number, row in enumerate(rows):
             for column, cell in enumerate(_cells(row)):
                 table.update_cell_at(Coordinate(number, column), cell, update_width=True)

@@ -1,4 +1,4 @@
-"""The rows of the tables on the screen, of values; knows nothing of the screen."""
+"""The tables of `tfbus top` as values, without a screen."""
 
 import time
 from collections.abc import Iterable
@@ -17,14 +17,14 @@ _SERVICE = "service"
 
 @dataclass(frozen=True)
 class Cell:
-    """What a cell shows, and the value that it is sorted by."""
+    """The text of a cell, and the value to sort by."""
 
     text: str
     value: Any
 
     @staticmethod
     def of(value: float | None, form: str) -> "Cell":
-        """A number in a format; an empty cell, sorted last, where there is none."""
+        """A number in a format; for None an empty cell, sorted last."""
         return Cell("" if value is None else format(value, form), _last(value))
 
     @staticmethod
@@ -35,7 +35,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row with its key, which stays the same, and what state it is in."""
+    """A row with a stable key, and its state."""
 
     key: str
     cells: tuple[Cell, ...]
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: its name, its headings, and its rows."""
+    """A table: its name, headings and rows."""
 
     name: str
     headings: tuple[str, ...]
@@ -52,34 +52,38 @@ class Table:
 
 
 def frames_table(report: Report) -> Table:
-    """Each frame: where it hangs, who sends it, and how it comes; of a root that it is one."""
+    """Each frame: its parent, its stream, and how it comes."""
     conflicts = conflicting(report.tree)
     rows = []
     for frame in report.tree.frames.values():
-        told = state(report.tree, frame, conflicts)
+        its_state = state(report.tree, frame, conflicts)
         if frame.parent is None:
-            cells = (_text(frame.name), *[_text("")] * 2, *[Cell.of(None, "")] * 4, _text(told))
-            rows.append(Row(frame.name, cells, told))
+            cells = (
+                _text(frame.name),
+                *[_text("")] * 2,
+                *[Cell.of(None, "")] * 4,
+                _text(its_state),
+            )
+            rows.append(Row(frame.name, cells, its_state))
             continue
         flow = report.flow(frame)
-        moves = not frame.static
         cells = (
             _text(frame.name),
             _text(frame.parent),
             _text(frame.authority),
-            Cell.of(flow.rate_hz, ".1f") if moves else _text("static"),
+            Cell.of(flow.rate_hz, ".1f") if not frame.static else _text("static"),
             Cell.of_time(report.tree.age_s(frame)),
             Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
             Cell.of_time(flow.jitter_s),
-            _text("" if told in ("dynamic", "static") else told),
+            _text("" if its_state in ("dynamic", "static") else its_state),
         )
-        rows.append(Row(frame.name, cells, told))
+        rows.append(Row(frame.name, cells, its_state))
     headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")
     return Table("frames", headings, tuple(rows))
 
 
 def streams_table(report: Report) -> Table:
-    """Each stream: who sends it, and how much."""
+    """Each stream: its publisher and its load."""
     rows = []
     for stream in report.tree.streams.values():
         flow = report.meter.stream(stream.name)
@@ -100,7 +104,7 @@ def streams_table(report: Report) -> Table:
 
 
 def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
-    """Each node: where it runs, since when, and how many ends it has."""
+    """Each node: where and how long it runs, and the numbers of its topics and services."""
     rows = []
     for node in nodes:
         up_s = time.time() - node.started_ns / 1e9
@@ -121,7 +125,7 @@ def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
 
 
 def topics_table(graph: Graph) -> Table:
-    """Each topic and service: its type, and who is at its ends."""
+    """Each topic and service: its type, and the nodes on both sides."""
     rows = []
     for topic in graph.topics.values():
         heard_by = topic.subscribers
@@ -146,12 +150,12 @@ def topics_table(graph: Graph) -> Table:
 
 
 def is_service(row: Row) -> bool:
-    """Whether a row of the table of topics is a service's."""
+    """Whether a row of the table of topics is a service."""
     return row.key.startswith(f"{_SERVICE} ")
 
 
 def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]:
-    """The rows in which every word is somewhere, whatever its case, sorted by a column."""
+    """The rows that contain every word, in any case, sorted by a column."""
     wanted = words.lower().split()
     rows = [
         row
@@ -162,7 +166,7 @@ def chosen(table: Table, words: str, column: int, descending: bool) -> list[Row]
 
 
 def _order(value: Any) -> tuple[bool, Any]:
-    """Numbers before texts, so that any two can be compared."""
+    """A sort key that puts numbers before texts."""
     return isinstance(value, str), value
 
 

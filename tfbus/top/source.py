@@ -1,4 +1,4 @@
-"""What the screen shows, gathered from the bus."""
+"""Gathers what `tfbus top` shows from the bus."""
 
 import threading
 from collections import deque
@@ -14,21 +14,21 @@ from tfbus.monitor.report import Report, make_report
 from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
 from tfbus.wire.descriptions import NodeDescription
 
-# The past of a frame that its sparklines show: so many looks, one a second.
+# The history in a frame's sparklines: 120 looks, one per second.
 _LOOKS = 120
 _ASK_WITHIN_S = 0.8
 
 
 @dataclass(frozen=True)
 class FramePast:
-    """How a frame came lately: a number a second, 0 where nothing came."""
+    """The recent rates and delays of a frame: one per second, 0 if nothing came."""
 
     rates_hz: tuple[float, ...] = ()
     delays_s: tuple[float, ...] = ()
 
 
 class Source:
-    """Knows what the tables show; `look` is quick, `ask` takes up to a second."""
+    """The content of the tables; `look` is quick, `ask` takes up to 0.8 s."""
 
     def __init__(self, heard: Listening):
         self._heard = heard
@@ -40,7 +40,7 @@ class Source:
         self._asking = threading.Lock()
 
     def look(self) -> dict[str, Table]:
-        """The tables by their names, as they are now."""
+        """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
         self._remember(report)
         return {
@@ -51,7 +51,7 @@ class Source:
         }
 
     def ask(self) -> None:
-        """Ask all nodes what they are; nothing where one is at it already."""
+        """Ask all nodes for their descriptions, unless another call is doing so."""
         if self._asking.acquire(blocking=False):
             try:
                 session = self._heard.node.session
@@ -63,14 +63,14 @@ class Source:
                 self._asking.release()
 
     def past(self, frame: str) -> FramePast:
-        """How a frame came since the beginning, two minutes at most."""
+        """The rates and delays of a frame in the last two minutes."""
         looks = tuple(self._past.get(frame, ()))
         return FramePast(tuple(rate for rate, _ in looks), tuple(delay for _, delay in looks))
 
     def details(self, frame: str) -> list[str]:
-        """All that is known of a frame's edge, and where it is seen from its parent."""
+        """All facts of a frame's edge, and its pose in its parent."""
         if self._report is None or frame not in self._report.tree.frames:
-            return ["It is not known any more."]
+            return ["This frame is gone."]
         info = self._report.tree.frames[frame]
         lines = frame_lines(self._report.tree, info)
         try:
@@ -92,4 +92,4 @@ class Source:
 
 
 def _ignore(error: Exception) -> None:
-    """Who cannot be read is not shown; `tfbus node list` says why."""
+    """Unreadable nodes are not shown; `tfbus node list` says why."""

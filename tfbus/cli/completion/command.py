@@ -1,4 +1,4 @@
-"""`tfbus completion`: the script that makes a shell complete tfbus."""
+"""`tfbus completion`: the script that completes tfbus in a shell."""
 
 import os
 from pathlib import Path
@@ -22,10 +22,10 @@ _MORE = {
 @click.command(epilog=f"Example: tfbus completion bash > {_PLACES['bash']}")
 @click.argument("shell", type=click.Choice(list(SHELLS)), required=False)
 def command(shell: str | None) -> None:
-    """Print the script that makes your shell complete tfbus.
+    """Print the script that completes tfbus in your shell.
 
-    It completes commands and options, launch files and their arguments, and from the bus the
-    names of frames, nodes, topics, services and parameters. SHELL is that of $SHELL if left out.
+    It completes commands, options, launch files and their arguments; and from the bus the names of
+    frames, nodes, topics, services and parameters. The default is the shell of $SHELL.
     """
     shell = shell or _own_shell()
     click.echo(script(shell, click.get_current_context().find_root().command), nl=False)

@@ -1,10 +1,13 @@
-"""Completion in bash, zsh and fish: the script of each, and how it is answered.
+"""Completion in bash, zsh and fish: the script of each, and its answers.
 
-The scripts hand over the line as it is typed up to the cursor, since bash splits words at `:` and
-`=`, which names may have. They get a line for each candidate: what it is (`plain`, `file`, `dir`,
-or `map`, a message to fill in), itself, and what there is to say of it, with tabs between. One
-that ends in `=` is not whole: no space comes after it. Importing this module makes click use them
-in place of its own.
+click 8 has scripts too, which fall short. bash: no candidates after `:` or `=` (names of frames,
+`name:=value` of a launch), and a name with a blank becomes two words. zsh: a space after `name:=`.
+fish: messages and help texts end at their first comma.
+
+Our scripts send the line up to the cursor, since bash splits words at `:` and `=`. They get a line
+per candidate: its kind (`plain`, `file`, `dir`, or `map`, a message to fill in), the candidate, and
+its help, separated by tabs. No space follows a candidate that ends with `=`. Importing this
+module makes click use them.
 """
 
 import os
@@ -21,10 +24,10 @@ from click.shell_completion import (
 
 
 class _Shell(ShellComplete):
-    """What the three have in common."""
+    """What the three share."""
 
     def get_completion_args(self) -> tuple[list[str], str]:
-        """The words before the one at the cursor, and that one."""
+        """The words before the cursor's, and that word."""
         line = os.environ.get("TFBUS_LINE", "")
         words = split_arg_string(line)
         is_within_word = _last_word(line) or _is_in_quotes(line)
@@ -37,11 +40,11 @@ class _Shell(ShellComplete):
         return "\t".join((item.type, written(item.value), item.help or ""))
 
     def written(self, value: str) -> str:
-        """The candidate as the shell wants it."""
+        """The candidate, escaped for the shell."""
         return value
 
     def quoted(self, value: str) -> str:
-        """A message as the shell wants it, in quotes rather than with every blank escaped."""
+        """A message in quotes, which reads better than escaped blanks."""
         return shlex.quote(value)
 
 
@@ -69,7 +72,7 @@ complete -o nosort -F _tfbus_completion %(prog_name)s
 """
 
     def written(self, value: str) -> str:
-        """The part of the candidate that takes the place of the part that bash sees of the word."""
+        """The part of the candidate that replaces what bash takes for the word."""
         line = os.environ.get("TFBUS_LINE", "")
         if _is_in_quotes(line):
             return value
@@ -123,7 +126,7 @@ class Fish(_Shell):
     name = "fish"
 
     def quoted(self, value: str) -> str:
-        """The message itself: fish escapes what it inserts."""
+        """The message as it is: fish escapes it."""
         return value
 
     source_template = """\
@@ -151,24 +154,24 @@ SHELLS: dict[str, type[_Shell]] = {"bash": Bash, "zsh": Zsh, "fish": Fish}
 for _each in SHELLS.values():
     add_completion_class(_each)
 
-# What a word of bash ends with, blanks that are escaped in it; and what has to be escaped.
+# The end of a word in bash, with escaped blanks; and what must be escaped.
 _LAST_WORD = re.compile(r"(?:\\.|[^\s\\])*$")
 _SPECIAL = re.compile(r"([^\w@%+=:,./~-])")
 
 
 def script(shell: str, command: click.Command) -> str:
-    """The script that a shell runs once to know how to complete `tfbus`."""
+    """The script that a shell runs once to complete `tfbus`."""
     return SHELLS[shell](command, {}, "tfbus", "_TFBUS_COMPLETE").source()
 
 
 def _last_word(line: str) -> str:
-    """What is typed of the word at the end, "" after a blank."""
+    """The word at the end of the line as typed; "" after a blank."""
     found = _LAST_WORD.search(line)
     return found[0] if found else ""
 
 
 def _is_in_quotes(line: str) -> bool:
-    """Whether the line ends within quotes that are open."""
+    """Whether the line ends within open quotes."""
     quote = ""
     escaped = False
     for char in line:

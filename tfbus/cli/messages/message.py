@@ -1,7 +1,7 @@
-"""Messages whose type is not known here: their bytes as maps, and maps as messages of a type.
+"""Messages of any type: bytes to maps, and maps to messages of a type.
 
-Types have names on the bus, not definitions. Those of `tfbus.messages` are found by their name,
-others by where they are in Python: `my_robot.messages:Battery`.
+The bus has names of types, not definitions. Types of `tfbus.messages` are found by their name,
+others by their place in Python: `my_robot.messages:Battery`.
 """
 
 import sys
@@ -28,7 +28,7 @@ Reader = Callable[[bytes], dict[str, Any]]
 
 
 def supplied_type(name: str) -> type | None:
-    """The message type of this name in `tfbus.messages`; None where there is none."""
+    """The message type of this name in `tfbus.messages`, or None."""
     return _supplied().get(name)
 
 
@@ -49,14 +49,13 @@ def find_type(text: str) -> type:
     if found is None:
         hint = did_you_mean(text, _supplied(), none="")
         raise click.UsageError(
-            f"tfbus.messages has no message {text!r}{hint}{'' if hint.endswith('?') else '.'} "
-            "A type of your own is given as package.module:Name"
+            f"tfbus.messages has no message {text!r} (write your own as package.module:Name){hint}"
         )
     return found
 
 
 def reader_of(type_name: str) -> Reader:
-    """How to read messages of the type of this name: those of a supplied type are checked."""
+    """Reads messages of the type of this name, and checks those of `tfbus.messages`."""
     if type_name == TRANSFORMS_TYPE:
         return _read_transforms
     message_type = supplied_type(type_name)
@@ -66,23 +65,23 @@ def reader_of(type_name: str) -> Reader:
 
 
 def encode_values(values: Mapping[str, Any], what: str) -> bytes:
-    """The bytes of a map that was typed in for the argument `what`; a usage error where it has a
-    value that no field can have.
+    """The bytes of a map typed in for the argument `what`.
+
+    Raises click.BadParameter for a value that no field can have.
     """
     try:
         return encode_map(values)
     except (OverflowError, TypeError, ValueError) as error:
         raise click.BadParameter(
-            "there is a value that no field can have: use texts, booleans, numbers of at most 64 "
-            "bits, lists and maps",
+            "values must be texts, booleans, numbers of at most 64 bits, lists and maps",
             param_hint=what,
         ) from error
 
 
 def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
-    """The fields of a message of this type, with the defaults of those that are not given.
+    """The fields of a message of this type, with defaults for missing ones.
 
-    Raises click.UsageError, with the nearest names, where the values are no such message.
+    Raises click.UsageError if the values are no such message.
     """
     _check_names(message_type, values, "")
     try:
@@ -92,7 +91,7 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
 
 
 def read_map(text: str) -> dict[str, Any] | None:
-    """The YAML map that somebody typed in; None where it is something else."""
+    """The YAML map in a text; None for anything else."""
     from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
 
     value = read_value(text)
@@ -100,11 +99,11 @@ def read_map(text: str) -> dict[str, Any] | None:
 
 
 def checked_map(text: str, what: str) -> dict[str, Any]:
-    """The YAML map that somebody typed in for the argument `what`; a usage error otherwise."""
+    """The YAML map typed in for the argument `what`; a usage error for anything else."""
     values = read_map(text)
     if values is None:
         raise click.BadParameter(
-            f"a map of fields in YAML is wanted, as in '{{x: 2, y: 3}}', not {text!r}",
+            f"expected a YAML map of fields, as in '{{x: 2, y: 3}}', got {text!r}",
             param_hint=what,
         )
     return values
@@ -128,12 +127,12 @@ def _imported(module: str, name: str) -> type:
     except ImportError as error:
         raise click.UsageError(f"{module!r} cannot be imported: {error}") from error
     if not isinstance(found, type) or not is_dataclass(found):
-        raise click.UsageError(f"{module} has no dataclass {name!r}, which a message is")
+        raise click.UsageError(f"{module} has no dataclass {name!r}; a message must be one")
     return found
 
 
 def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> None:
-    """Raise click.UsageError for a field that the type, or one within it, does not have."""
+    """Raise click.UsageError for a field that the type, or a nested one, does not have."""
     hints = get_type_hints(message_type)
     names = [entry.name for entry in fields(message_type)]
     for name, value in values.items():
@@ -155,7 +154,7 @@ def _read_transforms(payload: bytes) -> dict[str, Any]:
 
 
 def _rows(batch: "TransformBatch") -> list[dict[str, Any]]:
-    """The rows as they came: what the buffer would refuse is shown too."""
+    """The rows as they came, with those that a buffer rejects."""
     columns = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True)
     return [
         {

@@ -1,4 +1,4 @@
-"""Names of types as people type them, and topics or services by their type."""
+"""Topics or services by the name of their type."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -13,14 +13,14 @@ class _Typed(Protocol):
 
 
 def bare(type_name: str) -> str:
-    """The name of a type that may be written as in ROS: `geometry_msgs/msg/Twist` is `Twist`."""
+    """The name of a type without ROS's package: `geometry_msgs/msg/Twist` is `Twist`."""
     return type_name.rpartition("/")[2]
 
 
 def names_of_type(known: Mapping[str, _Typed], type_name: str, kind: str) -> list[str]:
-    """The names of those that somebody tells this type of.
+    """The names of those of this type.
 
-    Raises BusError, with the nearest type, where there is none; `kind` is what they are.
+    Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".
     """
     wanted = bare(type_name)
     found = sorted(name for name, info in known.items() if wanted in info.types)

@@ -1,4 +1,4 @@
-"""Parts of a message as they are chosen and shortened for people."""
+"""Parts of messages, shortened for people; and filters."""
 
 import csv
 import io
@@ -16,9 +16,9 @@ _PART = re.compile(r"[^.\[\]]+")
 
 @dataclass(frozen=True)
 class Shortening:
-    """How much of a message is shown: texts, bytes and lists of at most `longest` (None: all).
+    """Cuts texts, bytes and lists to at most `longest` (None: not at all).
 
-    Without `lists` or `texts` only how long they are is shown.
+    Without `lists` or `texts` it shows only their lengths.
     """
 
     longest: int | None = 128
@@ -26,7 +26,7 @@ class Shortening:
     texts: bool = True
 
     def shorten(self, value: Any) -> Any:
-        """The value with what is too long cut, all the way down; bytes as hexadecimal digits."""
+        """The value with all that is too long cut, also nested; bytes in hexadecimal."""
         if isinstance(value, dict):
             return {key: self.shorten(item) for key, item in value.items()}
         if isinstance(value, list):
@@ -46,14 +46,14 @@ class Shortening:
         return kept if len(kept) == len(items) else [*kept, "..."]
 
     def _mark(self, value: str | bytes) -> str:
-        """What shows that a text or bytes are cut."""
+        """The mark of a cut text."""
         return "..." if self.texts and self.longest and len(value) > self.longest else ""
 
 
 def part_of(message: Any, path: str) -> Any:
     """The part of a message at `linear.x`, or `transforms[0].frame_id`.
 
-    Raises click.UsageError, with the nearest names, where there is none.
+    Raises click.UsageError, with near names, if there is none.
     """
     at = message
     for name in _PART.findall(path):
@@ -71,11 +71,11 @@ def _missing(at: Any, name: str) -> str:
         return f"{name!r} is not an index of a list of {len(at)}"
     if isinstance(at, dict):
         return f"no {name!r} there{did_you_mean(name, map(str, at), none=', nor any other')}"
-    return f"{name!r} is asked of a value that has no fields"
+    return f"there is a value without fields, not {name!r}"
 
 
 def csv_row(value: Any) -> str:
-    """All values of a message in their order, separated by commas."""
+    """All values of a message in order, separated by commas."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(_leaves(value))
     return text.getvalue()
@@ -92,7 +92,7 @@ def _leaves(value: Any) -> Iterator[Any]:
 
 
 class MessageFilter:
-    """A Python expression of `m`, the message, that is true of those to take: `m.x > 5`."""
+    """A Python expression about `m`, the message, which takes those it is true for: `m.x > 5`."""
 
     def __init__(self, expression: str):
         self._expression = expression
@@ -104,7 +104,7 @@ class MessageFilter:
             ) from error
 
     def takes(self, message: dict[str, Any]) -> bool:
-        """Whether the expression is true of the message. Raises click.UsageError where it fails."""
+        """Whether the expression is true. Raises click.UsageError if it fails."""
         try:
             return bool(eval(self._code, {"m": _Fields(message)}))
         except Exception as error:
@@ -114,7 +114,7 @@ class MessageFilter:
 
 
 class _Fields:
-    """A map whose values are attributes, all the way down."""
+    """A map whose values are attributes, also nested ones."""
 
     def __init__(self, values: dict[str, Any]):
         self._values = values

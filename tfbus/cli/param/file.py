@@ -1,20 +1,22 @@
-"""Files of parameters, in YAML, as `tfbus param dump` writes them and ROS 2 has them."""
+"""YAML files of parameters, as `tfbus param dump` and ROS 2 write them."""
 
 from collections.abc import Mapping
 from typing import IO, Any
 
 import click
 
-# What stands for every node, and what ROS 2 puts above the parameters of one.
+from tfbus.wording import listed
+
+# The key for every node, and ROS 2's key above the parameters of one.
 _EVERY_NODE = "/**"
 _ROS_PARAMETERS = "ros__parameters"
 
 
 def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
-    """The parameters that the file has for the node of this full name.
+    """The parameters in the file for the node of this full name.
 
-    A file of parameters without a node is for any. Raises click.BadParameter where it is no map,
-    or has nothing for this node.
+    A file without names of nodes is for any node. Raises click.BadParameter if it is not a map, or
+    has nothing for this node.
     """
     from tfbus.wire.yaml_values import read_value  # YAML, which `--help` does not need
 
@@ -25,7 +27,7 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
         return content
     nodes = [name for name in (_EVERY_NODE, node, node.strip("/")) if name in content]
     if not nodes:
-        raise _mistake(file, f"has nothing for {node}; it has: {', '.join(content)}")
+        raise _mistake(file, f"has no parameters for {node}; there are: {listed(content)}")
     values: dict[str, Any] = {}
     for name in nodes:
         values |= _parameters(file, name, content[name])

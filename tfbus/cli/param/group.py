@@ -1,4 +1,4 @@
-"""`tfbus param`: the parameters of nodes, read and set while they run."""
+"""`tfbus param`: reads and sets the parameters of running nodes."""
 
 import math
 import re
@@ -26,14 +26,14 @@ from tfbus.wording import counted
 def _complete_pair(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """The name of a parameter; what its value is to be, nobody knows."""
+    """The name of a parameter; its value is not completed."""
     is_value = len(ctx.params.get("pairs") or ()) % 2
     return [] if is_value else ParameterName().shell_complete(ctx, param, incomplete)
 
 
 @click.group(
     cls=Verbs,
-    hints={"delete": "a parameter belongs to its node, as long as that runs; set it instead"},
+    hints={"delete": "a node keeps its parameters while it runs; set it instead"},
 )
 def command() -> None:
     """List, read, set, save and load the parameters of nodes."""
@@ -41,8 +41,8 @@ def command() -> None:
 
 @command.command("list", epilog="Example: tfbus param list sim")
 @click.argument("node", type=NodeName(), required=False)
-@click.option("--filter", "pattern", metavar="REGEX", help="Only names that have this in them.")
-@click.option("-t", "--param-type", "with_type", is_flag=True, help="Print the type of each too.")
+@click.option("--filter", "pattern", metavar="REGEX", help="Only names that contain a match.")
+@click.option("-t", "--param-type", "with_type", is_flag=True, help="Print their types too.")
 @json_option("Print a JSON object of nodes with their lists.")
 @bus_options("param")
 def list_command(
@@ -76,7 +76,7 @@ def list_command(
 def get_command(
     settings: NodeSettings, node: str, parameters: tuple[str, ...], hide_type: bool, as_json: bool
 ) -> None:
-    """Print the type and the value of a parameter, or of several."""
+    """Print the type and value of one or more parameters of NODE."""
     with open_bus(settings) as session:
         described = [parameter_of(session, node, name) for name in parameters]
     if as_json:
@@ -89,7 +89,7 @@ def get_command(
 
 
 class _SetCommand(click.Command):
-    """Takes negative numbers as values, where click sees options in them."""
+    """Accepts negative numbers as values, which click would take for options."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.ignore_unknown_options = "--" not in args and any(map(_is_negative, args))
@@ -102,7 +102,7 @@ class _SetCommand(click.Command):
 
 
 def _is_negative(text: str) -> bool:
-    """Whether it is a number below zero, as people type it."""
+    """Whether the text is a negative number."""
     try:
         return text.startswith("-") and not math.isnan(float(text))
     except ValueError:
@@ -120,9 +120,9 @@ def _is_negative(text: str) -> bool:
 )
 @bus_options("param")
 def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> None:
-    """Set a parameter, or several; VALUE is read as the parameter's type."""
+    """Set one or more parameters of NODE; VALUE is read as the parameter's type."""
     if len(pairs) % 2:
-        raise click.UsageError(f"parameters and values come in pairs: what is {pairs[-1]!r} to be?")
+        raise click.UsageError(f"parameters and values come in pairs: {pairs[-1]!r} has no value")
     with open_bus(settings) as session:
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
             set_parameter(session, node, name, value)
@@ -135,7 +135,7 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
 @json_option("Print JSON instead of YAML.")
 @bus_options("param")
 def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
-    """Print all parameters of NODE as YAML, which `tfbus param load` reads."""
+    """Print all parameters of NODE as YAML, for `tfbus param load`."""
     with open_bus(settings) as session:
         name = full_name_of(session, node)
         values = {name: {each.name: each.value for each in parameters_of(session, node)}}
@@ -150,10 +150,10 @@ def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
 @click.argument("file", type=click.File())
 @bus_options("param")
 def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
-    """Set the parameters of NODE to those of a YAML file, `-` for what is piped in.
+    """Set the parameters of NODE from a YAML file; `-` is stdin.
 
-    It is a map of parameters, or, as `tfbus param dump` prints it, of nodes with theirs; a node
-    `/**` stands for every node. Those that the node refuses are told, and the others are set.
+    The file is a map of parameters, or of nodes with their parameters, as `tfbus param dump` prints
+    it; `/**` is any node. Parameters that the node refuses are printed, the others set.
     """
     with open_bus(settings) as session:
         values = read_parameter_file(file, full_name_of(session, node))
@@ -178,7 +178,7 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
 def describe_command(
     settings: NodeSettings, node: str, parameters: tuple[str, ...], as_json: bool
 ) -> None:
-    """Print the type, the meaning and the bounds of parameters, or of all of NODE's."""
+    """Print the type, description and bounds of parameters of NODE, or of all."""
     with open_bus(settings) as session:
         if parameters:
             described = [parameter_of(session, node, name) for name in parameters]
@@ -195,7 +195,9 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     try:
         return re.compile(pattern)
     except re.error as error:
-        raise click.UsageError(f"--filter {pattern!r} is no regular expression: {error}") from error
+        raise click.UsageError(
+            f"--filter {pattern!r} is not a regular expression: {error}"
+        ) from error
 
 
 def _of_one(session: Session, node: str) -> dict[str, list[ParameterDescription]]:
@@ -203,7 +205,7 @@ def _of_one(session: Session, node: str) -> dict[str, list[ParameterDescription]
 
 
 def _of_all(session: Session) -> dict[str, list[ParameterDescription]]:
-    """The parameters of every node; those that do not answer are told, and passed over."""
+    """The parameters of every node; warns of nodes that do not answer."""
     described: dict[str, list[ParameterDescription]] = {}
     for name in list_nodes(session):
         try:

@@ -1,4 +1,4 @@
-"""Parameters of nodes, asked for over the bus."""
+"""Reads and sets parameters over the bus."""
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
@@ -9,30 +9,30 @@ from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wire.keys import node_parameters_key, parameter_key
 
-# A node that is in the middle of something answers later than that.
+# A busy node may take longer.
 _PATIENCE_S = 2.0
 
 
 def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
-    """All parameters of the node, sorted by name; an error where it is not there."""
+    """All parameters of the node, by name. Raises BusError if there is no such node."""
     described = _ask(session, node, None)
     if not described:
-        describe_nodes(session, node)  # says so where there is no such node
+        describe_nodes(session, node)  # raises if there is no such node
     return sorted(described, key=lambda parameter: parameter.name)
 
 
 def parameter_of(session: Session, node: str, name: str) -> ParameterDescription:
-    """One parameter of the node; an error where it has none of that name, or is not there."""
+    """One parameter of the node. Raises an error if there is no such parameter or node."""
     return _one(session, node, _ask(session, node, name))
 
 
 def set_parameter(session: Session, node: str, name: str, value: object) -> ParameterDescription:
-    """Set a parameter; what it is after that. ParameterError where the node refuses it."""
+    """Set a parameter and return it. Raises ParameterError if the node refuses."""
     return _one(session, node, _ask(session, node, name, encode_map({"value": value})))
 
 
 def full_name_of(session: Session, node: str) -> str:
-    """The full name of a node, however it is written within the session's namespace."""
+    """The full name of a node, given a name relative to the session's namespace or a full one."""
     namespace = session.settings.namespace
     return "/" + "/".join(filter(None, (namespace, relative_name(node, namespace))))
 
@@ -51,7 +51,7 @@ def _one(
 def _ask(
     session: Session, node: str, parameter: str | None, payload: bytes | None = None
 ) -> list[ParameterDescription]:
-    """What the node answers of its parameter, or of all of them where that is None."""
+    """The node's answers about its parameter, or all of its parameters if that is None."""
     path, _, name = relative_name(node, session.settings.namespace).rpartition("/")
     key = parameter_key(name, parameter) if parameter else node_parameters_key(name)
     described = []
@@ -66,6 +66,4 @@ def _read(node: str, answer: Answer) -> ParameterDescription:
     try:
         return decode_message(ParameterDescription, answer.payload)
     except DecodeError as error:
-        raise DecodeError(
-            f"what node {node!r} tells about its parameters cannot be read: {error}"
-        ) from error
+        raise DecodeError(f"the parameters of node {node!r} are unreadable: {error}") from error

@@ -1,4 +1,4 @@
-"""`tfbus topic echo`: print the messages of a topic as they come."""
+"""`tfbus topic echo`: print the messages of a topic."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -14,9 +14,8 @@ from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import type_of, visiting
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import POSITIVE, TopicName
 from tfbus.errors import DecodeError
 from tfbus.wording import counted
 
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Form:
-    """How a message is printed: as "yaml", "csv" or "json", all of it or one part."""
+    """How to print a message: as "yaml", "csv" or "json", all of it or one part."""
 
     kind: str
     part: str | None
@@ -46,36 +45,48 @@ class _Form:
 
 def _info(arrival: Arrival) -> str:
     seconds, nanoseconds = divmod(arrival.received_ns, 10**9)
-    return f"# came at {seconds}.{nanoseconds:09}, {counted(len(arrival.payload), 'byte')}"
+    return f"# arrived at {seconds}.{nanoseconds:09}, {counted(len(arrival.payload), 'byte')}"
 
 
 @click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
 @click.argument("topic", type=TopicName())
 @click.option("--once", is_flag=True, help="Print one message and exit.")
-@click.option("--timeout", "timeout_s", type=POSITIVE, metavar="S", help="Fail if none comes.")
-@click.option("--field", metavar="PATH", help="Print only this: linear.x, or transforms[0].")
-@click.option("--filter", "expression", metavar="EXPR", help="Only where this is true: 'm.x > 5'.")
-@click.option("--csv", "as_csv", is_flag=True, help="Print the values of each as one line.")
-@json_option("Print each as one line of JSON, of full length.")
-@click.option("--raw", is_flag=True, help="Print the bytes of each in hexadecimal digits.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=POSITIVE,
+    metavar="S",
+    help="Fail if no message comes within S seconds.",
+)
+@click.option("--field", metavar="PATH", help="Print only this field: linear.x, or transforms[0].")
+@click.option(
+    "--filter",
+    "expression",
+    metavar="EXPR",
+    help="Print only messages m for which this is true: 'm.x > 5'.",
+)
+@click.option("--csv", "as_csv", is_flag=True, help="Print the values of each message as one line.")
+@json_option("Print each message as one line of JSON, in full.")
+@click.option("--raw", is_flag=True, help="Print the bytes of each message in hexadecimal.")
 @click.option(
     "-i",
     "--include-message-info",
     "with_info",
     is_flag=True,
-    help="Print when each came, and its size, as a comment before it.",
+    help="Print the time of arrival and the size before each message.",
 )
-@click.option("--no-arr", is_flag=True, help="Print of lists only how long they are.")
-@click.option("--no-str", is_flag=True, help="Print of texts only how long they are.")
+@click.option("--no-arr", is_flag=True, help="Print only the lengths of lists.")
+@click.option("--no-str", is_flag=True, help="Print only the lengths of texts.")
 @click.option(
     "-l",
     "--truncate-length",
     type=click.IntRange(min=1),
     default=128,
-    help="Cut texts and lists after so many; 128.",
+    show_default=True,
+    help="Cut texts and lists at this length.",
 )
 @click.option("-f", "--full-length", is_flag=True, help="Cut nothing.")
-@click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each.")
+@click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each message.")
 @bus_options("topic")
 def echo_command(
     settings: NodeSettings,
@@ -94,15 +105,15 @@ def echo_command(
     full_length: bool,
     clear: bool,
 ) -> None:
-    """Print the messages of TOPIC as they come, in YAML.
+    """Print the messages of TOPIC in YAML.
 
-    Messages of the types in tfbus.messages are checked, and shown as a subscriber gets them.
-    Topics of transforms are tf/STREAM and tf_static/STREAM; tf and tf_static are all of them.
+    Messages of the types in tfbus.messages are checked. The transforms of a stream are the topics
+    tf/STREAM and tf_static/STREAM, those of all streams tf and tf_static.
     """
     if as_csv + as_json + raw > 1:
-        raise click.UsageError("--csv, --json and --raw are three forms: give one of them")
+        raise click.UsageError("--csv, --json and --raw exclude each other: give one")
     if with_info and (as_csv or as_json or raw):
-        raise click.UsageError("-i is a comment of YAML: leave --csv, --json and --raw away")
+        raise click.UsageError("-i is a comment in YAML: omit --csv, --json and --raw")
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
@@ -125,15 +136,15 @@ def echo_command(
 def _read(
     node: "Node", topic: str, arrivals: Iterable[Arrival]
 ) -> Iterator[tuple[Arrival, dict[str, Any]]]:
-    """The messages as maps; what is no message is counted, told once, and left out."""
+    """The messages as maps; invalid ones are skipped, with one warning."""
     read: Reader | None = None
     rejected = 0
     for arrival in arrivals:
-        if read is None:  # who has sent it is there by now, and tells its type
+        if read is None:  # its publisher is known by now, and announces the type
             read = reader_of(type_of(look(node.session), topic))
         try:
             yield arrival, read(arrival.payload)
         except DecodeError as error:
             rejected += 1
             if rejected == 1:
-                warn(f"left out a message of {topic!r}: {error}. More are left out silently")
+                warn(f"skipped a message of {topic!r}: {error} (warned once)")

@@ -1,4 +1,4 @@
-"""`tfbus topic`: which topics there are, who is at their ends, and what goes over them."""
+"""`tfbus topic`: the topics on the bus, their publishers and subscribers, and their messages."""
 
 from dataclasses import asdict
 
@@ -29,17 +29,19 @@ for _each in (echo_command, hz_command, bw_command, delay_command, pub_command):
 
 
 @command.command("list", epilog="Example: tfbus topic list -t")
-@click.option("-t", "--show-types", is_flag=True, help="Print the type of each too.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
-@click.option("-v", "--verbose", is_flag=True, help="Print how many publish and subscribe each.")
-@json_option("Print a JSON list of objects, with all ends.")
+@click.option("-t", "--show-types", is_flag=True, help="Print their types too.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print the numbers of publishers and subscribers."
+)
+@json_option("Print a JSON list of objects, with all publishers and subscribers.")
 @bus_options("topic")
 def list_command(
     settings: NodeSettings, show_types: bool, only_count: bool, verbose: bool, as_json: bool
 ) -> None:
-    """Print the names of all topics, one a line.
+    """Print the names of all topics, one per line.
 
-    `tf/NAME` and `tf_static/NAME` are the transforms that the stream NAME sends.
+    `tf/NAME` and `tf_static/NAME` are the transforms of the stream NAME.
     """
     with open_bus(settings) as session:
         topics = list(look(session).topics.values())
@@ -60,11 +62,13 @@ def list_command(
 
 @command.command("info", epilog="Example: tfbus topic info turtle1/pose -v")
 @click.argument("topic", type=TopicName())
-@click.option("-v", "--verbose", is_flag=True, help="Print the nodes at both ends too.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Print the nodes that publish and subscribe too."
+)
 @json_option("Print a JSON object.")
 @bus_options("topic")
 def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
-    """Print the type of TOPIC, and how many publish and subscribe it."""
+    """Print the type of TOPIC, and the numbers of its publishers and subscribers."""
     with open_bus(settings) as session:
         info = find_topic(look(session), topic)
     if as_json:
@@ -72,7 +76,7 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
         return
     click.echo(f"Type: {paint(_types(info), 'type')}")
     for side, ends in (("Publisher", info.publishers), ("Subscription", info.subscribers)):
-        count = "not known, listeners do not tell" if ends is None else len(ends)
+        count = "unknown, listeners do not announce it" if ends is None else len(ends)
         click.echo(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
@@ -89,10 +93,10 @@ def type_command(settings: NodeSettings, topic: str) -> None:
 
 @command.command("find", epilog="Example: tfbus topic find Pose")
 @click.argument("type_name", metavar="TYPE")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only how many there are.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
 @bus_options("topic")
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
-    """Print the names of the topics of TYPE, one a line."""
+    """Print the names of the topics of TYPE, one per line."""
     with open_bus(settings) as session:
         found = names_of_type(look(session).topics, type_name, "topic")
     click.echo(len(found)) if only_count else print_lines(found)
@@ -103,7 +107,7 @@ def _as_map(topic: TopicInfo) -> dict[str, object]:
 
 
 def _types(topic: TopicInfo) -> str:
-    return ", ".join(topic.types) or "not told"
+    return ", ".join(topic.types) or "unknown"
 
 
 def _named(topic: TopicInfo) -> str:
@@ -117,7 +121,7 @@ def _line(topic: TopicInfo, count: int, side: str) -> str:
 def _end_lines(end: Endpoint) -> list[str]:
     return [
         f"  Node name: {paint(end.node, 'name')}",
-        f"    Type: {end.type or 'not told'}",
+        f"    Type: {end.type or 'unknown'}",
         f"    Host: {end.host}",
         f"    Pid: {end.pid}",
     ]

@@ -1,4 +1,4 @@
-"""The messages of one topic as they come, for a tool that prints each."""
+"""The messages of one topic as they arrive, for a tool that prints each."""
 
 import queue
 import time
@@ -8,31 +8,31 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tfbus.cli.output import say, warn
-from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, why_silent
+from tfbus.cli.topic.source import SAY_AFTER_S, subscribe, why_silent
 from tfbus.errors import BusError
 from tfbus.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# Of messages that come faster than they are printed so many wait; the oldest of more are left out.
+# The most messages that wait to be printed; beyond that the oldest are skipped.
 _PENDING = 1000
-# A signal that comes an instant before the wait begins is seen after this time.
+# A signal just before the wait begins is seen after this time.
 _LOOK_UP_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """The bytes of a message, and when they came, by the clock of who listens."""
+    """The bytes of a message, and when they arrived, by the listening node's clock."""
 
     payload: bytes
     received_ns: int
 
 
 class Inbox:
-    """Iterates over the messages of a topic, without end; closed by `with`.
+    """Iterates over the messages of a topic until the node is shut down; closed by `with`.
 
-    Says what is waited for when nothing comes at first, and raises BusError where that lasts for
+    Prints what it waits for if nothing comes for 2 s. Raises BusError if nothing comes for
     `timeout_s` (None: never).
     """
 
@@ -41,7 +41,7 @@ class Inbox:
         self._topic = topic
         self._timeout_s = timeout_s
         self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
-        self._left_out = 0
+        self._skipped = 0
         self._subscription = subscribe(node, topic, type_name, self._take)
 
     def __enter__(self) -> "Inbox":
@@ -49,8 +49,8 @@ class Inbox:
 
     def __exit__(self, *_: object) -> None:
         self._subscription.close()
-        if self._left_out:
-            warn(f"{counted(self._left_out, 'message')} left out: more came than could be printed")
+        if self._skipped:
+            warn(f"skipped {counted(self._skipped, 'message')}, which came faster than they print")
 
     def __iter__(self) -> Iterator[Arrival]:
         if (first := self._first()) is not None:
@@ -61,17 +61,17 @@ class Inbox:
     def _first(self) -> Arrival | None:
         timeout_s = self._timeout_s
         started_s = time.monotonic()
-        soon_s = TELL_AFTER_S if timeout_s is None else min(TELL_AFTER_S, timeout_s)
+        soon_s = SAY_AFTER_S if timeout_s is None else min(SAY_AFTER_S, timeout_s)
         first = self._next(started_s + soon_s)
         if first is None and self._node.ok:
             say(why_silent(self._node, self._topic))
             first = self._next(None if timeout_s is None else started_s + timeout_s)
         if first is None and self._node.ok:
-            raise BusError(f"no message came on {self._topic!r} in {timeout_s:g} s")
+            raise BusError(f"no message on {self._topic!r} after {timeout_s:g} s")
         return first
 
     def _next(self, until_s: float | None = None) -> Arrival | None:
-        """The next one; None where none comes until then, or the node is shut down."""
+        """The next message; None if none comes by then, or the node is shut down."""
         while self._node.ok:
             left_s = _LOOK_UP_S if until_s is None else until_s - time.monotonic()
             with suppress(queue.Empty):
@@ -87,6 +87,6 @@ class Inbox:
                 self._pending.put_nowait(arrival)
                 break
             except queue.Full:
-                self._left_out += 1
+                self._skipped += 1
                 with suppress(queue.Empty):
                     self._pending.get_nowait()

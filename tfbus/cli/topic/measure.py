@@ -1,4 +1,4 @@
-"""`tfbus topic hz|bw|delay`: how often messages come, how large they are, and how late."""
+"""`tfbus topic hz|bw|delay`: the rate, the bandwidth and the delay of messages."""
 
 import functools
 from collections.abc import Callable
@@ -14,9 +14,8 @@ from tfbus.cli.output import json_option
 from tfbus.cli.topic import reports
 from tfbus.cli.topic.meter import Meter, measure
 from tfbus.cli.topic.source import type_of, visiting
-from tfbus.command.numbers import POSITIVE
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
 from tfbus.wire.codec import decode_map
@@ -28,7 +27,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _measuring(window: int) -> Callable[[F], F]:
-    """The arguments and options that all of them have."""
+    """The arguments and options of all three."""
     options = (
         click.argument("topics", type=TopicName(), nargs=-1, required=True, metavar="TOPIC..."),
         click.option(
@@ -37,10 +36,17 @@ def _measuring(window: int) -> Callable[[F], F]:
             type=click.IntRange(min=2),
             default=window,
             metavar="N",
-            help=f"Measure the last N messages; {window}.",
+            show_default=True,
+            help="Measure the last N messages.",
         ),
         click.option("--once", is_flag=True, help="Print one report and exit."),
-        click.option("--timeout", "timeout_s", type=POSITIVE, metavar="S", help="Fail after S s."),
+        click.option(
+            "--timeout",
+            "timeout_s",
+            type=POSITIVE,
+            metavar="S",
+            help="Fail if there is no report after S seconds.",
+        ),
         json_option("Print each report as one line of JSON."),
         bus_options("topic"),
     )
@@ -48,14 +54,19 @@ def _measuring(window: int) -> Callable[[F], F]:
 
 
 @click.command("hz", epilog="Example: tfbus topic hz turtle1/pose tf/broadcaster1")
-@click.option("--filter", "expression", metavar="EXPR", help="Only where this is true: 'm.x > 5'.")
+@click.option(
+    "--filter",
+    "expression",
+    metavar="EXPR",
+    help="Count only messages m for which this is true: 'm.x > 5'.",
+)
 @_measuring(10_000)
 def hz_command(
     settings: NodeSettings, topics: tuple[str, ...], expression: str | None, **how: Any
 ) -> None:
-    """Print every second how often messages of TOPIC come.
+    """Print every second the rate of TOPIC's messages.
 
-    That is one over the mean of the times between them; it also tells how these are spread.
+    The rate is one over the mean of the times between messages; their spread is printed too.
     """
     wanted = MessageFilter(expression) if expression else None
 
@@ -72,9 +83,9 @@ def hz_command(
 @click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")
 @_measuring(100)
 def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
-    """Print every second how many bytes of TOPIC come in a second, and how large messages are.
+    """Print every second the bytes per second of TOPIC, and the sizes of its messages.
 
-    What counts is the messages themselves, without what the network adds.
+    These are the messages alone, without what the network adds.
     """
     _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
 
@@ -82,10 +93,10 @@ def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> N
 @click.command("delay", epilog="Example: tfbus topic delay turtle1/pose")
 @_measuring(10_000)
 def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
-    """Print every second how old messages of TOPIC are when they come, by their stamps.
+    """Print every second the age of TOPIC's messages when they arrive, by their stamps.
 
-    The stamp is the field stamp_ns, of the message or of its header; of transforms, the newest.
-    Where the clocks of two machines differ, so does this.
+    The stamp is the field stamp_ns of the message or its header; of transforms, the newest. The
+    difference between the clocks of two machines adds to it.
     """
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -121,4 +132,4 @@ def _stamp(topic: str, payload: bytes) -> int:
         stamp_ns = fields.get("stamp_ns")
         if type(stamp_ns) is int:
             return stamp_ns
-    raise BusError(f"messages on {topic!r} have no field stamp_ns, so how old they are is unknown")
+    raise BusError(f"messages on {topic!r} have no field stamp_ns, so their age is unknown")

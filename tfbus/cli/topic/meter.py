@@ -10,7 +10,7 @@ import click
 from tfbus.cli.bus import look
 from tfbus.cli.output import print_json, print_lines, say, table, warn
 from tfbus.cli.topic.reports import Report
-from tfbus.cli.topic.source import TELL_AFTER_S, subscribe, type_of, why_silent
+from tfbus.cli.topic.source import SAY_AFTER_S, subscribe, type_of, why_silent
 from tfbus.errors import BusError, DecodeError
 from tfbus.monitor.window import Reading, Window
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -18,14 +18,14 @@ from tfbus.runtime.clock import SYSTEM_CLOCK
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# The number that counts of a message, from its bytes; None where the message does not count.
+# The number to measure of a message, from its bytes; None if the message does not count.
 Meter = Callable[[bytes], float | None]
 
 _PERIOD_S = 1.0
 
 
 class MeteredTopic:
-    """A topic that is listened to, and the window of its messages."""
+    """A subscribed topic, and the window of its messages."""
 
     def __init__(self, node: "Node", topic: str, meter: Meter, window: int):
         self.topic = topic
@@ -33,7 +33,7 @@ class MeteredTopic:
         self.failure: Exception | None = None
         self._node = node
         self._meter = meter
-        self._told_of = 0
+        self._read_total = 0
         self._silent_since_s = time.monotonic()
         self._rejected = 0
         type_name = type_of(look(node.session), topic)
@@ -46,7 +46,7 @@ class MeteredTopic:
         except DecodeError as error:
             self._rejected += 1
             if self._rejected == 1:
-                warn(f"left out a message of {self.topic!r}: {error}. More are left out silently")
+                warn(f"skipped a message of {self.topic!r}: {error} (warned once)")
         except (BusError, click.UsageError) as error:
             self.failure = error
         else:
@@ -54,17 +54,17 @@ class MeteredTopic:
                 self.window.add(at_s, number)
 
     def read_new(self, now_s: float) -> Reading | None:
-        """The window, None where nothing has come since the last call; long silence is told once.
+        """The window; None if nothing came since the last call. Prints once that nothing comes.
 
-        Raises what a message led to that cannot be measured.
+        Raises the error of a message that cannot be measured.
         """
         if self.failure is not None:
             raise self.failure
         reading = self.window.read()
-        if reading.total != self._told_of:
-            self._told_of, self._silent_since_s = reading.total, now_s
+        if reading.total != self._read_total:
+            self._read_total, self._silent_since_s = reading.total, now_s
             return reading
-        if now_s - self._silent_since_s >= TELL_AFTER_S:
+        if now_s - self._silent_since_s >= SAY_AFTER_S:
             self._silent_since_s = math.inf
             silent = f"No new messages on {self.topic!r}"
             say(silent if reading.total else why_silent(self._node, self.topic))
@@ -83,26 +83,26 @@ def measure(
 ) -> None:
     """Print a report of each topic every second, until the node is shut down.
 
-    Raises BusError where there is nothing to report for the first `timeout_s` (None: never).
+    Raises BusError if there is nothing to report for the first `timeout_s` (None: never).
     """
     topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
     give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
     while node.wait(_period_s(give_up_s), clock=SYSTEM_CLOCK):
         now_s = time.monotonic()
-        told = {}
+        measured = {}
         for each in topics:
             reading = each.read_new(now_s)
             numbers = report.numbers(reading, now_s) if reading else None
             if numbers is not None:
-                told[each.topic] = numbers
-        _print(told, report, as_table=len(topics) > 1, as_json=as_json)
-        if told:
+                measured[each.topic] = numbers
+        _print(measured, report, as_table=len(topics) > 1, as_json=as_json)
+        if measured:
             give_up_s = None
             if once:
                 break
         elif give_up_s is not None and now_s >= give_up_s:
             names = ", ".join(repr(each.topic) for each in topics)
-            raise BusError(f"too few messages came on {names} in {timeout_s:g} s")
+            raise BusError(f"too few messages on {names} after {timeout_s:g} s")
 
 
 def _period_s(give_up_s: float | None) -> float:
@@ -112,14 +112,14 @@ def _period_s(give_up_s: float | None) -> float:
 
 
 def _print(
-    told: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
+    measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
 ) -> None:
     if as_json:
-        for topic, numbers in told.items():
+        for topic, numbers in measured.items():
             print_json({"topic": topic, **numbers})
-    elif as_table and told:
-        rows = [[topic, *report.row(numbers)] for topic, numbers in told.items()]
+    elif as_table and measured:
+        rows = [[topic, *report.row(numbers)] for topic, numbers in measured.items()]
         right = range(1, len(report.headings) + 1)
         print_lines([*table(("topic", *report.headings), rows, right=right), ""])
     else:
-        print_lines(line for numbers in told.values() for line in report.lines(numbers))
+        print_lines(line for numbers in measured.values() for line in report.lines(numbers))

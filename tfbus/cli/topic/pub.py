@@ -19,10 +19,9 @@ from tfbus.cli.messages.message import (
 )
 from tfbus.cli.messages.prototype import complete_message
 from tfbus.cli.output import as_json, say, warn
-from tfbus.cli.topic.source import TELL_AFTER_S, type_of, visiting
-from tfbus.command.numbers import NOT_NEGATIVE, POSITIVE, Number
+from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
+from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
 from tfbus.node.topic import RawPublisher
@@ -32,7 +31,7 @@ from tfbus.wire.codec import type_name
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# How soon nodes are asked again who subscribes, where several are waited for.
+# How often nodes are asked for their subscriptions while it waits for several.
 _ASK_AGAIN_S = 0.2
 
 
@@ -42,18 +41,31 @@ _ASK_AGAIN_S = 0.2
 )
 @click.argument("topic", type=TopicName())
 @click.argument("message", nargs=-1, metavar="[TYPE] [VALUES]", shell_complete=complete_message)
-@click.option("-r", "--rate", type=Number(least=1e-6, most=1e6), default=1.0, help="Per second; 1.")
+@click.option(
+    "-r",
+    "--rate",
+    type=Number(least=1e-6, most=1e6),
+    default=1.0,
+    show_default=True,
+    help="Messages per second.",
+)
 @click.option("-1", "--once", is_flag=True, help="Publish one message and exit.")
-@click.option("-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N and exit.")
+@click.option(
+    "-t", "--times", type=click.IntRange(min=1), metavar="N", help="Publish N messages and exit."
+)
 @click.option(
     "-w",
     "--wait-matching",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Wait for N subscribers first; 1 with --once and --times, else 0.",
+    help="First wait for N subscribers (default 1 with --once or --times, else 0).",
 )
 @click.option(
-    "--max-wait-time", "wait_s", type=POSITIVE, metavar="S", help="Fail if they do not come."
+    "--max-wait-time",
+    "wait_s",
+    type=POSITIVE,
+    metavar="S",
+    help="Fail if they do not come within S seconds.",
 )
 @click.option(
     "--keep-alive",
@@ -61,10 +73,20 @@ _ASK_AGAIN_S = 0.2
     type=NOT_NEGATIVE,
     default=0.1,
     metavar="S",
-    help="Stay so long after the last message; 0.1.",
+    show_default=True,
+    help="Stay S seconds after the last message.",
 )
-@click.option("-p", "--print", "every", type=click.IntRange(min=1), default=1, help="Say each Nth.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing of what is published.")
+@click.option(
+    "-p",
+    "--print",
+    "every",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="N",
+    show_default=True,
+    help="Print every Nth message.",
+)
+@click.option("-q", "--quiet", is_flag=True, help="Do not print messages.")
 @bus_options("topic")
 def pub_command(
     settings: NodeSettings,
@@ -81,26 +103,25 @@ def pub_command(
 ) -> None:
     """Publish the message VALUES, a YAML map of fields, on TOPIC.
 
-    TYPE is a message of tfbus.messages or package.module:Name; where it is left out, it is what
-    the topic's other nodes tell. Fields are checked against it, and those left out take their
-    defaults.
+    TYPE is a message of tfbus.messages or package.module:Name; by default the type that other nodes
+    of the topic announce. Fields are checked against it, and missing ones get their defaults.
     """
     if once and times is not None:
-        raise click.UsageError("--once and --times say the same thing: give one of them")
+        raise click.UsageError("--once and --times exclude each other: give one")
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
     with visiting(settings, "pub") as node:
-        told = type_of(look(node.session), topic)
-        if told == TRANSFORMS_TYPE:
-            raise click.UsageError(f"{topic!r} is of transforms: publish one with `tfbus static`")
-        message_type = given_type or supplied_type(told)
+        announced = type_of(look(node.session), topic)
+        if announced == TRANSFORMS_TYPE:
+            raise click.UsageError(f"{topic!r} carries transforms: publish one with `tfbus static`")
+        message_type = given_type or supplied_type(announced)
         if message_type:
             values = complete_values(values, message_type)
         payload = encode_values(values, "VALUES")
-        name = type_name(message_type) if message_type else told
-        if given_type and told and told != name:
-            warn(f"others know {topic!r} as {told}, and this is {name}")
+        name = type_name(message_type) if message_type else announced
+        if given_type and announced and announced != name:
+            warn(f"other nodes announce {topic!r} as {announced}, not {name}")
         publisher = node.create_raw_publisher(topic, type_name=name)
         _wait_for_subscribers(node, topic, subscribers, wait_s)
         shown = f"{name or 'message'} {as_json(values)}"
@@ -117,7 +138,7 @@ def _publish(
     shown: str,
     every: int,
 ) -> None:
-    """Publish at the rate, without drift, so many times (None: until the node is shut down)."""
+    """Publish at the rate, without drift, `times` times (None: until the node is shut down)."""
     started_s = time.monotonic()
     sent = 0
     while node.ok:
@@ -131,24 +152,24 @@ def _publish(
 
 
 def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float | None) -> None:
-    """Wait until so many subscribe; BusError where they do not come in time."""
+    """Wait for `wanted` subscribers. Raises BusError if they do not come within `wait_s`."""
     if not wanted:
         return
     watch = node.session.watch_heard(topic)
     started_s = time.monotonic()
-    told = False
+    has_said = False
     while node.ok and _heard(node, topic, wanted, watch) < wanted:
         waited_s = time.monotonic() - started_s
         if wait_s is not None and waited_s >= wait_s:
-            raise BusError(f"{topic!r} has fewer than {wanted} subscribers (waited {wait_s:g} s)")
-        if not told and waited_s >= TELL_AFTER_S:
-            told = True
+            raise BusError(f"{topic!r} has fewer than {wanted} subscribers after {wait_s:g} s")
+        if not has_said and waited_s >= SAY_AFTER_S:
+            has_said = True
             say(f"Waiting for {_subscribers(wanted)} of {topic!r}")
     watch.close()
 
 
 def _heard(node: "Node", topic: str, wanted: int, watch: HeardWatch) -> int:
-    """How many subscribe, told after a moment: of one Zenoh knows, several are asked for."""
+    """How many subscribe: Zenoh knows whether any does, nodes are asked for the number."""
     if not watch.wait(_ASK_AGAIN_S):
         return 0
     if wanted == 1:
@@ -163,10 +184,10 @@ def _subscribers(count: int) -> str:
 
 
 def _split(words: Sequence[str]) -> tuple[type | None, dict[str, Any]]:
-    """The type, None where it is left out, and the fields."""
+    """The type, None if it is omitted, and the fields."""
     if len(words) > 2:
         raise click.UsageError(
-            f"{len(words)} words are more than a type and a map of fields: put the map in quotes"
+            f"expected a type and a map of fields, got {len(words)} words: quote the map"
         )
     if len(words) == 2:
         return find_type(words[0]), checked_map(words[1], "VALUES")

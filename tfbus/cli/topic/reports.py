@@ -1,4 +1,4 @@
-"""What is told of a window of messages, in ROS's words: rate, bandwidth, delay."""
+"""Reports of a window of messages, in ROS's words: rate, bandwidth, delay."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,10 +10,9 @@ from tfbus.wording import counted
 
 @dataclass(frozen=True)
 class Report:
-    """How a measure is told: as numbers, as lines, and as a row of a table of several topics.
+    """A measure as numbers, as lines, and as a row of a table of several topics.
 
-    `numbers` takes a reading and the time now (monotonic s), and answers None while there are
-    too few messages.
+    `numbers` takes a reading and the time now (monotonic s), and returns None for too few messages.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Where the topic tools listen: a node that is not listed, at one topic, whatever it carries.
+"""How the topic tools listen: by a hidden node, to one topic of any type.
 
-A topic may be one of transforms: `tf/sim` and `tf_static/sim` are what the stream `sim` sends,
-`tf` and `tf_static` what all streams do.
+`tf/sim` and `tf_static/sim` are the transforms of the stream `sim`; `tf` and `tf_static` those of
+all streams.
 """
 
 import os
@@ -20,15 +20,15 @@ from tfbus.wording import did_you_mean
 if TYPE_CHECKING:
     from tfbus.node.node import Node
 
-# When nothing has come for so long, the user is told what is waited for.
-TELL_AFTER_S = 2.0
+# After this long without a message, the tools print what they wait for.
+SAY_AFTER_S = 2.0
 
 
 @contextmanager
 def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
-    """A node for as long as a tool listens or publishes; Ctrl-C and SIGTERM are its usual end.
+    """A node for a tool that listens or publishes; Ctrl-C and SIGTERM are its usual end.
 
-    Its name begins with `_`, so that lists of nodes leave it out.
+    Its name starts with `_`, so lists of nodes omit it.
     """
     from tfbus.node.node import Node  # numpy, which completion and `--help` do not need
 
@@ -39,25 +39,25 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
             return
     except KeyboardInterrupt:
         pass
-    raise SystemExit(0)  # where the node's `with` has ended the interrupt quietly too
+    raise SystemExit(0)  # also if the node's `with` swallowed the interrupt
 
 
 def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
-    """Call `callback(payload)` for each message, on a thread of Zenoh's.
+    """Call `callback(payload)` for each message, on a thread of Zenoh.
 
-    Static transforms come at once, as a listener gets them.
+    Static transforms come at once, as for a listener.
     """
     kind, stream = _transforms(topic)
     if kind == STATIC_TRANSFORMS:
         key = topic if stream else f"{topic}/**"
         return declare_retained_subscriber(node.session, key, lambda _, payload: callback(payload))
-    if kind == TRANSFORMS:  # of a stream that is split, each frame has a key of its own
+    if kind == TRANSFORMS:  # each frame of a split stream has its own key
         return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
     return node.create_raw_subscription(topic, callback, type_name=type_name)
 
 
 def find_topic(graph: Graph, name: str) -> TopicInfo:
-    """The topic of this name. Raises BusError, with the nearest, where there is none."""
+    """The topic of this name. Raises BusError, with a near name, if there is none."""
     kind, stream = _transforms(name)
     if kind and not stream:
         ends = [t for key, t in graph.topics.items() if key.startswith(f"{name}/")]
@@ -70,7 +70,7 @@ def find_topic(graph: Graph, name: str) -> TopicInfo:
 
 
 def type_of(graph: Graph, topic: str) -> str:
-    """The name of the topic's type; "" where nobody, or not everybody, tells the same."""
+    """The name of the topic's type; "" if its nodes announce none, or different ones."""
     if _transforms(topic)[0]:
         return TRANSFORMS_TYPE
     info = graph.topics.get(topic)
@@ -78,7 +78,7 @@ def type_of(graph: Graph, topic: str) -> str:
 
 
 def why_silent(node: "Node", topic: str) -> str:
-    """What is waited for, where no message comes."""
+    """What a tool waits for if no message comes."""
     graph = look(node.session)
     published = {name: each for name, each in graph.topics.items() if each.publishers}
     try:
@@ -86,15 +86,15 @@ def why_silent(node: "Node", topic: str) -> str:
     except BusError:
         senders = []
     if senders:
-        return f"Waiting for a message on {topic!r}: {', '.join(senders)} sends none"
+        return f"Waiting for a message on {topic!r}: its publisher {', '.join(senders)} sends none"
     hint = did_you_mean(topic, published, none=", nor any other topic")
-    return f"Waiting for a message on {topic!r}: nobody publishes it{hint}"
+    return f"Waiting for a message on {topic!r}: it has no publisher{hint}"
 
 
 def _transforms(topic: str) -> tuple[str, str]:
-    """Which kind of transforms the topic is of, `tf` or `tf_static`, and of which stream.
+    """The kind of a topic of transforms, `tf` or `tf_static`, and its stream.
 
-    Empty where it is of other messages, or of all streams.
+    The kind is "" for other topics, the stream "" for all streams.
     """
     chunks = topic.split("/")
     for kind in (TRANSFORMS, STATIC_TRANSFORMS):

@@ -1,1 +1,1 @@
-"""Launch files to a description of what to start."""
+"""From launch files to a description of their processes."""

@@ -1,11 +1,12 @@
-"""The arguments of a launch file: what it declares, and what it is given."""
+"""The arguments of a launch file: declared in it, and given to it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from tfbus.command.yaml_file import Value
 from tfbus.launch.description import Argument
-from tfbus.launch.place import LaunchArgumentError, nearest
-from tfbus.launch.read.document import Value
+from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.substitution import HERE
+from tfbus.wording import did_you_mean
 
 _KEYS = ("default", "description", "choices")
 
@@ -24,14 +25,14 @@ def declared_arguments(value: Value) -> Iterator[Argument]:
 def argument_values(
     arguments: Sequence[Argument], given: Mapping[str, str], file: str
 ) -> dict[str, str]:
-    """The value of every argument of `file`; LaunchArgumentError if what is given does not fit."""
+    """The value of each argument of `file`. Raises LaunchArgumentError if one does not fit."""
     declared = {argument.name: argument for argument in arguments}
     for name in given:
         if name not in declared:
             raise LaunchArgumentError(
                 name,
-                f"{file} takes no argument {name!r}{nearest(name, declared)} "
-                f"It takes: {', '.join(declared) or 'none'}",
+                f"{file} takes no argument {name!r}"
+                f"{did_you_mean(name, declared, none='; it takes none')}",
             )
     return {name: _value(argument, given, file) for name, argument in declared.items()}
 
@@ -81,7 +82,7 @@ def _value(argument: Argument, given: Mapping[str, str], file: str) -> str:
     if argument.choices and value not in argument.choices:
         raise LaunchArgumentError(
             argument.name,
-            f"argument {argument.name!r} of {file} is one of {', '.join(argument.choices)}, "
-            f"and not {value!r}",
+            f"argument {argument.name!r} of {file} must be one of {', '.join(argument.choices)}, "
+            f"not {value!r}",
         )
     return value

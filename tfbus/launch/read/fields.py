@@ -6,18 +6,17 @@ import shlex
 from collections.abc import Callable, Collection, Iterator
 from math import isfinite
 
+from tfbus.command.yaml_file import Place, Value, YamlFileError
 from tfbus.errors import TfbusError
-from tfbus.launch.place import Place
-from tfbus.launch.read.document import Value
 from tfbus.launch.read.substitution import Scope, truth
 
 CONDITIONS = ("if", "unless")
 
 
 class Fields:
-    """The fields of a mapping that may have the known keys only, read in a scope.
+    """The fields of a mapping whose keys are all known, read in a scope.
 
-    Every method raises LaunchFileError, at the line of the key, for a value of the wrong kind.
+    Each method raises YamlFileError, at the line of the key, for a value of the wrong kind.
     """
 
     def __init__(self, value: Value, known: Collection[str], scope: Scope) -> None:
@@ -29,7 +28,7 @@ class Fields:
         return key in self._values
 
     def place_of(self, key: str) -> Place:
-        """Where a field stands; where the whole entry stands for one that is not there."""
+        """Where a field stands; of a missing one, where the whole entry stands."""
         return self._values[key].place if key in self._values else self.place
 
     @property
@@ -38,7 +37,7 @@ class Fields:
         return self._holds("if", default=True) and not self._holds("unless", default=False)
 
     def text(self, key: str, check: Callable[[str], str] = str) -> str:
-        """A text; "" if it is not there. `check` gives it back, or raises TfbusError."""
+        """A text; "" if it is missing. `check` returns it, or raises TfbusError."""
         if key not in self._values:
             return ""
         try:
@@ -64,7 +63,7 @@ class Fields:
         return tuple((name, self._listed(value)) for name, value in self.entries(key).items())
 
     def entries(self, key: str) -> dict[str, Value]:
-        """The values of a mapping by name, as they stand; {} if it is not there."""
+        """The values of a mapping by name, before substitution; {} if it is missing."""
         return self._values[key].entries() if key in self._values else {}
 
     def items(self, key: str) -> Iterator[tuple[str, Place]]:
@@ -75,7 +74,7 @@ class Fields:
                 yield self._expanded(item), item.place
 
     def truth(self, key: str) -> bool:
-        """True or false; false if it is not there."""
+        """True or false; false if it is missing."""
         return key in self._values and truth(self.text(key), self.place_of(key))
 
     def is_mapping(self, key: str) -> bool:
@@ -96,17 +95,17 @@ class Fields:
             number = -1.0
         if not isfinite(number) or number < 0:
             raise self.place_of(key).mistake(
-                f"must be a number of seconds, 0 or more, and is {text!r}"
+                f"must be a number of seconds, 0 or more, not {text!r}"
             )
         return number
 
     def count(self, key: str) -> int | None:
-        """A whole number, 0 or more; None if it is not there."""
+        """A whole number, 0 or more; None if it is missing."""
         if key not in self._values:
             return None
         text = self.text(key)
         if not (text.isascii() and text.isdigit()):
-            raise self.place_of(key).mistake(f"must be a whole number, 0 or more, and is {text!r}")
+            raise self.place_of(key).mistake(f"must be a whole number, 0 or more, not {text!r}")
         return int(text)
 
     def _holds(self, key: str, *, default: bool) -> bool:
@@ -124,9 +123,9 @@ class Fields:
 
 
 def _list_item(text: str) -> str:
-    """The text as an item of a YAML list in brackets: quoted where it would be cut otherwise."""
+    """The text as an item of a YAML list in brackets, quoted where YAML would split it."""
     return json.dumps(text) if re.search(r"[\[\]{},:#'\"\s]|^$", text) else text
 
 
 def _located(error: TfbusError, place: Place) -> TfbusError:
-    return error if getattr(error, "place", None) else place.mistake(str(error))
+    return error if isinstance(error, YamlFileError) else place.mistake(str(error))

@@ -1,9 +1,10 @@
-"""Finding a launch file: by path, or by the name of one that comes with tfbus."""
+"""Finds a launch file by its path, or by the name of one that comes with tfbus."""
 
 from importlib.resources import files
 from pathlib import Path
 
-from tfbus.launch.place import LaunchError, nearest
+from tfbus.launch.errors import LaunchError
+from tfbus.wording import did_you_mean
 
 _SUFFIXES = (".launch.yaml", ".yaml")
 
@@ -11,8 +12,8 @@ _SUFFIXES = (".launch.yaml", ".yaml")
 def find_launch_file(name: str, beside: Path = Path()) -> Path:
     """The file meant by `name`.
 
-    With a slash or a `.yaml` or `.yml` at the end it is a path, relative to the folder `beside`;
-    else the name of an installed launch file. Raises LaunchError if there is none.
+    A name with a slash, or that ends with `.yaml` or `.yml`, is a path relative to the folder
+    `beside`; any other is that of an installed launch file. Raises LaunchError if there is none.
     """
     if "/" in name or name.endswith((".yaml", ".yml")):
         path = beside / name
@@ -23,12 +24,9 @@ def find_launch_file(name: str, beside: Path = Path()) -> Path:
     if name in installed:
         return installed[name]
     here = next((name + end for end in _SUFFIXES if (beside / (name + end)).is_file()), "")
-    hint = (
-        f"; did you mean './{here}', a file in this folder?" if here else nearest(name, installed)
-    )
+    hint = f"; did you mean './{here}'?" if here else did_you_mean(name, installed)
     raise LaunchError(
-        f"no launch file called {name!r} comes with tfbus{hint} "
-        f"There are: {', '.join(installed)}; a file of your own is given by its path"
+        f"tfbus has no launch file {name!r} (give a file of your own by its path){hint}"
     )
 
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from tfbus.command.yaml_file import Place, Value
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Process, Respawn
-from tfbus.launch.place import Place
-from tfbus.launch.read.document import Value
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.substitution import Scope
 from tfbus.wire.keys import check_namespace, check_node_name, check_topic
@@ -21,9 +20,9 @@ _RESPAWN_KEYS = ("delay", "limit")
 
 @dataclass(frozen=True, slots=True)
 class ProcessEntry:
-    """A process as its file has it: whether it is switched on, and whom it names in `after:`.
+    """A process as written: whether it is on, and the names in its `after:`.
 
-    `file_namespace` is the namespace that the whole file is in.
+    `file_namespace` is the namespace of the whole file.
     """
 
     process: Process
@@ -94,7 +93,7 @@ def _name(fields: Fields, node: str, command: tuple[str, ...]) -> str:
         return check_node_name(Path(program).name.removesuffix(".py"))
     except TfbusError:
         raise fields.place_of("node" if node else "command").mistake(
-            f"{program!r} cannot be the name of the process as well; give it a 'name'"
+            f"{program!r} cannot be the name of a process; give it a 'name'"
         ) from None
 
 

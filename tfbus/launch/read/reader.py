@@ -1,4 +1,4 @@
-"""From a launch file to its description: arguments, includes, nodes and what binds them.
+"""Reads a launch file into the processes that it describes.
 
 The format is described in docs/guide/launch.md.
 """
@@ -8,22 +8,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tfbus.command.yaml_file import Value, read_yaml_file
 from tfbus.launch.description import Argument, Process
-from tfbus.launch.place import LaunchArgumentError, LaunchError, LaunchFileError, nearest
+from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import argument_values, declared_arguments
-from tfbus.launch.read.document import Value, read_document
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.find import find_launch_file
 from tfbus.launch.read.process_entry import ProcessEntry, joined, read_process
 from tfbus.launch.read.substitution import Scope, truth
 from tfbus.wire.keys import check_namespace
+from tfbus.wording import did_you_mean
 
 _FILE_KEYS = ("description", "arguments", "sim_time", "includes", "nodes")
 _INCLUDE_KEYS = ("file", "namespace", "arguments")
 
 
 def read_arguments(path: Path) -> tuple[Argument, ...]:
-    """The arguments that a launch file takes, in its order (not those of files it includes)."""
+    """The arguments of a launch file, in its order, without those of files it includes."""
     return _Document(path).arguments
 
 
@@ -36,10 +37,9 @@ def read_launch_file(
 ) -> tuple[Process, ...]:
     """The processes that a launch file describes with the given arguments, all in `namespace`.
 
-    Conditions, includes and substitutions are worked in; `environment` (`os.environ` if None)
-    is where `${env:...}` looks. Raises LaunchArgumentError for an argument that is unknown,
-    missing or not allowed, LaunchFileError for a mistake in the file or one that it includes,
-    LaunchError for a file that cannot be read.
+    Conditions, includes and substitutions are resolved; `${env:...}` looks in `environment`
+    (`os.environ` if None). Raises LaunchArgumentError for an argument that is unknown, missing or
+    not allowed, YamlFileError for a file that cannot be read, or a mistake in one.
     """
     variables = os.environ if environment is None else environment
     reading = _Reading(variables, check_namespace(namespace), (path.resolve(),))
@@ -52,10 +52,10 @@ def read_launch_file(
 
 
 class _Document:
-    """One launch file in its parts, with nothing worked out yet."""
+    """The parts of one launch file, before substitution."""
 
     def __init__(self, path: Path) -> None:
-        whole = read_document(path, str(path))
+        whole = read_yaml_file(path, "a list of nodes under 'nodes'")
         fields = whole.fields(_FILE_KEYS)
         if "description" in fields:
             fields["description"].text()
@@ -70,14 +70,14 @@ class _Document:
             raise whole.place.mistake("starts nothing; list something under 'nodes' or 'includes'")
 
     def has_sim_time(self, scope: Scope) -> bool:
-        """Whether its nodes, and those of what it includes, are to follow the topic clock."""
+        """Whether its nodes, and those it includes, follow the topic clock."""
         value = self._sim_time
         return value is not None and truth(scope.expand(value.text(), value.place), value.place)
 
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
-    """Where a file is read: in which namespace, and through which files that include it."""
+    """The namespace a file is read in, and the files that include it."""
 
     environment: Mapping[str, str]
     namespace: str
@@ -113,7 +113,7 @@ class _Reading:
         try:
             yield from inner.entries(_Document(path), given)
         except LaunchArgumentError as error:
-            # The mistake is in this file, at its include: nobody can mend it from outside.
+            # The mistake is in this file, at its include.
             argument = fields.entries("arguments").get(error.argument)
             place = argument.place if argument else fields.place_of("arguments")
             raise place.mistake(str(error)) from error
@@ -122,8 +122,6 @@ class _Reading:
         place = fields.place_of("file")
         try:
             path = find_launch_file(fields.text("file"), folder)
-        except LaunchFileError:
-            raise
         except LaunchError as error:
             raise place.mistake(str(error)) from error
         if path.resolve() in self.chain:
@@ -139,7 +137,7 @@ def _check_names_differ(processes: Sequence[Process]) -> None:
         if process.full_name in taken:
             raise process.place.mistake(
                 f"the name {process.full_name!r} is taken by {taken[process.full_name].place}; "
-                "give one of the two another 'name' or 'namespace'"
+                "give one of them another 'name' or 'namespace'"
             )
         taken[process.full_name] = process
 
@@ -147,8 +145,8 @@ def _check_names_differ(processes: Sequence[Process]) -> None:
 def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
     """The process with full names in `after`.
 
-    A name is looked for in the namespace of the process, then in that of its file. One that
-    begins with a slash is full already and may be of a node that something else starts.
+    A name is looked up in the namespace of the process, then in that of its file. One that
+    starts with a slash is full, and may be of a node started elsewhere.
     """
     after = []
     for name, place in entry.after:
@@ -158,8 +156,8 @@ def _with_after(entry: ProcessEntry, declared: set[str]) -> Process:
             candidates = [name]
         elif not declared.intersection(candidates):
             raise place.mistake(
-                f"nobody here is called {name!r}{nearest(candidates[-1], declared)} "
-                f"To wait for a node that is started elsewhere, write its full name, '/{name}'"
+                f"no node {name!r} in this launch (for one started elsewhere, write its full "
+                f"name, '/{name}'){did_you_mean(candidates[-1], declared)}"
             )
         full_name = next((name for name in candidates if name in declared), candidates[0])
         if full_name == entry.process.full_name:

@@ -1,16 +1,16 @@
-"""What `${...}` stands for in a launch file, and when an `if:` is true.
+"""Substitution of `${...}` in a launch file, and the truth of `if:`.
 
 `${name}` is the launch argument of that name, `${env:NAME}` an environment variable (an error if
-it is not set), `${env:NAME:text}` the same with a text for when it is not set, `${here}` the
-folder of the launch file. `$${` stands for a plain `${`; any other `$` is a plain `$`.
-Substitution happens once: what comes in is not looked at again.
+it is not set), `${env:NAME:text}` the same with a default, `${here}` the folder of the launch
+file. `$${` stands for a plain `${`; any other `$` is a plain `$`. Values are not substituted again.
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tfbus.launch.place import Place, nearest
+from tfbus.command.yaml_file import Place
+from tfbus.wording import did_you_mean
 
 HERE = "here"
 
@@ -23,7 +23,7 @@ _TRUTH = {word: True for word in ("true", "yes", "on", "1")} | {
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """What is known while one launch file is read."""
+    """What `${...}` can name in one launch file."""
 
     arguments: Mapping[str, str]
     environment: Mapping[str, str]
@@ -32,7 +32,7 @@ class Scope:
     def expand(self, text: str, place: Place) -> str:
         """The text with every substitution made.
 
-        Raises LaunchFileError for an argument or a variable that does not exist.
+        Raises YamlFileError for an argument or a variable that does not exist.
         """
 
         def replaced(match: re.Match[str]) -> str:
@@ -48,7 +48,7 @@ class Scope:
     def is_true(self, text: str, place: Place) -> bool:
         """Whether a condition holds: a word for true or false, or `a == b`, `a != b` (as text).
 
-        Raises LaunchFileError for any other text.
+        Raises YamlFileError for any other text.
         """
         if comparison := _COMPARISON.fullmatch(text):
             left, right = (
@@ -66,12 +66,11 @@ class Scope:
             return self.arguments[inside]
         if inside in self.environment:
             raise place.mistake(
-                f"no argument is called {inside!r}; an environment variable is ${{env:{inside}}}, "
-                f"and $${{{inside}}} is left for a shell"
+                f"no argument {inside!r} under 'arguments:'; write ${{env:{inside}}} for the "
+                f"environment variable, or $${{{inside}}} to leave it to a shell"
             )
         raise place.mistake(
-            f"no argument is called {inside!r}{nearest(inside, self.arguments)} "
-            "Declare it under 'arguments:'"
+            f"no argument {inside!r} under 'arguments:'{did_you_mean(inside, self.arguments)}"
         )
 
     def _variable(self, name: str, place: Place) -> str:
@@ -81,8 +80,8 @@ class Scope:
         if has_default:
             return default
         raise place.mistake(
-            f"the environment variable {name!r} is not set; set it, or write "
-            f"${{env:{name}:text}} to say what stands for it then"
+            f"the environment variable {name!r} is not set; set it, or give a default: "
+            f"${{env:{name}:text}}"
         )
 
 
@@ -91,4 +90,4 @@ def truth(text: str, place: Place) -> bool:
     try:
         return _TRUTH[text.strip().lower()]
     except KeyError:
-        raise place.mistake(f"must be true or false, and is {text!r}") from None
+        raise place.mistake(f"must be true or false, not {text!r}") from None

@@ -1,4 +1,4 @@
-"""One started process and everything that it starts in turn: a process group of its own."""
+"""One started process and all that it starts in turn: a process group."""
 
 import asyncio
 import os
@@ -16,13 +16,13 @@ T = TypeVar("T")
 
 
 class Child:
-    """A program that was started, in a session and process group of its own.
+    """A started program, in its own session and process group.
 
     `exit_code` is None while it runs, and -N if signal N ended it.
     """
 
     def __init__(self, program: Program) -> None:
-        """Start the program; OSError or ValueError if that cannot be done."""
+        """Start the program. Raises OSError or ValueError if that fails."""
         self.program = program
         self.exit_code: int | None = None
         with _blocked(signal.SIGINT) if program.unblocks_sigint else nullcontext():
@@ -40,8 +40,8 @@ class Child:
         self._open_pipes = 2
 
     def follow(self, console: Console, on_change: Callable[[], None]) -> None:
-        """Pass its output on from now, and call `on_change` in the running asyncio loop when it
-        has ended and when each of its two outputs has.
+        """Relay its output, and call `on_change` in the running asyncio loop when the process ends
+        and when each of its two outputs ends.
         """
         loop = asyncio.get_running_loop()
         assert self._process.stdout and self._process.stderr  # both asked for above
@@ -63,8 +63,8 @@ class Child:
     def group_lives(self) -> bool:
         """Whether any process of the group is left.
 
-        Those that were orphaned become children of launch where it is a subreaper; they are
-        buried here, for a dead one that nobody waits for counts as a member.
+        Orphans become children of launch where it is a subreaper; this reaps them, as a zombie
+        counts as a member.
         """
         if self.exit_code is None:
             return True
@@ -76,23 +76,23 @@ class Child:
         except ProcessLookupError:
             return False
         except PermissionError:
-            pass  # macOS says so of a group of zombies, Linux of another user's process
+            pass  # a group of zombies on macOS, another user's process on Linux
         return True
 
     @property
-    def has_told_all(self) -> bool:
-        """Whether all of its output has been passed on."""
+    def output_ended(self) -> bool:
+        """Whether all of its output was relayed."""
         return self._open_pipes == 0
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal to the whole group; nothing happens if it is gone."""
+        """Send a signal to the whole group, if it still exists."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
 
 @contextmanager
 def _blocked(number: signal.Signals) -> Iterator[None]:
-    """While it lasts the signal is held back, here and in processes that are started."""
+    """Block the signal, here and in processes that start meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {number})
     try:
         yield
@@ -103,11 +103,11 @@ def _blocked(number: signal.Signals) -> Iterator[None]:
 def _in_thread(
     loop: asyncio.AbstractEventLoop, work: Callable[[], T], then: Callable[[T], None]
 ) -> None:
-    """Work in a thread, and hand the result to `then` in the loop."""
+    """Work in a thread, then call `then(result)` in the loop."""
 
     def run() -> None:
         result = work()
-        # The loop is closed where launch gave up on this process.
+        # The loop is closed if launch gave up on this process.
         with suppress(RuntimeError):
             loop.call_soon_threadsafe(then, result)
 

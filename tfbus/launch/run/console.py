@@ -1,8 +1,7 @@
-"""The two streams that a launch writes to: whole lines, each with the name of its process.
+"""The two streams of a launch: whole lines, each with the name of its process.
 
-Children write at any time and in pieces; a terminal that is stopped (Ctrl-S) or a slow reader
-must not keep Ctrl-C from being served. So each stream has a thread that writes: output of
-processes waits for it, what launch itself says never does.
+A stopped terminal (Ctrl-S) or a slow reader must not block Ctrl-C. So each stream has a thread
+that writes: output of processes waits for it, log lines of launch never do.
 """
 
 import os
@@ -18,16 +17,16 @@ _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93, 95, 94)
 
 
 class Lines:
-    """Cuts what a process writes into whole lines, without their ends.
+    """Splits output into whole lines, without their ends.
 
-    A line longer than 64 KiB comes in parts of that size: nothing grows without bound.
+    A line longer than 64 KiB comes in parts of that size.
     """
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, chunk: bytes) -> Iterator[bytes]:
-        """The lines that are whole after this chunk."""
+        """The lines that this chunk completes."""
         *whole, self._rest = (self._rest + chunk).split(b"\n")
         for line in whole:
             yield line.removesuffix(b"\r")
@@ -36,7 +35,7 @@ class Lines:
             self._rest = self._rest[_LONGEST_LINE:]
 
     def end(self) -> Iterator[bytes]:
-        """The last line if it had no end."""
+        """The last line, if it had no end."""
         if self._rest:
             yield self._rest
         self._rest = b""
@@ -45,8 +44,8 @@ class Lines:
 class Stream:
     """One file descriptor to which many threads write whole lines.
 
-    `on_gone` is called once, from the writing thread, when nobody can read it any more; lines
-    are dropped from then on.
+    `on_gone` is called once, from the writing thread, when its reader is gone; further lines are
+    dropped.
     """
 
     def __init__(self, descriptor: int, on_gone: Callable[[], None] = lambda: None) -> None:
@@ -63,7 +62,7 @@ class Stream:
         return os.isatty(self.descriptor)
 
     def write(self, line: bytes, *, wait: bool = True) -> None:
-        """Write a line, after waiting (if `wait`) until there is room for it."""
+        """Write a line; with `wait`, first wait until at most 1000 lines are pending."""
         with self._changed:
             if wait:
                 self._changed.wait_for(self._has_room)
@@ -72,7 +71,7 @@ class Stream:
                 self._changed.notify_all()
 
     def close(self, timeout_s: float) -> None:
-        """Write what is waiting, at most for so long, and then nothing more."""
+        """Write the pending lines within `timeout_s`, then stop."""
         with self._changed:
             self._changed.wait_for(lambda: not self._waiting and not self._is_writing, timeout_s)
             self._is_closed = True
@@ -120,7 +119,7 @@ class Console:
         self._coloured = {stream: stream.is_terminal and in_colour for stream in (output, errors)}
 
     def relay(self, name: str, source: IO[bytes], stream: Stream) -> None:
-        """Copy what comes from an unbuffered pipe until it ends, and close that."""
+        """Copy the lines of an unbuffered pipe until it ends, and close the pipe."""
         prefix = self._prefix(name, stream)
         lines = Lines()
         with source:
@@ -131,19 +130,19 @@ class Console:
             stream.write(prefix + line)
 
     def say(self, level: str, name: str, text: str) -> None:
-        """Tell an event on standard error, `[INFO] [sim]: text`; never waits."""
+        """Log an event to standard error, `[INFO] [sim]: text`; never waits."""
         prefix = self._prefix(name, self.errors).decode()
         self.errors.write(f"[{level}] {prefix.strip()}: {text}".encode(), wait=False)
 
     def close(self, timeout_s: float = 1.0) -> None:
-        """Write what is waiting, as far as anybody reads it."""
+        """Write the pending lines of both, within `timeout_s` each."""
         for stream in (self.output, self.errors):
             stream.close(timeout_s)
 
     def _prefix(self, name: str, stream: Stream) -> bytes:
         if not self._coloured[stream]:
             return f"[{name}] ".encode()
-        # Not hash(): the colour of a name is the same each time.
+        # Not hash(): a name keeps its colour from run to run.
         colour = _COLOURS[zlib.crc32(name.encode()) % len(_COLOURS)]
         return f"\x1b[{colour}m[{name}]\x1b[0m ".encode()
 

@@ -1,4 +1,4 @@
-"""The stop ladder: SIGINT to every process group, after a while SIGTERM, then SIGKILL."""
+"""Ends all process groups: SIGINT, after a while SIGTERM, then SIGKILL."""
 
 import asyncio
 import signal
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from tfbus.launch.run.child import Child
 from tfbus.launch.run.console import Console
 
-RUNGS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class Timeouts:
     """How long a supervisor waits, in seconds: after each signal, and between two notices."""
 
     after_sigint_s: float = 5.0
@@ -21,64 +21,64 @@ class Patience:
     notice_s: float = 3.0
 
     def after(self, number: signal.Signals) -> float:
-        """How long to wait after this signal before the next thing is tried."""
+        """How long to wait after this signal."""
         waits = (self.after_sigint_s, self.after_sigterm_s, self.after_sigkill_s)
-        return waits[RUNGS.index(number)]
+        return waits[SIGNALS.index(number)]
 
 
-class StopLadder:
-    """Climbed once in a launch, by itself or hurried, until `children` is empty.
+class Escalation:
+    """Sends one signal after another until `children` is empty: by itself, or sooner if asked.
 
-    `give_up` is called when some live on even after SIGKILL (in the kernel's hands).
+    Calls `give_up` if some survive SIGKILL, stuck in the kernel.
     """
 
     def __init__(
         self,
         children: Sequence[Child],
         console: Console,
-        patience: Patience,
+        timeouts: Timeouts,
         give_up: Callable[[], None],
     ) -> None:
         self._children = children
         self._console = console
-        self._patience = patience
+        self._timeouts = timeouts
         self._give_up = give_up
-        self._rung: signal.Signals | None = None  # the last signal that all were sent
-        self._escalation: asyncio.TimerHandle | None = None
+        self._sent: signal.Signals | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     @property
-    def is_climbed(self) -> bool:
+    def has_begun(self) -> bool:
         """Whether the first signal was sent."""
-        return self._rung is not None
+        return self._sent is not None
 
-    def climb(self, at_least: signal.Signals = signal.SIGINT) -> None:
-        """Send the next signal, none before `at_least`, and set the time of the one after it."""
-        lowest = 0 if self._rung is None else RUNGS.index(self._rung) + 1
-        number = RUNGS[min(max(lowest, RUNGS.index(at_least)), len(RUNGS) - 1)]
-        self._rung = number
+    def escalate(self, at_least: signal.Signals = signal.SIGINT) -> None:
+        """Send the next signal, at least `at_least`, and start the timer for the one after it."""
+        lowest = 0 if self._sent is None else SIGNALS.index(self._sent) + 1
+        number = SIGNALS[min(max(lowest, SIGNALS.index(at_least)), len(SIGNALS) - 1)]
+        self._sent = number
         for child in self._children:
             name = child.program.name
             self._console.say("INFO", name, f"sending signal '{number.name}' to process[{name}]")
             child.send(number)
-        self.leave()
-        self._escalation = asyncio.get_running_loop().call_later(
-            self._patience.after(number), self._escalate, number
+        self.cancel()
+        self._timer = asyncio.get_running_loop().call_later(
+            self._timeouts.after(number), self._time_out, number
         )
 
-    def leave(self) -> None:
-        """Climb no further by itself."""
-        if self._escalation:
-            self._escalation.cancel()
+    def cancel(self) -> None:
+        """Stop the timer for the next signal."""
+        if self._timer:
+            self._timer.cancel()
 
-    def _escalate(self, number: signal.Signals) -> None:
-        """Go on to the signal after `number`, which some did not obey in time."""
-        text = f"'{self._patience.after(number):g}' seconds after receiving '{number.name}'"
-        following = RUNGS[RUNGS.index(number) + 1 :]
+    def _time_out(self, number: signal.Signals) -> None:
+        """Send the signal after `number`, which some processes did not obey in time."""
+        text = f"'{self._timeouts.after(number):g}' seconds after receiving '{number.name}'"
+        following = SIGNALS[SIGNALS.index(number) + 1 :]
         then = f"escalating to '{following[0].name}'" if following else "giving up"
         for child in self._children:
             name = child.program.name
             self._console.say("ERROR", name, f"process[{name}] failed to terminate {text}, {then}")
         if following:
-            self.climb()
+            self.escalate()
         else:
             self._give_up()

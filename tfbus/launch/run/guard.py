@@ -1,11 +1,10 @@
-"""A process that outlives launch just long enough to end what a killed launch left behind.
+"""A process that ends what a killed launch leaves behind.
 
-SIGKILL cannot be caught, so somebody else has to act on it. The guard reads from a pipe which
-process groups there are; the kernel closes the pipe when launch ends, however it ends. A guard
-needs no code between fork and exec, as PR_SET_PDEATHSIG would (which is not safe in a process
-with threads), reaches whole groups, and is not bound to Linux.
+Launch cannot catch SIGKILL. The guard reads the process groups from a pipe, which the kernel
+closes when launch ends, however it ends. Unlike PR_SET_PDEATHSIG it needs no code between fork
+and exec (unsafe in a process with threads), reaches whole groups, and works beyond Linux.
 
-Run as a script, this file is the guard; it imports nothing but the standard library.
+Run as a script, this file is the guard; it imports only the standard library.
 """
 
 import os
@@ -23,7 +22,7 @@ class Guard:
     """The guard of one launch; a context manager."""
 
     def __init__(self, grace_s: float = 2.0) -> None:
-        """Start the guard, which gives processes `grace_s` between SIGTERM and SIGKILL."""
+        """Start the guard; it waits `grace_s` between SIGTERM and SIGKILL."""
         self._process = subprocess.Popen(
             (sys.executable, "-I", "-S", __file__, str(grace_s)),
             stdin=subprocess.PIPE,
@@ -40,11 +39,11 @@ class Guard:
         self._write(f"+{group}\n")
 
     def release(self, group: int) -> None:
-        """A process group has ended: its number may soon be another's."""
+        """A process group has ended; its number may be used again."""
         self._write(f"-{group}\n")
 
     def close(self) -> None:
-        """End the guard; groups that were not released are ended first."""
+        """End the guard, after the groups that were not released."""
         if self._process.stdin:
             self._process.stdin.close()
         self._process.wait()
@@ -56,14 +55,14 @@ class Guard:
         self.close()
 
     def _write(self, line: str) -> None:
-        # Someone killed the guard: launch still ends its processes itself.
+        # The guard was killed: launch still ends its processes itself.
         with suppress(BrokenPipeError):
             if self._process.stdin:
                 self._process.stdin.write(line.encode())
 
 
 def _groups_left(lines: Iterable[str]) -> set[int]:
-    """The groups that were neither released nor ended when the lines come to their end."""
+    """The groups that were not released when the lines end."""
     groups: set[int] = set()
     for line in lines:
         (groups.add if line[0] == "+" else groups.discard)(int(line[1:]))
@@ -81,7 +80,7 @@ def _end_groups(groups: set[int], grace_s: float) -> None:
 
 
 def _send(group: int, number: int) -> bool:
-    """Whether there was anybody to send the signal to."""
+    """Whether the group still exists."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(group, number)
         return True

@@ -1,7 +1,7 @@
 """Descendants that left the process group they were started in (daemons, `setsid`).
 
-On Linux a process can ask to be the parent of its orphaned descendants. Launch does, so that
-even those are found and ended with it. Elsewhere they are not found.
+On Linux a process can become the parent of its orphaned descendants. Launch does, to find and end
+them too. Elsewhere they are not found.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ _POLL_S = 0.02
 
 @contextmanager
 def adopting_orphans() -> Iterator[None]:
-    """Be the parent of descendants whose own parent ends, on Linux; elsewhere nothing changes."""
+    """Adopt descendants whose own parent ends; Linux only, elsewhere nothing changes."""
     _set_subreaper(1)
     try:
         yield
@@ -28,16 +28,16 @@ def adopting_orphans() -> Iterator[None]:
 
 
 class Orphans:
-    """The adopted children of this process: those that it did not start itself.
+    """The adopted children of this process.
 
-    `started` answers the pids of the children that it did start; they are left alone.
+    `started` returns the pids of the children that it started itself; they are left alone.
     """
 
     def __init__(self, started: Callable[[], Collection[int]]) -> None:
         self._started = started
 
-    def bury_dead(self) -> None:
-        """Take note of the ends of adopted children; without that they stay as zombies."""
+    def reap(self) -> None:
+        """Reap the adopted children that ended, which would stay zombies otherwise."""
         for pid in self._adopted():
             with suppress(ChildProcessError):
                 os.waitpid(pid, os.WNOHANG)
@@ -47,7 +47,7 @@ class Orphans:
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + grace_s
         asked: set[int] = set()
-        while pids := self._living():
+        while pids := self._remaining():
             for pid in pids:
                 if loop.time() >= deadline_s:
                     _send(pid, signal.SIGKILL)
@@ -56,8 +56,8 @@ class Orphans:
             asked |= pids
             await asyncio.sleep(_POLL_S)
 
-    def _living(self) -> set[int]:
-        self.bury_dead()
+    def _remaining(self) -> set[int]:
+        self.reap()
         return self._adopted()
 
     def _adopted(self) -> set[int]:

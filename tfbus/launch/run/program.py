@@ -1,4 +1,4 @@
-"""What the supervisor starts: a process of a launch file with its command line worked out."""
+"""The command line and environment of a process of a launch file."""
 
 import os
 import shlex
@@ -10,16 +10,16 @@ from shutil import which
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.launch.description import Process, Respawn
-from tfbus.launch.place import nearest
+from tfbus.wording import did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A command line, what it is called, and what is to happen when it ends.
+    """A command line, its name, and what to do when it ends.
 
-    `changes` are the environment variables that differ from those of launch itself; None: unset.
-    `unblocks_sigint` is whether the program lets a SIGINT through by itself that comes before it
-    can be taken, as the command `tfbus` does.
+    `changes` are the environment variables that differ from those of launch itself; None unsets.
+    `unblocks_sigint`: the program starts with SIGINT blocked and unblocks it itself, as the command
+    `tfbus` does.
     """
 
     name: str
@@ -34,22 +34,22 @@ class Program:
 
     @property
     def environment(self) -> dict[str, str]:
-        """All its environment variables."""
+        """All environment variables."""
         merged = {**os.environ, **self.changes}
         return {name: value for name, value in merged.items() if value is not None}
 
     @property
     def command_line(self) -> str:
-        """The command line as it could be typed into a shell."""
+        """The command line, quoted for a shell."""
         return shlex.join(self.argv)
 
 
 def program_of(process: Process, settings: NodeSettings) -> Program:
-    """How a process is started by a launch with these settings.
+    """The program of a process in a launch with these settings.
 
-    What the settings say of the bus reaches a tfbus node as options and any other program as
-    environment variables, which tfbus nodes inside it obey. Where launch itself listens is not
-    handed down: only one process can listen there.
+    A tfbus node gets the settings of the bus as options, any other program as environment
+    variables, which tfbus nodes inside it read. `listen` is not passed on: only one process can
+    listen at an address.
     """
     argv = _node_argv(process, settings) if process.node else (*process.command, *process.arguments)
     return Program(
@@ -66,7 +66,7 @@ def program_of(process: Process, settings: NodeSettings) -> Program:
 
 
 def dry_run_line(program: Program) -> str:
-    """One line for `--dry-run`: the name, and a command for a shell that does the same."""
+    """One line for `--dry-run`: the name, and a shell command that does the same."""
     changes = [f"{name}={value}" for name, value in program.changes.items() if value is not None]
     environment = shlex.join(["env", *changes]) + " " if changes else ""
     folder = (
@@ -76,26 +76,26 @@ def dry_run_line(program: Program) -> str:
 
 
 def check_startable(process: Process, nodes: Collection[str]) -> None:
-    """LaunchFileError if the program of a process does not exist; `nodes` are those of tfbus."""
+    """Raises YamlFileError if there is no such program; `nodes` are those of tfbus."""
     if process.node:
         if not process.node.endswith(".py") and process.node not in nodes:
             raise process.place.mistake(
-                f"tfbus has no node {process.node!r}{nearest(process.node, nodes)} "
-                f"There are: {', '.join(sorted(nodes))}; a file of your own ends in .py"
+                f"tfbus has no node {process.node!r} (a file of your own ends with .py)"
+                f"{did_you_mean(process.node, nodes)}"
             )
         return
     program = process.command[0]
     path = dict(process.environment).get("PATH", os.environ.get("PATH", os.defpath))
-    # A path with a folder in it is relative to where the process runs, as for a shell there.
+    # A path with a folder is relative to the folder where the process runs.
     found = which(str(process.directory / program) if "/" in program else program, path=path)
     if found is None:
         raise process.place.mistake(
-            f"there is no program {program!r} that can be run; give its path, or install it"
+            f"no executable program {program!r}; install it, or give its path"
         )
 
 
 def _node_argv(process: Process, settings: NodeSettings) -> tuple[str, ...]:
-    # The tfbus that is installed, not a clone of it that one happens to stand in: -P.
+    # -P: the installed tfbus, not a clone in the current folder.
     start = (process.node,) if process.node.endswith(".py") else ("-P", "-m", "tfbus", process.node)
     return (sys.executable, *start, *_node_options(process, settings), *process.arguments)
 
@@ -121,7 +121,7 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
 
 
 def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
-    # Python writes to a pipe by the block: without this, lines would come late or never.
+    # Python buffers a pipe: without this, lines come late or never.
     changes: dict[str, str | None] = {"PYTHONUNBUFFERED": "1", "TFBUS_LISTEN": None}
     if not process.node:
         changes |= {

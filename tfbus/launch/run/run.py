@@ -1,4 +1,4 @@
-"""A supervisor with everything around it: signals, orphans, guard and output."""
+"""Runs a supervisor with its signals, orphans, guard and output."""
 
 import asyncio
 import math
@@ -6,7 +6,7 @@ import signal
 from collections.abc import Sequence
 
 from tfbus.launch.run.console import Console, Stream
-from tfbus.launch.run.escalation import Patience
+from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.guard import Guard
 from tfbus.launch.run.orphans import Orphans, adopting_orphans
 from tfbus.launch.run.program import Program
@@ -18,51 +18,49 @@ _REASONS = {
     signal.SIGHUP: "the terminal was closed (SIGHUP)",
     signal.SIGQUIT: "user pressed ctrl-\\ (SIGQUIT): killing all",
 }
-# No finger is as quick as that.
-_ONE_WISH_S = 0.1
+_SAME_SIGNAL_S = 0.1
 
 
 def run_programs(
     programs: Sequence[Program],
     *,
     presence: Presence | None,
-    patience: Patience,
+    timeouts: Timeouts,
     longest_s: float | None = None,
 ) -> int:
-    """Run the programs until they have ended or the user ends them, or for `longest_s` seconds;
-    the exit code.
+    """Run the programs until they or the user end them, or for `longest_s` seconds.
 
-    For the main thread of a process that does nothing else: it takes the signals, and leaves
-    Ctrl-C and SIGTERM ignored, since nothing is left to be stopped.
+    Returns the exit code. For the main thread of a process that does nothing else: it handles the
+    signals, and leaves Ctrl-C and SIGTERM ignored, as nothing is left to stop.
     """
-    with adopting_orphans(), Guard(patience.after_sigterm_s) as guard:
-        return asyncio.run(_run(programs, presence, patience, guard, longest_s))
+    with adopting_orphans(), Guard(timeouts.after_sigterm_s) as guard:
+        return asyncio.run(_run(programs, presence, timeouts, guard, longest_s))
 
 
 async def _run(
     programs: Sequence[Program],
     presence: Presence | None,
-    patience: Patience,
+    timeouts: Timeouts,
     guard: Guard,
     longest_s: float | None,
 ) -> int:
     loop = asyncio.get_running_loop()
     console = Console(Stream(1), Stream(2))
-    supervisor = Supervisor(programs, console, presence=presence, guard=guard, patience=patience)
+    supervisor = Supervisor(programs, console, presence=presence, guard=guard, timeouts=timeouts)
     orphans = Orphans(lambda: supervisor.pids | {guard.pid})
 
     def stop_unread() -> None:
-        loop.call_soon_threadsafe(supervisor.stop, "nobody reads the output any more")
+        loop.call_soon_threadsafe(supervisor.stop, "the reader of the output is gone")
 
     console.output.on_gone = console.errors.on_gone = stop_unread
     _take_signals(supervisor)
-    loop.add_signal_handler(signal.SIGCHLD, orphans.bury_dead)
+    loop.add_signal_handler(signal.SIGCHLD, orphans.reap)
     if longest_s is not None:
         loop.call_later(longest_s, supervisor.stop, f"has run for {longest_s:g} s")
     try:
         return await supervisor.run()
     finally:
-        await orphans.end_all(patience.after_sigterm_s)
+        await orphans.end_all(timeouts.after_sigterm_s)
         console.close()
         for number in (signal.SIGCHLD, *_REASONS):
             loop.remove_signal_handler(number)
@@ -71,34 +69,34 @@ async def _run(
 
 
 def _take_signals(supervisor: Supervisor) -> None:
-    """Let Ctrl-C and its kin stop the supervisor, and hurry it when they come again."""
+    """Let Ctrl-C, SIGTERM and the like stop the supervisor, and hurry it when they come again."""
     loop = asyncio.get_running_loop()
-    wishes = Wishes()
+    debounce = Debounce()
 
     def on_signal(number: signal.Signals) -> None:
-        is_new = wishes.is_new(loop.time())
+        is_new = debounce.is_new(loop.time())
         if number == signal.SIGQUIT:
             supervisor.hurry(_REASONS[number], at_least=signal.SIGKILL)
         elif is_new:
             supervisor.hurry(_REASONS[number])
 
     for number in _REASONS:
-        # nohup ignores SIGHUP so that its program goes on without the terminal.
+        # nohup ignores SIGHUP: its program goes on without the terminal.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             loop.add_signal_handler(number, on_signal, number)
 
 
-class Wishes:
-    """Tells a user's second Ctrl-C from the same one come twice.
+class Debounce:
+    """Tells a user's second Ctrl-C from one that arrives twice.
 
-    `timeout`, `make` and shells send a signal to a process and to its group, so that it comes
-    twice within an instant.
+    `timeout`, `make` and shells send a signal to a process and to its group: it arrives twice
+    within 0.1 s.
     """
 
     def __init__(self) -> None:
         self._last_s = -math.inf
 
     def is_new(self, now_s: float) -> bool:
-        """Whether a signal that comes now, by any clock, is a new wish."""
+        """Whether a signal at this time, by any clock, is a new one."""
         since_s, self._last_s = now_s - self._last_s, now_s
-        return since_s >= _ONE_WISH_S
+        return since_s >= _SAME_SIGNAL_S

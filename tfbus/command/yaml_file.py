@@ -1,20 +1,42 @@
-"""YAML values that know where they stand, so that every mistake gets its line and key."""
+"""Reads YAML files into values with places, so that a mistake has its file, line and key."""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 
-from tfbus.launch.place import LaunchError, Place, nearest
+from tfbus.errors import TfbusError
+from tfbus.wording import did_you_mean
 
 _NULL = "tag:yaml.org,2002:null"
+
+
+class YamlFileError(TfbusError):
+    """A file that cannot be read or is not YAML, or has a mistake: `file:line: key: reason`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A line (from 1) of a file and the key that stands there, `nodes[0].name`; "" for the file."""
+
+    path: str
+    line: int
+    key: str = ""
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, (f"{self.path}:{self.line}", self.key)))
+
+    def mistake(self, reason: str) -> YamlFileError:
+        """The error to raise for a mistake at this place."""
+        return YamlFileError(f"{self}: {reason}")
 
 
 class Value:
     """One value of a YAML document.
 
-    Every scalar is read as text, as it is written; whoever reads it converts it after
-    substitution. So `delay: ${delay}` and `delay: 2` obey one rule.
+    A scalar is its text as written; the reader converts it. So `delay: ${delay}` and `delay: 2`
+    obey one rule. Methods raise YamlFileError, at the place of the value, for another kind.
     """
 
     def __init__(self, node: yaml.Node, place: Place) -> None:
@@ -35,15 +57,15 @@ class Value:
         return bool(self._node.tag == _NULL)
 
     def text(self) -> str:
-        """The text of a scalar; LaunchFileError for a list, a mapping or nothing."""
+        """The text of a scalar."""
         if self.is_empty:
-            raise self.place.mistake("has no value; write one, or leave the key out")
+            raise self.place.mistake("has no value; write one, or omit the key")
         if not isinstance(self._node, yaml.ScalarNode):
             raise self._wrong_kind("one value")
         return str(self._node.value)
 
     def items(self) -> "list[Value]":
-        """The values of a list; LaunchFileError for anything else."""
+        """The values of a list."""
         if not isinstance(self._node, yaml.SequenceNode):
             raise self._wrong_kind("a list")
         place = self.place
@@ -53,7 +75,7 @@ class Value:
         ]
 
     def entries(self) -> "dict[str, Value]":
-        """The values of a mapping by key; LaunchFileError for anything else or a key twice."""
+        """The values of a mapping by key; a key must not stand there twice."""
         if not isinstance(self._node, yaml.MappingNode):
             raise self._wrong_kind("a mapping (lines of `key: value`)")
         entries: dict[str, Value] = {}
@@ -71,43 +93,39 @@ class Value:
         return entries
 
     def fields(self, known: Collection[str]) -> "dict[str, Value]":
-        """The entries of a mapping that may have the known keys only."""
+        """The entries of a mapping whose keys are all known."""
         entries = self.entries()
         for key, value in entries.items():
             if key not in known:
-                raise value.place.mistake(
-                    f"unknown key {key!r}{nearest(key, known)} Known here: {', '.join(known)}"
-                )
+                raise value.place.mistake(f"unknown key {key!r}{did_you_mean(key, known)}")
         return entries
 
-    def _wrong_kind(self, expected: str) -> LaunchError:
+    def _wrong_kind(self, expected: str) -> YamlFileError:
         found = "a list" if self.is_list else "a mapping" if self.is_mapping else "one value"
-        return self.place.mistake(
-            f"must be {expected}, and is {'empty' if self.is_empty else found}"
-        )
+        return self.place.mistake(f"must be {expected}, not {'empty' if self.is_empty else found}")
 
 
-def read_document(path: Path, shown: str) -> Value:
-    """The whole document in a YAML file, which errors call `shown`.
+def read_yaml_file(path: Path, content: str) -> Value:
+    """The whole document in a file, which must hold `content`, such as "a list of edges".
 
-    Raises LaunchFileError where it is not YAML, LaunchError where it cannot be read.
+    Raises YamlFileError if the file cannot be read, is not YAML, or is empty.
     """
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise Place(shown, mark.line + 1 if mark else 1).mistake(
+        raise Place(str(path), mark.line + 1 if mark else 1).mistake(
             f"is not YAML: {error.problem or error.context}"
         ) from error
     except yaml.YAMLError as error:
-        raise Place(shown, 1).mistake(f"is not YAML: {error}") from error
+        raise Place(str(path), 1).mistake(f"is not YAML: {error}") from error
     except UnicodeDecodeError as error:
-        raise LaunchError(f"{shown} is not a text file in UTF-8") from error
+        raise YamlFileError(f"{path} is not a text file in UTF-8") from error
     except OSError as error:
-        raise LaunchError(f"{shown} cannot be read: {error.strerror}") from error
+        raise YamlFileError(f"{path} cannot be read: {error.strerror}") from error
     if node is None:
-        raise Place(shown, 1).mistake("is empty; a launch file lists at least one node")
-    return Value(node, Place(shown, _line(node)))
+        raise Place(str(path), 1).mistake(f"is empty; write {content}")
+    return Value(node, Place(str(path), _line(node)))
 
 
 def _line(node: yaml.Node) -> int:

@@ -1,0 +1,48 @@
+"""The meter of transforms: what it measures of edges and streams on a live bus."""
+
+import math
+
+from tests.live_bus import Bus, eventually
+from tfbus import Transform, TransformBroadcaster, TransformStamped
+from tfbus.monitor.meter import EdgeFlow, TransformMeter
+
+S = 1_000_000_000
+
+
+def test_an_edge_has_its_gap_order_and_delays(bus: Bus) -> None:
+    """Gaps go from the newest stamp so far; older stamps and zeros are counted."""
+    meter = TransformMeter(bus.node("meter"), recent_s=math.inf)
+    robot = bus.node("robot")
+    broadcaster = TransformBroadcaster(robot)
+    now_ns = robot.now_ns()
+
+    def send(stamp_ns: int) -> bool:
+        broadcaster.send_transform(
+            TransformStamped(stamp_ns, "world", "base", Transform.identity())
+        )
+        return True
+
+    # What was sent before the meter found the robot does not count.
+    eventually(lambda: send(now_ns) and any(meter.edges()))
+    for stamp_ns in (now_ns + 2 * S, now_ns + S, 0, now_ns + 3 * S):
+        send(stamp_ns)
+
+    def flow() -> EdgeFlow:
+        return next(meter.edges())
+
+    eventually(lambda: flow().longest_gap_s == 2.0 and flow().out_of_order == 2)
+    assert (flow().stream, flow().parent, flow().child) == ("robot", "world", "base")
+    assert flow().at_zero == 1
+    least_s = flow().least_delay_s
+    assert least_s is not None and -3.1 < least_s < -2.0
+    assert flow().rate_hz is not None
+    assert meter.stream("robot").messages_hz > 0.0
+    assert 100 < meter.largest["robot"] < 1000
+
+
+def test_without_samples_nothing_is_measured(bus: Bus) -> None:
+    """An unknown stream has no load, and there are no edges."""
+    meter = TransformMeter(bus.node("meter"))
+    assert list(meter.edges()) == []
+    assert meter.stream("robot").bytes_per_s == 0.0
+    assert EdgeFlow("robot", "world", "base").least_delay_s is None

@@ -1,0 +1,98 @@
+"""The report of `tfbus monitor` as tables in a terminal."""
+
+from tfbus.cli.output import paint, table
+from tfbus.frames.state import State, state
+from tfbus.frames.text import conflicting
+from tfbus.monitor.report import Pair, Report
+from tfbus.wording import counted, duration
+
+_ROLES: dict[State, str] = {
+    "static": "faint",
+    "stale": "warning",
+    "gone": "bad",
+    "conflict": "bad",
+}
+
+# Written out too, for readers without colour.
+_WRITTEN: tuple[State, ...] = ("stale", "gone", "conflict")
+
+
+def as_lines(report: Report) -> list[str]:
+    """The report as tables."""
+    lines = _pair_lines(report.pair) if report.pair else []
+    if report.pair and report.pair.failure:
+        return lines
+    if not report.edges():
+        return ["No transform yet."]
+    return [*lines, *_edge_table(report), "", *_stream_table(report), *_dropped_lines(report)]
+
+
+def _pair_lines(pair: Pair) -> list[str]:
+    lines = [paint(f"{pair.target} -> {pair.source}", "heading")]
+    if pair.failure:
+        return [*lines, paint(f"No transform: {pair.failure}", "bad")]
+    lines.append(f"Chain: {' -> '.join(pair.chain)}")
+    if pair.net_delay_s:
+        delay = pair.net_delay_s
+        lines.append(
+            f"Net delay: p50 {duration(delay.p50)}, p95 {duration(delay.p95)}, "
+            f"p99 {duration(delay.p99)}, max {duration(delay.max)}"
+        )
+    if pair.held_back_by is None:
+        lines.append("Held back by: nothing, all edges are static")
+    else:
+        lines.append(f"Held back by: {pair.held_back_by}")
+    return [*lines, ""]
+
+
+def _edge_table(report: Report) -> list[str]:
+    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", "disordered")
+    conflicts = conflicting(report.tree)
+    rows = []
+    for frame in report.edges():
+        flow, delays = report.flow(frame), report.flow(frame).delays_s
+        its_state = state(report.tree, frame, conflicts)
+        if frame.static:
+            cells = ["static", "", "", "", "", ""]
+        else:
+            cells = [
+                "" if flow.rate_hz is None else f"{flow.rate_hz:.1f}",
+                "" if flow.jitter_s is None else duration(flow.jitter_s),
+                "" if delays is None else duration(delays.p50),
+                "" if delays is None else duration(delays.p99),
+                duration(report.tree.age_s(frame)),
+                str(flow.out_of_order),
+            ]
+        name = paint(frame.name, _ROLES[its_state]) if its_state in _ROLES else frame.name
+        by = frame.authority
+        if its_state in _WRITTEN:
+            by = paint(f"{by} {its_state.upper()}", _ROLES[its_state])
+        rows.append([name, by, *cells])
+    return table(headings, rows, right=range(2, len(headings)))
+
+
+def _stream_table(report: Report) -> list[str]:
+    headings = ("stream", "node", "host", "Hz", "kB/s", "missed", "clock")
+    rows = []
+    for stream in report.tree.streams.values():
+        flow = report.meter.stream(stream.name)
+        offset_s = stream.clock_offset_s
+        rows.append(
+            [
+                stream.name,
+                stream.node if stream.alive else paint(f"{stream.node} GONE", "bad"),
+                stream.host,
+                f"{flow.messages_hz:.1f}",
+                f"{flow.bytes_per_s / 1e3:.1f}",
+                str(stream.missed),
+                "" if offset_s is None else f"{'+' if offset_s >= 0 else ''}{duration(offset_s)}",
+            ]
+        )
+    return table(headings, rows, right=range(3, len(headings)))
+
+
+def _dropped_lines(report: Report) -> list[str]:
+    if not report.dropped:
+        return []
+    text = f"Dropped {counted(report.dropped, 'message')}: transforms come on too many keys"
+    return ["", paint(text, "bad")]

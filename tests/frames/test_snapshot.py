@@ -111,7 +111,7 @@ class TestProblems:
         assert self.problems(buffer) == [
             (
                 "disconnected",
-                "'odom' and 1 frame below it are a tree apart: no transform joins 'odom' to the "
+                "'odom' and 1 frame below it are a separate tree: no transform joins 'odom' to the "
                 "tree of 'map'",
             )
         ]
@@ -155,7 +155,7 @@ class TestProblems:
         """A frame that a publisher tells of but has not sent is told."""
         edges = (("world", "a"), ("a", "b"))
         assert self.problems(buffer_of(edges[0]), stream("sim", *edges)) == [
-            ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 tells of it")
+            ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 lists it")
         ]
 
     def test_gone_publishers(self) -> None:

@@ -77,10 +77,10 @@ def test_what_echo_wrote_is_read(form: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "has no pose in it"),
-        ("x,y\n1,2\n", "line 2 is no pose as `tfbus echo --format csv` or json writes it"),
-        ('{"stamp_ns": 1}\n', "line 1 is no pose"),
-        ("{\n", "line 1 is no pose"),
+        ("", "contains no pose"),
+        ("x,y\n1,2\n", "line 2 is not a pose as written by `tfbus echo --format csv` or json"),
+        ('{"stamp_ns": 1}\n', "line 1 is not a pose"),
+        ("{\n", "line 1 is not a pose"),
     ],
 )
 def test_a_file_of_something_else_is_refused(text: str, reason: str, tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ class TestExplain:
         tree = frame_tree(buffer, [sim, replace(sim, name="rival")], NOW_NS)
         told = explain(tree, buffer, "world", "arm")
         assert verdicts(told) == [("base", "ok"), ("arm", "warn")]
-        assert fault(told, "arm").reason == "the answer is of one of its publishers"
+        assert fault(told, "arm").reason == "the answer is from one of its publishers"
         assert told.remedies[0].startswith("'arm' is published by several at once: ")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
@@ -101,13 +101,13 @@ class TestExplain:
         """A name that is not known fails, with the nearest."""
         told = ask(buffer, "wrld", "arm")
         assert told.failure == "there is no frame 'wrld'; did you mean 'world'?"
-        assert told.remedies == ("use 'world', if that is meant",)
+        assert told.remedies == ("use 'world' if you mean that",)
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
         """A frame that only another namespace has is told with that namespace."""
         told = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
         assert told.remedies == (
-            "look from within its namespace, 'gripper' is known there: --namespace robot7",
+            "look from within its namespace, which has 'gripper': --namespace robot7",
             "look at all robots together, where it is 'robot7/gripper': --fleet",
             "start the node that publishes 'gripper'",
         )
@@ -130,16 +130,14 @@ class TestExplain:
         told = ask(buffer, "world", "arm", -3.0)
         assert verdicts(told) == [("base", "ok"), ("arm", "fail")]
         assert fault(told, "arm").reason == "the time is 1.0 s before its oldest sample"
-        assert told.remedies == (
-            "ask for a later time; what publishers have not kept, nobody knows",
-        )
+        assert told.remedies == ("query a later time: no publisher has kept older samples",)
 
     def test_the_edge_that_is_late_is_told(self, buffer: Buffer) -> None:
         """A time after the newest sample fails; waiting helps."""
         told = ask(buffer, "camera", "base", 0.5)
         assert verdicts(told) == [("camera", "ok"), ("base", "fail")]
         assert fault(told, "base").reason == "the time is 500 ms after its newest sample"
-        assert told.remedies == ("wait for it (timeout_s), or ask for the latest",)
+        assert told.remedies == ("wait for it (timeout_s), or query the latest",)
 
     def test_a_publisher_that_is_gone_is_told(self, buffer: Buffer) -> None:
         """What is known has an answer still, but whoever sent it is to be started again."""
@@ -156,7 +154,7 @@ class TestExplain:
         moving(buffer, "arm", "hand", oldest_s=9.0, newest_s=5.0)
         told = ask(buffer, "base", "hand")
         assert verdicts(told) == [("arm", "ok"), ("hand", "warn")]
-        assert fault(told, "hand").reason == "nothing has come for 5.0 s"
+        assert fault(told, "hand").reason == "no sample for 5.0 s"
         assert "/sim on lab, pid 7 still sends 'hand'" in told.remedies[0]
 
     def test_a_clock_that_is_off_is_told(self, buffer: Buffer) -> None:
@@ -164,7 +162,7 @@ class TestExplain:
         stream = StreamInfo("sim", "/sim", "lab", 7, alive=True, clock_offset_s=-2.5)
         told = ask(buffer, "world", "base", stream=stream)
         assert fault(told, "base").reason == "the clock of its publisher is 2.5 s behind ours"
-        assert told.remedies == ("set the clock of lab by NTP, as ours",)
+        assert told.remedies == ("synchronize the clocks of lab and this host by NTP",)
 
     def test_problems_of_the_tree_on_the_path_are_told(self, buffer: Buffer) -> None:
         """A loop, or what is told of and does not come, is why two frames are not joined."""
@@ -175,8 +173,8 @@ class TestExplain:
         alive = StreamInfo("sim", "/sim", "lab", 7, alive=True, frames=(("isle", "new", False),))
         told = ask(buffer, "world", "palm", stream=alive)
         assert told.remedies[-1] == (
-            "no transform of 'new' has come, though /sim on lab, pid 7 tells of it: "
-            "look whether it is sent at all: tfbus topic hz tf"
+            "no transform of 'new' has come, though /sim on lab, pid 7 lists it: "
+            "check that it is sent at all: tfbus topic hz tf"
         )
 
 
@@ -209,7 +207,7 @@ class TestCommand:
         code, lines = self.run(bus, "world", "camera", "--at", "+60s")
         assert code == 1
         assert lines[0].endswith(": no answer")
-        assert lines[-1] == "  - wait for it (timeout_s), or ask for the latest"
+        assert lines[-1] == "  - wait for it (timeout_s), or query the latest"
         assert max(map(len, lines)) <= 80
         done = bus.run("why", "world", "camera", "--at", "soon")
         assert done.returncode == 2

@@ -5,7 +5,8 @@ from collections import defaultdict
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, Verdict, found
 from tfbus.frames.snapshot import ProblemKind, who
-from tfbus.wording import counted
+from tfbus.frames.state import silent_s, state
+from tfbus.wording import counted, duration
 
 _MOST_SENTENCES = 10
 
@@ -58,6 +59,23 @@ def check_gone(seen: Examination) -> Finding:
     return _of_tree(seen, "gone", "warn", "start it again, or take its frames out of the tree")
 
 
+def check_stale(seen: Examination) -> Finding:
+    """Samples of each dynamic frame still come."""
+    tree = seen.tree
+    sentences = [
+        f"no sample of {frame.name!r} for {duration(silent_s(tree, frame))}: "
+        f"{who(tree.publisher(frame))}"
+        for frame in tree.frames.values()
+        if state(tree, frame) == "stale"
+    ]
+    return found(
+        "warn",
+        _first_of(sentences),
+        "see whether its node still sends (tfbus monitor), and what it waits for",
+        counted(len(tree.frames), "frame"),
+    )
+
+
 def check_silent(seen: Examination) -> Finding:
     """Each frame that is told of is sent."""
     return _of_tree(
@@ -88,7 +106,11 @@ def check_static_dynamic(seen: Examination) -> Finding:
 
 def _of_tree(seen: Examination, kind: ProblemKind, verdict: Verdict, remedy: str) -> Finding:
     sentences = [problem.text for problem in seen.tree.problems() if problem.kind == kind]
-    if len(sentences) > _MOST_SENTENCES:
-        rest = len(sentences) - _MOST_SENTENCES
-        sentences = [*sentences[:_MOST_SENTENCES], f"and {rest} more of this kind"]
-    return found(verdict, sentences, remedy, counted(len(seen.tree.frames), "frame"))
+    return found(verdict, _first_of(sentences), remedy, counted(len(seen.tree.frames), "frame"))
+
+
+def _first_of(sentences: list[str]) -> list[str]:
+    rest = len(sentences) - _MOST_SENTENCES
+    if rest <= 0:
+        return sentences
+    return [*sentences[:_MOST_SENTENCES], f"and {rest} more of this kind"]

@@ -8,8 +8,7 @@ from tfbus.cli.output import paint, table
 from tfbus.errors import TransformException
 from tfbus.frames.listening import Listening
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import State, state
-from tfbus.frames.text import conflicting
+from tfbus.frames.state import State, faults, state
 from tfbus.monitor.meter import EdgeFlow, TransformMeter
 from tfbus.monitor.window import Spread, Window, spread_of
 from tfbus.wording import counted, duration
@@ -21,9 +20,6 @@ _ROLES: dict[State, str] = {
     "gone": "bad",
     "conflict": "bad",
 }
-
-# What is said in words too, for those who see no colour.
-_TOLD: tuple[State, ...] = ("stale", "gone", "conflict")
 
 _NO_FLOW = EdgeFlow("", "", "", None, None, None, 0)
 
@@ -148,11 +144,10 @@ def _pair_lines(pair: Pair) -> list[str]:
 
 def _edge_table(report: Report) -> list[str]:
     headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", "disordered")
-    conflicts = conflicting(report.tree)
     rows = []
     for frame in report.edges():
         flow, delays = report.flow(frame), report.flow(frame).delays_s
-        told = state(report.tree, frame, conflicts)
+        told = state(report.tree, frame)
         if frame.static:
             cells = ["static", "", "", "", "", ""]
         else:
@@ -166,8 +161,8 @@ def _edge_table(report: Report) -> list[str]:
             ]
         name = paint(frame.name, _ROLES[told]) if told in _ROLES else frame.name
         by = frame.authority
-        if told in _TOLD:
-            by = paint(f"{by} {told.upper()}", _ROLES[told])
+        if wrong := faults(report.tree, frame):
+            by = paint(f"{by} {', '.join(wrong).upper()}", _ROLES[told])
         rows.append([name, by, *cells])
     return table(headings, rows, right=range(2, len(headings)))
 

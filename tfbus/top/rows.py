@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.discover.graph import Graph
-from tfbus.frames.state import State, state
-from tfbus.frames.text import conflicting
+from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import duration
@@ -53,10 +52,9 @@ class Table:
 
 def frames_table(report: Report) -> Table:
     """Each frame: where it hangs, who sends it, and how it comes; of a root that it is one."""
-    conflicts = conflicting(report.tree)
     rows = []
     for frame in report.tree.frames.values():
-        told = state(report.tree, frame, conflicts)
+        told = state(report.tree, frame)
         if frame.parent is None:
             cells = (_text(frame.name), *[_text("")] * 2, *[Cell.of(None, "")] * 4, _text(told))
             rows.append(Row(frame.name, cells, told))
@@ -71,7 +69,7 @@ def frames_table(report: Report) -> Table:
             Cell.of_time(report.tree.age_s(frame)),
             Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
             Cell.of_time(flow.jitter_s),
-            _text("" if told in ("dynamic", "static") else told),
+            _text(", ".join(faults(report.tree, frame))),
         )
         rows.append(Row(frame.name, cells, told))
     headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")

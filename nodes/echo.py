@@ -26,7 +26,7 @@ from tfbus import (
 )
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.command.names import own_name
-from tfbus.frames.blocks import (
+from tfbus.frames import (
     CSV_HEADER,
     Numbers,
     csv_line,

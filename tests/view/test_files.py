@@ -22,7 +22,7 @@ def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_
     Arm(bus.node("arm"))
     process, address = start_view(bus, "--settings", str(path))
     view = View(pages.new_page(), address)
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.tab("View")
     view.field("Only").fill("tool(")
     mistake = view.page.get_by_role("alert").filter(has_text="no regular expression")
@@ -53,7 +53,7 @@ def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path:
     _, address = start_view(bus, "--urdf", str(urdf))
     Arm(bus.node("arm"))
     view = View(pages.new_page(), address)
-    view.wait_for_status("base", "fresh")
+    view.wait_for_status("base", "dynamic")
     said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
     assert "--package-path names the folder with package 'arm'" in said.inner_text()
 

@@ -19,7 +19,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     arm = bus.node("arm")
     Arm(arm)
     view.headline("4 frames, seen from map")
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.wait_for_status("lamp", "static")
     view.wait_for_status("map", "root")
 
@@ -52,7 +52,7 @@ def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
     _, address = start_view(bus)
     Arm(bus.node("arm"))
     view = View(pages.new_page(), address)
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.select("tool")
 
     def x_m() -> float:
@@ -78,7 +78,7 @@ def test_what_one_browser_chooses_all_of_them_show(bus: Bus, pages: Any) -> None
     Arm(bus.node("arm"))
     views = [View(pages.new_page(), address) for _ in range(3)]
     for view in views:
-        view.wait_for_status("tool", "fresh")
+        view.wait_for_status("tool", "dynamic")
     views[0].page.get_by_role("button", name="none").click()
     for view in views:
         eventually(

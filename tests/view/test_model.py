@@ -11,7 +11,7 @@ from tfbus import Buffer, SettingsError, Transform, TransformStamped
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
 from tfbus.view.model.filter import NameFilter, PatternError
-from tfbus.view.model.frames import FADED, Frames, frames_of, opacity_of
+from tfbus.view.model.frames import FADED, Frames, fading, frames_of
 from tfbus.view.model.placement import arrow_points, arrow_rows, newest_common_ns, place, trail
 from tfbus.view.model.playback import Playback
 from tfbus.view.model.settings import ViewSettings, load_settings, save_settings
@@ -59,8 +59,8 @@ def look(
 def test_a_stale_frame_only_fades(one_s: float, other_s: float, limit_s: float) -> None:
     """The longer a frame is silent the lower its opacity, but never below a quarter."""
     early, late = sorted((one_s, other_s))
-    before = opacity_of("stale", limit_s + early, limit_s)
-    after = opacity_of("stale", limit_s + late, limit_s)
+    before = fading(limit_s + early, limit_s)
+    after = fading(limit_s + late, limit_s)
     assert FADED <= after <= before <= 1.0
 
 

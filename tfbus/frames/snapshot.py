@@ -42,10 +42,16 @@ class FrameTree:
     recorded_ns: int
 
     @cached_property
+    def trees(self) -> list[list[tuple[int, FrameInfo]]]:
+        """Whole trees as `walk` gives them: the largest first, then by the names of their roots."""
+        roots = [frame.name for frame in self.frames.values() if frame.parent is None]
+        trees = [list(self.walk(root)) for root in sorted(roots)]
+        return sorted(trees, key=len, reverse=True)
+
+    @property
     def roots(self) -> list[FrameInfo]:
         """The frames without a parent: the root of the largest tree first, then by name."""
-        roots = [frame for frame in self.frames.values() if frame.parent is None]
-        return sorted(roots, key=lambda root: (-len(self.below(root.name)), root.name))
+        return [tree[0][1] for tree in self.trees]
 
     def below(self, frame: str) -> list[str]:
         """All frames below this one, a parent always before its children."""
@@ -62,7 +68,8 @@ class FrameTree:
 
     def children(self, frame: str) -> list[str]:
         """The frames directly below this one, by name."""
-        return sorted(child for child in self.frames[frame].children if child in self.frames)
+        # A buffer lists them by name.
+        return [child for child in self.frames[frame].children if child in self.frames]
 
     def age_s(self, frame: FrameInfo) -> float | None:
         """How old the newest stamp of a frame is, in s; None for a static frame, or no sample."""
@@ -82,8 +89,11 @@ class FrameTree:
 
     def publishers(self, frame: FrameInfo) -> tuple[str, ...]:
         """The living streams that list a frame, by name; without any, that of its last sample."""
-        living = {stream.name for _, stream in self.claims.get(frame.name, ())}
-        return tuple(sorted(living)) or tuple(filter(None, (frame.authority,)))
+        if frame.name in self.conflicts:
+            return tuple(sorted({stream.name for _, stream in self.claims[frame.name]}))
+        if frame.name in self.claims:
+            return (self.claims[frame.name][0][1].name,)
+        return (frame.authority,) if frame.authority else ()
 
     @cached_property
     def claims(self) -> Claims:
@@ -101,7 +111,7 @@ class FrameTree:
         return frozenset(
             child
             for child, claimed in self.claims.items()
-            if len({stream.name for _, stream in claimed}) > 1
+            if len(claimed) > 1 and len({stream.name for _, stream in claimed}) > 1
         )
 
     def problems(self) -> list[Problem]:

@@ -17,7 +17,7 @@ FADED = 0.25
 class ViewFrame:
     """A frame as the page shows it.
 
-    `silent_s` is for how long no sample has come, 0 for a static frame; `opacity` is from FADED to
+    `silent_s` is for how long a stale frame has had no sample, else 0; `opacity` is from FADED to
     1. `publishers` are the streams that send it, several in a conflict. `depth` is the number of
     frames above it. `unplaced` says why it cannot be drawn, "" if it can.
     """
@@ -73,31 +73,24 @@ class Frames:
 def frames_of(tree: FrameTree, buffer: Buffer, fixed_frame: str) -> Frames:
     """The frames of a tree, a snapshot of the buffer, to be seen from the fixed frame."""
     frames = []
-    for root in tree.roots:
-        unplaced = _why_apart(buffer, fixed_frame, root.name)
-        for depth, info in tree.walk(root.name):
-            judged, silence_s = state(tree, info), silent_s(tree, info) or 0.0
+    for whole in tree.trees:
+        root = whole[0][1].name
+        unplaced = _why_apart(buffer, fixed_frame, root)
+        for depth, info in whole:
+            judged = state(tree, info)
+            silence_s, opacity = 0.0, FADED if judged == "gone" else 1.0
+            if judged == "stale":
+                silence_s = silent_s(tree, info) or 0.0
+                opacity = fading(silence_s, stale_after_s(info))
+            publishers = tree.publishers(info)
             frames.append(
-                ViewFrame(
-                    info,
-                    judged,
-                    silence_s,
-                    opacity_of(judged, silence_s, stale_after_s(info)),
-                    tree.publishers(info),
-                    root.name,
-                    depth,
-                    unplaced,
-                )
+                ViewFrame(info, judged, silence_s, opacity, publishers, root, depth, unplaced)
             )
     return Frames(frames)
 
 
-def opacity_of(state: State, silence_s: float, stale_after_s: float) -> float:
-    """The opacity of a frame, from 1 down to FADED: lower the longer it is stale."""
-    if state == "gone":
-        return FADED
-    if state != "stale":
-        return 1.0
+def fading(silence_s: float, stale_after_s: float) -> float:
+    """The opacity of a stale frame, from 1 down to FADED: lower the longer it is stale."""
     faded = min((silence_s - stale_after_s) / (2.0 * stale_after_s), 1.0)
     return 1.0 - (1.0 - FADED) * faded
 

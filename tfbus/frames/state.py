@@ -50,7 +50,7 @@ def state(tree: FrameTree, frame: FrameInfo) -> State:
 
 
 def faults(tree: FrameTree, frame: FrameInfo) -> tuple[Fault, ...]:
-    """What is wrong with a frame, the worst first: ("gone", "conflict") where it is both."""
+    """What is wrong with a frame, the worst first: ("gone", "conflict") if it is both."""
     if frame.parent is None:
         return ()
     found: tuple[Fault, ...] = ("gone",) if frame.gone else ()

@@ -92,7 +92,7 @@ class TurtlePanel:
             group.on_click(lambda event: acts[group.value]())
 
         button(
-            gui.add_button_group("Ask for", ("Teleport", "Spawn", "Kill")),
+            gui.add_button_group("Call", ("Teleport", "Spawn", "Kill")),
             {
                 "Teleport": lambda: turtles.teleport(self._turtle.value, *chosen()),
                 "Spawn": lambda: turtles.spawn(*chosen(), name.value),

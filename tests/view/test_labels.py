@@ -88,7 +88,8 @@ def test_no_name_lies_over_another(places: list[tuple[float, float]], size: floa
     written = readable(frames, xyz, ViewSettings(), size, ABOVE)
     assert len(written) <= MOST
     rows = [int(name.removeprefix("frame")) for name in written]
-    pixels, _ = ABOVE.project(xyz[rows])
+    # A name is written above its frame, by 0.35 of an axis.
+    pixels, _ = ABOVE.project(xyz[rows] + (0.0, 0.0, 0.35 * size))
     half_px = np.array([6.2 * len(text) / 2.0 for text in written.values()])
     apart = np.abs(pixels[:, None] - pixels[None])
     covered = (apart[..., 0] < half_px[:, None] + half_px) & (apart[..., 1] < 17.0)

@@ -25,7 +25,7 @@ from tfbus import (
     node_options,
 )
 from tfbus.command import Moment, MomentType, own_name
-from tfbus.frames.blocks import (
+from tfbus.frames import (
     CSV_HEADER,
     Numbers,
     csv_line,

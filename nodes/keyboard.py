@@ -1,13 +1,13 @@
-"""Keys out of the bytes that a terminal sends.
+"""Keys from the bytes that a terminal sends.
 
 A key is a name: the character itself (`g`, `Q`), an arrow (`up`, `down`, `left`, `right`),
-`escape`, or `other` for every key that has no name here. An escape sequence is always read as a
-whole, so that no letter within it is taken for a typed one.
+`escape`, or `other` for every other key. An escape sequence is always read as a whole, so that no
+letter in it is taken for a typed one.
 """
 
 import re
 
-# Where sequences end is said by ECMA-48, section 5.4 (CSI) and xterm's ctlseqs (SS3, strings).
+# Where sequences end: ECMA-48, section 5.4 (CSI), and xterm's ctlseqs (SS3, strings).
 _KEY = re.compile(
     rb"""
       \x1b\[\[ .                                 # function keys of the Linux console
@@ -27,13 +27,13 @@ _ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 
 
 class KeyReader:
-    """Turns bytes into keys; a sequence that comes in pieces is kept until its end is there."""
+    """Turns bytes into keys; keeps the pieces of a sequence until it is complete."""
 
     def __init__(self) -> None:
         self._pending = b""
 
     def feed(self, data: bytes) -> list[str]:
-        """The keys that are complete with these bytes, in the order in which they were typed."""
+        """The keys that these bytes complete, in the order they were typed."""
         keys = []
         self._pending += data
         while match := _KEY.match(self._pending):
@@ -42,7 +42,7 @@ class KeyReader:
         return keys
 
     def flush(self) -> list[str]:
-        """The key of what is still pending, when nothing has followed it for a while."""
+        """The key that the pending bytes stand for if nothing follows them."""
         pending, self._pending = self._pending, b""
         return ["escape" if pending == b"\x1b" else "other"] if pending else []
 

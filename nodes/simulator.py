@@ -1,11 +1,11 @@
-"""turtlesim on the bus: turtles that drive by `<turtle>/cmd_vel` and tell their `<turtle>/pose`.
+"""turtlesim on the bus: turtles that follow `<turtle>/cmd_vel` and publish `<turtle>/pose`.
 
     tfbus simulator
     tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'
 
-Services: spawn, kill, clear, reset, field; for each turtle set_pen, teleport_absolute,
-teleport_relative, and the goal rotate_absolute. Parameters, at any time: background_r,
-background_g, background_b, holonomic. Closing the window ends the simulator.
+Services: spawn, kill, clear, reset, field; per turtle set_pen, teleport_absolute,
+teleport_relative, and the action rotate_absolute. Parameters: background_r, background_g,
+background_b, holonomic. Closing the window ends the simulator.
 """
 
 import zlib
@@ -26,12 +26,12 @@ from .turtle.world import BACKGROUND, Snapshot, World
 FRAME_S = 1.0 / 60.0
 TICK_NS = round(TICK_S * 1e9)
 
-# A jump of the simulated time moves the turtles by ten seconds at most.
+# A jump of the simulated time moves the turtles by at most 10 s.
 MOST_STEPS = round(10.0 / TICK_S)
 
 
 class Simulator:
-    """A world that lives on a node's thread, in steps of 16 ms; poses are stamped by its clock."""
+    """A world that runs on a node's thread, in steps of 16 ms, with poses stamped by its clock."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -52,7 +52,7 @@ class Simulator:
         self.world = World(node.log)
         self._take_parameters()
         self._interfaces: dict[str, TurtleInterface] = {}
-        self._meet_turtles()
+        self._update_interfaces()
         node.create_service(Spawn, "spawn", self._spawn)
         node.create_service(Kill, "kill", self._kill)
         node.create_service(Empty, "clear", self._clear)
@@ -71,7 +71,7 @@ class Simulator:
             interface.publish(stamp_ns)
 
     def _steps(self) -> int:
-        """How many steps have come: simulated time may bring several at once."""
+        """How many steps are due: simulated time may bring several at once."""
         if not self._node.clock.is_simulated:
             return 1
         elapsed_ns = self._node.clock.elapsed_ns()
@@ -83,8 +83,8 @@ class Simulator:
         self.world.background = Color(*(part.value for part in self._background))
         self.world.holonomic = self._holonomic.value
 
-    def _meet_turtles(self) -> None:
-        """Let every turtle of the world, and no other, have its interface."""
+    def _update_interfaces(self) -> None:
+        """Give every turtle of the world an interface, and remove those of others."""
         for name in set(self._interfaces) - set(self.world.turtles):
             self._interfaces.pop(name).close()
         for name in self.world.turtles:
@@ -93,12 +93,12 @@ class Simulator:
 
     def _spawn(self, request: Spawn.Request) -> Spawn.Response:
         turtle = self.world.spawn(request.x, request.y, request.theta, request.name)
-        self._meet_turtles()
+        self._update_interfaces()
         return Spawn.Response(turtle.name)
 
     def _kill(self, request: Kill.Request) -> Kill.Response:
         self.world.kill(request.name)
-        self._meet_turtles()
+        self._update_interfaces()
         return Kill.Response()
 
     def _clear(self, request: Empty.Request) -> Empty.Response:
@@ -107,13 +107,13 @@ class Simulator:
 
     def _reset(self, request: Empty.Request) -> Empty.Response:
         self.world.reset()
-        self._meet_turtles()
+        self._update_interfaces()
         return Empty.Response()
 
     def _field(self, request: Field.Request) -> Field.Response:
-        """What the field looks like; the picture only for those who do not have it yet."""
+        """The field; without the picture if the client already has this version."""
         snapshot = self.world.snapshot()
-        # Not the number alone: another simulator of this name counts from zero again.
+        # Not the number alone: a restarted simulator counts from zero again.
         version = f"{self._node.started_ns}-{snapshot.version}"
         is_known = request.version == version
         ink = b"" if is_known else zlib.compress(snapshot.ink.tobytes(), level=1)
@@ -127,12 +127,12 @@ class Simulator:
     "--screenshot",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Save a picture of the field when the simulator ends: turtles.png.",
+    help="Save a picture of the field, such as turtles.png, when the simulator ends.",
 )
 @node_options("sim")
 def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> None:
-    """Turtles on a field: drive them, watch their poses (turtlesim)."""
-    if screenshot:  # a file that cannot be written is told of now, not after an hour
+    """Simulate turtles to drive and to watch (turtlesim)."""
+    if screenshot:  # to fail now, not after an hour, if the file cannot be written
         save_picture(World().snapshot(), screenshot)
     with Node.from_settings(settings) as node:
         simulator = Simulator(node)
@@ -145,12 +145,12 @@ def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> Non
 
 
 def _show(node: Node, world: World) -> None:
-    """Show the world in a window until it is closed or the node ends; without one, just run."""
+    """Show the world in a window until it or the node is closed; without a display, just run."""
     frames: deque[Snapshot] = deque(maxlen=1)
     try:
         with Window(f"{node.full_name} - tfbus simulator") as window:
-            # The world belongs to the node's thread, the window to this one. It is looked at in
-            # real time, also while the world stands still.
+            # The world belongs to the node's thread, the window to this one. The window is drawn in
+            # real time, also while a simulated time stands still.
             clock = SystemClock()
             node.create_timer(FRAME_S, lambda: frames.append(world.snapshot()), clock=clock)
             node.ready()

@@ -39,10 +39,10 @@ QUIT = ("q", "Q", "\x03")
 
 _STANDARD_INPUT = 0
 
-# By then the rest of an escape sequence that came in pieces is there.
+# By then the rest of an escape sequence that came in pieces has arrived.
 _PAUSE_S = 0.5
 
-# A key that is pressed at once comes before the bus has told us of the turtle.
+# The first key waits this long for the turtle to be discovered.
 _FIRST_LOOK_S = 1.0
 
 
@@ -65,7 +65,7 @@ class Driver:
         self._patience_s = _FIRST_LOOK_S
 
     def press(self, key: str) -> None:
-        """Do what the key is for, in upper or lower case; nothing where it is for nothing."""
+        """Do what the key is for, in upper or lower case; ignores other keys."""
         key = key.lower()
         if key in DRIVES:
             self._drive(*DRIVES[key])
@@ -90,12 +90,12 @@ class Driver:
         self._cancel_rotation = goal.cancel
 
     def _sees_turtle(self) -> bool:
-        """Whether somebody obeys the keys; says once if not."""
+        """Whether the turtle is on the bus; warns once if not."""
         is_there = self._rotations.wait_for_server(self._patience_s)
         self._patience_s = 0.0
         if not is_there and not self._was_missed:
             self._log.warning(
-                "There is no %s: start the simulator (tfbus simulator), or name another turtle "
+                "No turtle %r: start the simulator (tfbus simulator), or name another turtle "
                 "(--turtle)",
                 self._turtle,
             )
@@ -104,7 +104,7 @@ class Driver:
 
 
 def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
-    """Obey the keys until one of them quits, or the node is shut down."""
+    """Follow the keys until one of them quits, or the node is shut down."""
     reader = KeyReader()
     while node.ok:
         data = terminal.read(_PAUSE_S)

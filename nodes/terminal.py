@@ -1,4 +1,4 @@
-"""A terminal that hands over every key at once, and is left as it was found."""
+"""A terminal that passes on every key at once, and gets its modes back afterwards."""
 
 import atexit
 import os
@@ -13,36 +13,35 @@ from typing import Any
 
 from tfbus import TfbusError
 
-# Signals that end or stop a process without its doing. Those that tfbus handles itself (SIGINT
-# and SIGTERM) end the `with` and need nothing here.
+# Signals that end or stop a process by default. SIGINT and SIGTERM, which tfbus handles, end the
+# `with` and need nothing here.
 _LEAVING = (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
 
 
 class NoTerminalError(TfbusError):
-    """There is no terminal where one is needed, or it has gone."""
+    """Standard input is no terminal, or its terminal has gone."""
 
 
 class RawTerminal:
-    """The terminal `fd` without echo and without waiting for Enter, while its `with` lasts.
+    """The terminal `fd`, inside its `with`, without echo and without waiting for Enter.
 
     Ctrl-C and Ctrl-Z stay signals, and output stays as it is. However the process ends or stops,
-    short of SIGKILL, the terminal gets back the modes it had; when the process goes on after
-    Ctrl-Z it is raw again. To be used in the main thread. Raises NoTerminalError where `fd` is
-    no terminal.
+    except by SIGKILL, the terminal gets its modes back; it is raw again when the process continues
+    after Ctrl-Z. For the main thread only. Raises NoTerminalError if `fd` is no terminal.
     """
 
     def __init__(self, fd: int):
         if not os.isatty(fd):
             raise NoTerminalError(
-                "keys are read from a terminal, and standard input is none: run this in a "
-                "terminal of its own (over ssh: ssh -t)"
+                "standard input is no terminal to read keys from: run this in its own terminal "
+                "(over ssh: ssh -t)"
             )
         self._fd = fd
         self._found = termios.tcgetattr(fd)
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> "RawTerminal":
-        # For a signal that ends the process between here and the `with`.
+        # For a signal that ends the process before the body of the `with`.
         atexit.register(self._restore)
         for number in (*_LEAVING, signal.SIGCONT):
             self._previous[number] = signal.getsignal(number)
@@ -58,7 +57,7 @@ class RawTerminal:
         atexit.unregister(self._restore)
 
     def read(self, timeout_s: float) -> bytes:
-        """What was typed, as soon as there is something; b"" where nothing was in time.
+        """The next bytes typed; b"" after the timeout.
 
         Raises NoTerminalError when the terminal has gone.
         """
@@ -75,17 +74,17 @@ class RawTerminal:
             tty.setcbreak(self._fd, termios.TCSANOW)
 
     def _restore(self) -> None:
-        # A terminal that has hung up has no modes any more.
+        # A terminal that has hung up has no modes.
         with suppress(termios.error):
             termios.tcsetattr(self._fd, termios.TCSANOW, self._found)
 
     def _leave(self, number: int, frame: FrameType | None) -> None:
-        """Leave the terminal as it was, and let the signal do what it does."""
+        """Restore the terminal, and let the signal take its default action."""
         self._restore()
         signal.signal(number, signal.SIG_DFL)
-        # To this very thread: it takes effect before the next line.
+        # To this thread: it takes effect before the next line.
         signal.pthread_kill(threading.get_ident(), number)
-        # Only from a stop is there a way back.
+        # Reached only after a stop.
         signal.signal(number, self._leave)
         self._make_raw()
 

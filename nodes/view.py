@@ -19,40 +19,39 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.view.model.settings import ViewSettings, holds_settings, load
-from tfbus.view.model.urdf import read_urdf
+from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
-    from tfbus.view.screenshot import Screenshot
+    from tfbus.view import Screenshot
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 def _picture(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
     if path is not None and path.suffix != ".png":
-        raise click.BadParameter(f"{path} is to end with .png")
+        raise click.BadParameter(f"{path} must end with .png")
     if path is not None and not path.parent.is_dir():
-        raise click.BadParameter(f"there is no folder {path.parent} to write {path.name} into")
+        raise click.BadParameter(f"no folder {path.parent} to write {path.name} into")
     return path
 
 
 def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     if not (text.isdecimal() and 1 <= int(text) <= 65535):
-        raise click.BadParameter(f"{text!r} is not the number of a port: 1 to 65535")
+        raise click.BadParameter(f"{text!r} is not a port number from 1 to 65535")
     return int(text)
 
 
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 100 <= int(width) <= 8000):
-        raise click.BadParameter(f"{text!r} is not of the form 1280x800")
-    if not 100 <= int(height) <= 8000:
-        raise click.BadParameter(f"{text!r}: a height from 100 to 8000 pixels is wanted")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise click.BadParameter(f"{text!r} is not a size like 1280x800")
+    if not all(100 <= int(side) <= 8000 for side in (width, height)):
+        raise click.BadParameter(f"{text!r}: width and height must be from 100 to 8000 pixels")
     return int(width), int(height)
 
 
 @click.command(epilog="Example: tfbus view --port 8080")
-@click.option("--host", default="127.0.0.1", help="Where to listen; 127.0.0.1.")
+@click.option("--host", default="127.0.0.1", help="The address to listen at; 127.0.0.1.")
 @click.option(
     "--port",
     default="8080",
@@ -65,51 +64,51 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     "history_s",
     type=Number(least=1.0, most=3600.0),
     default=30.0,
-    help="How many seconds back one can see; 30.",
+    help="How many seconds the page can go back; 30.",
 )
 @click.option(
     "--rate",
     "rate_hz",
     type=Number(least=1.0, most=60.0),
     default=30.0,
-    help="Updates a second; 30.",
+    help="Updates per second; 30.",
 )
 @click.option(
     "--settings",
     "path",
     type=_FILE,
     metavar="FILE",
-    help="The view's settings, where the page saves them too; view.yaml.",
+    help="Read the page's settings here, and save them here; view.yaml.",
 )
-@click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links on their frames.")
+@click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links at their frames.")
 @click.option(
     "--package-path",
     "package_path",
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     multiple=True,
     metavar="DIR",
-    help="Where packages of the URDF's meshes are; again for more.",
+    help="A folder with packages of the URDF's meshes; repeatable.",
 )
 @click.option(
     "--screenshot",
     type=_FILE,
     metavar="FILE",
     callback=_picture,
-    help="Save a picture of the page and exit: out.png.",
+    help="Save a picture of the page, such as out.png, and exit.",
 )
 @click.option(
     "--after",
     "after_s",
     type=Number(least=0.0, most=3600.0),
     default=3.0,
-    help="Take the picture after so many seconds; 3.",
+    help="Take the picture after this many seconds; 3.",
 )
 @click.option(
     "--size",
     default="1280x800",
     callback=_size,
     metavar="WxH",
-    help="The picture's size in pixels; 1280x800.",
+    help="The picture's width and height in pixels; 1280x800.",
 )
 @node_options("view")
 def main(
@@ -128,26 +127,26 @@ def main(
     """Show all frames in a browser."""
     if settings.config and holds_settings(Path(settings.config)):
         raise click.UsageError(
-            f"{settings.config} has a view's settings; --config is for Zenoh's configuration: "
+            f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {settings.config}"
         )
     robot = read_urdf(urdf, package_path) if urdf else []
     is_new = path is not None and not path.exists()
-    chosen = load(path) if path and not is_new else ViewSettings()
+    chosen = load_settings(path) if path and not is_new else ViewSettings()
     _require_viser()
-    from tfbus.view.origin import is_local
-    from tfbus.view.page import Page, Serving
-    from tfbus.view.screenshot import Screenshot, find_browser
+    from tfbus.view import Page, Screenshot, Serving, find_browser, is_local
+
+    from .turtle.view.guest import TurtleGuest
 
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     with _join(settings) as node:
         buffer = Buffer(history_s)
         with TransformListener(buffer, node) as listener:
-            page = Page(node, buffer, listener, serving, robot)
+            page = Page(node, buffer, listener, serving, robot, (TurtleGuest(node),))
             if not is_local(host):
                 node.log.warning(
-                    "Whoever reaches %s can see the frames and drive the turtles: there is no "
+                    "Anyone who reaches %s can see the frames and drive the turtles: there is no "
                     "password. A tunnel is safer: ssh -L %d:127.0.0.1:%d this-machine",
                     page.address,
                     port,
@@ -158,7 +157,7 @@ def main(
                     shot.begin(page.address, page.hold, node.shutdown)
                 node.ready(f"View: {page.address}")
                 if is_new:
-                    node.log.info("%s is new: Save settings writes it", path)
+                    node.log.info("%s does not exist yet: Save settings writes it", path)
                 page.run()
             finally:
                 if shot:
@@ -170,7 +169,7 @@ def main(
 
 
 def _finish(shot: "Screenshot") -> None:
-    """End the picture's browser; whoever waits for the picture is told that it did not come."""
+    """End the picture's browser; without a picture, with the exit code of Ctrl-C."""
     try:
         shot.finish()
     except KeyboardInterrupt:
@@ -178,24 +177,22 @@ def _finish(shot: "Screenshot") -> None:
 
 
 def _join(settings: NodeSettings) -> Node:
-    """The view's node. Raises SettingsError, which names --settings where those may be meant."""
+    """The view's node. Raises SettingsError; for a YAML file it points to --settings."""
     try:
         return Node.from_settings(settings)
     except SettingsError as error:
         if Path(settings.config).suffix not in (".yaml", ".yml"):
             raise
         raise SettingsError(
-            f"{error}; a view's own settings are given by --settings {settings.config}"
+            f"{error}; the view's own settings go to --settings {settings.config}"
         ) from error
 
 
 def _require_viser() -> None:
     try:
-        import viser  # noqa: F401  # only whether it is there
+        import viser  # noqa: F401  # only whether it is installed
     except ImportError as error:
-        raise TfbusError(
-            f"viser is missing ({error}); pip install 'tfbus[view]' brings it"
-        ) from error
+        raise TfbusError(f"viser is not installed ({error}): pip install 'tfbus[view]'") from error
 
 
 if __name__ == "__main__":

@@ -96,6 +96,12 @@ def test_transforms_and_the_buffer_know_nothing_of_the_bus(package: str) -> None
     assert used - {"tfbus", "numpy", "cython", *sys.stdlib_module_names} <= {"scipy"}
 
 
+@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_library_knows_no_node(path: Path) -> None:
+    """Nodes use the library, never the other way round."""
+    assert not {name for name in imports(path) if name.startswith("tfbus.nodes")}
+
+
 # What nodes may use: what any other package could.
 DOORS = ("tfbus", "tfbus.messages", "tfbus.command", "tfbus.frames", "tfbus.view")
 

@@ -7,21 +7,71 @@ import pytest
 import tfbus
 from tfbus import messages
 
-NAMES = """
-Buffer BusError Change ConnectivityException DecodeError ExtrapolationException Fleet FrameInfo
-FrameName FutureExtrapolationException GoalHandle GoalResult InvalidArgumentException
-InvalidNameError LookupException LoopException NoDataException Node NodeName NodeSettings Number
-Parameter ParameterError PastExtrapolationException Sampling ServiceError ServiceName
-SettingsError SimulatedClock SingleSampleException StaleException StaticTransformBroadcaster
-SystemClock TfbusError TimeoutException TopicName Transform TransformArray TransformBatch
-TransformBroadcaster TransformException TransformListener TransformStamped TwistStamped
-fleet_options node_options
-""".split()
+NAMES = [
+    "Buffer",
+    "BusError",
+    "Change",
+    "ConnectivityException",
+    "DecodeError",
+    "ExtrapolationException",
+    "Fleet",
+    "FrameInfo",
+    "FrameName",
+    "FutureExtrapolationException",
+    "GoalHandle",
+    "GoalResult",
+    "InvalidArgumentException",
+    "InvalidNameError",
+    "LookupException",
+    "LoopException",
+    "NoDataException",
+    "Node",
+    "NodeName",
+    "NodeSettings",
+    "Number",
+    "Parameter",
+    "ParameterError",
+    "PastExtrapolationException",
+    "Sampling",
+    "ServiceError",
+    "ServiceName",
+    "SettingsError",
+    "SimulatedClock",
+    "SingleSampleException",
+    "StaleException",
+    "StaticTransformBroadcaster",
+    "SystemClock",
+    "TfbusError",
+    "TimeoutException",
+    "TopicName",
+    "Transform",
+    "TransformArray",
+    "TransformBatch",
+    "TransformBroadcaster",
+    "TransformException",
+    "TransformListener",
+    "TransformStamped",
+    "TwistStamped",
+    "fleet_options",
+    "node_options",
+]
 
-MESSAGES = """
-Clock Color Empty Field Kill Pose RotateAbsolute SetClock SetPen Spawn TeleportAbsolute
-TeleportRelative Twist Vector3
-""".split()
+MESSAGES = [
+    "Clock",
+    "Color",
+    "Empty",
+    "Field",
+    "Kill",
+    "Pose",
+    "RotateAbsolute",
+    "SetClock",
+    "SetPen",
+    "Spawn",
+    "TeleportAbsolute",
+    "TeleportRelative",
+    "Twist",
+    "Vector3",
+]
 
 
 def test_the_public_names_are_these() -> None:

@@ -1,1 +1,1 @@
-"""The turtle: its world, its window; parts of the simulator."""
+"""The turtles: their world, window and interface on the bus, and their guest in the view."""

@@ -1,4 +1,4 @@
-"""The layer that the turtles draw on: a picture of the field, as large after a day as at first."""
+"""The layer that the turtles draw on: a picture of fixed size, however long they draw."""
 
 from dataclasses import dataclass
 from math import ceil, floor
@@ -13,7 +13,7 @@ PEN_COLOR = Color(179, 184, 255)
 
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """A colour and a width in pixels, on the paper or lifted."""
+    """A colour and a width in pixels; down on the paper or lifted."""
 
     color: Color = PEN_COLOR
     width: int = 3
@@ -23,8 +23,7 @@ class Pen:
 class Canvas:
     """A square of ink, `size` pixels a side, transparent at first; x goes right and y goes down.
 
-    Strokes have round ends and smooth edges. `version` changes with every stroke, so that who
-    shows the canvas knows when to look again.
+    Strokes have round ends and smooth edges. `version` changes with every stroke and clearing.
     """
 
     def __init__(self, size: int) -> None:
@@ -38,7 +37,7 @@ class Canvas:
         self.version += 1
 
     def stroke(self, start: tuple[float, float], end: tuple[float, float], pen: Pen) -> None:
-        """Draw a straight line between two points in pixels; what lies outside is not drawn."""
+        """Draw a straight line between two points in pixels, clipped to the canvas."""
         start, end = _near(start), _near(end)
         reach = pen.width / 2 + 0.5
         columns = self._span(start[0], end[0], reach)
@@ -50,7 +49,7 @@ class Canvas:
         self.version += 1
 
     def color_at(self, x: float, y: float, background: Color) -> Color:
-        """The colour of the pixel at a point: its ink where that covers half of it or more."""
+        """The colour of the pixel at a point: its ink if that covers at least half of it."""
         column, row = (min(max(round(value), 0), self.size - 1) for value in (x, y))
         r, g, b, alpha = (int(part) for part in self._ink[row, column])
         return Color(r, g, b) if alpha >= 128 else background
@@ -67,7 +66,7 @@ class Canvas:
 
 
 def _near(point: tuple[float, float]) -> tuple[float, float]:
-    """The point, or one that is merely far away where its square would be no finite number."""
+    """The point, clamped so that its square is finite."""
     x, y = (min(max(value, -1e6), 1e6) for value in point)
     return x, y
 
@@ -75,7 +74,7 @@ def _near(point: tuple[float, float]) -> tuple[float, float]:
 def _distance_to_line(
     columns: slice, rows: slice, start: tuple[float, float], end: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """Distance of each pixel of a rectangle to the nearest point between start and end."""
+    """The distance of each pixel of a rectangle to the nearest point between start and end."""
     x = np.arange(columns.start, columns.stop) - start[0]
     y = np.arange(rows.start, rows.stop)[:, np.newaxis] - start[1]
     along_x, along_y = end[0] - start[0], end[1] - start[1]
@@ -87,10 +86,10 @@ def _distance_to_line(
 
 
 def _blend(ink: NDArray[np.uint8], coverage: NDArray[np.float64], color: Color) -> None:
-    """Lay a colour over part of the canvas, where coverage (0 to 1) says how much of each pixel.
+    """Blend a colour over part of the canvas, by the coverage (0 to 1) of each pixel.
 
-    The opacity is the larger of the old and the new, not their sum, so that the overlapping
-    round ends of a trail's many short strokes do not thicken it.
+    The opacity is the larger of old and new, not their sum: else the overlapping round ends of a
+    trail's many short strokes would thicken it.
     """
     bare = ink[..., 3] == 0
     weight = np.where(bare, 1.0, coverage)[..., np.newaxis]

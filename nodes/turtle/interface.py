@@ -1,4 +1,4 @@
-"""What one turtle says and hears on the bus: its topics, its services, its goal."""
+"""One turtle's topics, services and action on the bus."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ from .world import World
 class TurtleInterface:
     """The topics and services `<name>/...` of the turtle that has this name in the world.
 
-    It outlives the turtle: after a reset it is the new turtle1's.
+    It outlives the turtle: after a reset it serves the new turtle1.
     """
 
     def __init__(self, node: Node, world: World, name: str) -> None:
@@ -43,7 +43,7 @@ class TurtleInterface:
         ]
 
     def publish(self, stamp_ns: int) -> None:
-        """Tell where the turtle is and what colour it is on, as of stamp_ns."""
+        """Publish the turtle's pose and the colour under it, as of stamp_ns."""
         self._pose.publish(self._turtle.pose(stamp_ns))
         self._color.publish(self._world.color_under(self._name))
 

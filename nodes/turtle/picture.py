@@ -9,7 +9,7 @@ from math import cos, degrees, radians, sin
 import pygame
 
 from . import field
-from .view.turtle_colors import Livery, Rgb, livery
+from .turtle_colors import Rgb, TurtleColors, colors_of
 from .world import Snapshot, TurtleView
 
 # A sprite is a square of 1.5 m, so that head and legs of the 1 m turtle fit at every angle.
@@ -29,12 +29,12 @@ class Picture:
         self._ink = pygame.Surface((0, 0))
 
     def draw(self, snapshot: Snapshot) -> None:
-        """Replace what is on the surface by this snapshot."""
+        """Draw this snapshot over the whole surface."""
         if self._shown_ink is not snapshot.ink:
             self._shown_ink = snapshot.ink
             size = (field.SIZE_PX, field.SIZE_PX)
             ink = pygame.image.frombytes(snapshot.ink.tobytes(), size, "RGBA")
-            # In SDL's own order of bytes it is laid over the background forty times as fast.
+            # Blitting is forty times as fast in SDL's own byte order.
             self._ink = ink.convert(_sdl_order())
         background = snapshot.background
         self.surface.fill((background.r, background.g, background.b))
@@ -45,7 +45,7 @@ class Picture:
             self._draw_name(turtle)
 
     def _draw_turtle(self, turtle: TurtleView) -> None:
-        image = _sprite(livery(turtle.name), round(degrees(turtle.theta)) % 360)
+        image = _sprite(colors_of(turtle.name), round(degrees(turtle.theta)) % 360)
         centre = field.to_pixels(turtle.x, turtle.y)
         self.surface.blit(image, image.get_rect(center=centre))
 
@@ -62,10 +62,10 @@ class Picture:
 
 
 @lru_cache(maxsize=720)
-def _sprite(colors: Livery, heading_deg: int) -> pygame.Surface:
+def _sprite(colors: TurtleColors, heading_deg: int) -> pygame.Surface:
     size = _SPRITE_PX * _OVERSAMPLING
     large = pygame.Surface((size, size), pygame.SRCALPHA)
-    # Smooth scaling mixes in the colour of transparent pixels: let it be the edge's, not black.
+    # Smooth scaling mixes in the colour of transparent pixels: make it the edge's, not black.
     large.fill((*colors.rim, 0))
     _Stencil(large, radians(heading_deg)).turtle(colors)
     return pygame.transform.smoothscale(large, (_SPRITE_PX, _SPRITE_PX))
@@ -82,8 +82,8 @@ class _Stencil:
         self._surface = surface
         self._ahead, self._aside = cos(heading), sin(heading)
 
-    def turtle(self, colors: Livery) -> None:
-        """A whole turtle, its shell's middle in the middle."""
+    def turtle(self, colors: TurtleColors) -> None:
+        """A whole turtle, centred on its shell."""
         for side in (1, -1):
             self.ellipse((0.24, 0.27 * side), (0.20, 0.085), 0.75 * side, colors.rim)
             self.ellipse((0.24, 0.27 * side), (0.18, 0.065), 0.75 * side, colors.skin)
@@ -97,7 +97,7 @@ class _Stencil:
             self.ellipse((0.512, 0.064 * side), (0.02, 0.02), 0.0, (20, 24, 28))
         self.shell(colors)
 
-    def shell(self, colors: Livery) -> None:
+    def shell(self, colors: TurtleColors) -> None:
         """The shell: a rim, and plates around a hexagon."""
         self.ellipse((0.0, 0.0), (0.39, 0.32), 0.0, colors.rim)
         self.ellipse((0.0, 0.0), (0.355, 0.285), 0.0, colors.shell)

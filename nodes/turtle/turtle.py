@@ -1,4 +1,4 @@
-"""One turtle: where it is, what it was told, and how it moves in one tick.
+"""One turtle: its pose, its commands, and how it moves in one tick.
 
 The order of a tick, the constants and the log texts are turtlesim's (turtle.cpp).
 """
@@ -31,7 +31,7 @@ WALL_WARNING_PERIOD_S = 1.0
 
 
 class RotationGoal(Protocol):
-    """What a turtle needs of a goal: its request, and the ways to tell how it goes and ends."""
+    """What a turtle needs of a rotation: its request, and how to report progress and the end."""
 
     @property
     def request(self) -> RotateAbsolute.Goal: ...
@@ -51,7 +51,7 @@ class _Rotation:
 class Turtle:
     """A turtle at (x, y) m from the lower left corner, heading theta rad from the x axis.
 
-    It is told things at any moment and acts on them in its next `step`.
+    Commands may come at any time; its next `step` carries them out.
     """
 
     def __init__(self, name: str, x: float, y: float, theta: float, log: logging.Logger) -> None:
@@ -67,10 +67,10 @@ class Turtle:
         self._rotation: _Rotation | None = None
         self._ticks_to_wall_warning = 0
 
-    # What it is told
+    # Commands
 
     def command(self, twist: Twist, *, holonomic: bool = False) -> None:
-        """Move with these velocities for the next second; sideways only where holonomic."""
+        """Move with these velocities for the next second; sideways only if holonomic."""
         self._abort_rotation("Velocity command received during rotation goal. Aborting goal")
         self._forward = twist.linear.x
         self._left = twist.linear.y if holonomic else 0.0
@@ -85,14 +85,14 @@ class Turtle:
             self.pen = Pen(Color(request.r, request.g, request.b), request.width or 1)
 
     def teleport_absolute(self, request: TeleportAbsolute.Request) -> None:
-        """Jump to a pose on the next tick. Raises ServiceError where it is off the field."""
+        """Jump to a pose on the next tick. Raises ServiceError if it is off the field."""
         check_on_field(request.x, request.y)
         self._teleports.append(request)
 
     def teleport_relative(self, request: TeleportRelative.Request) -> None:
         """Turn, then jump ahead, on the next tick; the wall stops it.
 
-        Raises ServiceError where it is a thousand metres or more, which nobody means.
+        Raises ServiceError for a jump of 1000 m or more.
         """
         if abs(request.linear) >= FARTHEST_JUMP_M:
             raise ServiceError(
@@ -101,7 +101,7 @@ class Turtle:
         self._teleports.append(request)
 
     def rotate(self, goal: RotationGoal) -> None:
-        """Turn to the goal's heading; a goal under way is aborted."""
+        """Turn to the goal's heading; aborts a rotation under way."""
         self._abort_rotation(
             "Rotation goal received before a previous goal finished. Aborting previous goal"
         )
@@ -113,17 +113,17 @@ class Turtle:
             self._rotation.canceling = True
 
     def leave(self) -> None:
-        """End what is under way, before the turtle is taken off the field."""
+        """Abort a rotation under way, before the turtle leaves the field."""
         self._abort_rotation(f"Turtle [{self.name}] left the field. Aborting its rotation goal")
 
-    # What it tells
+    # State
 
     def pose(self, stamp_ns: int) -> Pose:
-        """Where it is and the velocities that it was told, as of stamp_ns."""
+        """Its pose and commanded velocities, as of stamp_ns."""
         speed = hypot(self._forward, self._left)
         return Pose(stamp_ns, self.x, self.y, self.theta, speed, self._turning)
 
-    # How it moves
+    # Motion
 
     def step(self, canvas: Canvas, background: Color) -> Color:
         """Live one tick, drawing on the canvas. Returns the colour seen under the turtle."""
@@ -219,8 +219,8 @@ def wrap(angle: float) -> float:
 
 
 def check_on_field(x: float, y: float) -> None:
-    """Raise ServiceError where a point lies off the field."""
+    """Raise ServiceError if a point is off the field."""
     if not field.contains(x, y):
         raise ServiceError(
-            f"({x:g}, {y:g}) is off the field: x and y are from 0 to {field.SIZE_M:f}"
+            f"({x:g}, {y:g}) is off the field: x and y must be from 0 to {field.SIZE_M:f}"
         )

@@ -1,4 +1,4 @@
-"""The window that shows the turtles' world, where there is a display and pygame-ce."""
+"""The window that shows the turtles' world; needs a display and pygame-ce."""
 
 import os
 import sys
@@ -14,13 +14,13 @@ _INSTALL = "pip install 'tfbus[sim]'"
 
 
 class DisplayError(TfbusError):
-    """The world cannot be shown, or its picture not kept; the message says why."""
+    """The world cannot be shown or its picture saved; the message says why."""
 
 
 class Window:
-    """An open window; use it from the main thread, and often, or the desktop finds it stuck.
+    """An open window. Call `show` often, from the main thread, or the desktop takes it for stuck.
 
-    Raises DisplayError where there is no display or no pygame.
+    Raises DisplayError without a display or pygame.
     """
 
     def __init__(self, title: str) -> None:
@@ -46,10 +46,7 @@ class Window:
         self.close()
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draw the snapshot, and notice whether the user closes the window.
-
-        Nothing is drawn anew where the window shows the same already.
-        """
+        """Draw the snapshot if it differs from the last; closes if the user has closed it."""
         if not self.is_open:
             return
         events = {event.type for event in self._pygame.event.get()}
@@ -61,16 +58,16 @@ class Window:
             self._pygame.display.flip()
 
     def close(self) -> None:
-        """Take the window off the screen; twice is fine."""
+        """Close the window. Twice is fine."""
         if self.is_open:
             self.is_open = False
             self._pygame.display.quit()
 
 
 def save_picture(snapshot: Snapshot, path: Path) -> None:
-    """Write the picture that a window would show; the kind of file is as its name ends.
+    """Write the picture that a window would show; the file's ending chooses its format.
 
-    Needs no display. Raises DisplayError without pygame, or where the file cannot be written.
+    Needs no display. Raises DisplayError without pygame, or if the file cannot be written.
     """
     pygame = _import_pygame()
     from .picture import Picture
@@ -80,21 +77,21 @@ def save_picture(snapshot: Snapshot, path: Path) -> None:
     try:
         pygame.image.save(surface, str(path))
     except (OSError, pygame.error) as error:
-        raise DisplayError(f"{path} cannot be written ({error})") from error
+        raise DisplayError(f"cannot write {path}: {error}") from error
 
 
 def _open_display() -> None:
     import pygame
 
     asked_for = any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")))
-    # Without this question SDL would take over the console of a machine that has no desktop.
+    # Without this check SDL would take over the console of a machine without a desktop.
     if sys.platform.startswith("linux") and not asked_for:
-        raise DisplayError("there is no display; with DISPLAY or WAYLAND_DISPLAY there is one")
+        raise DisplayError("no display; set DISPLAY or WAYLAND_DISPLAY")
     try:
         pygame.display.init()
     except pygame.error as error:
-        raise DisplayError(f"the display cannot be used ({error})") from error
-    # Where no display answers, SDL draws into a memory that nobody sees.
+        raise DisplayError(f"cannot use the display: {error}") from error
+    # If no display answers, SDL draws into memory.
     if pygame.display.get_driver() == "offscreen" and "SDL_VIDEODRIVER" not in os.environ:
         pygame.display.quit()
         raise DisplayError("the display does not answer; check DISPLAY and WAYLAND_DISPLAY")
@@ -105,5 +102,5 @@ def _import_pygame() -> ModuleType:
     try:
         import pygame
     except ImportError as error:
-        raise DisplayError(f"pygame-ce is not installed; {_INSTALL} brings it") from error
+        raise DisplayError(f"pygame-ce is not installed: {_INSTALL}") from error
     return pygame

@@ -1,6 +1,6 @@
 """The turtles' world: the field, its ink, and the turtles on it, in turtlesim's ticks of 16 ms.
 
-It knows no clock, no window and no bus: the simulator steps it in time, tests as they like.
+It knows no clock, no window and no bus; the simulator steps it in time.
 """
 
 import logging
@@ -37,10 +37,10 @@ class TurtleView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """The world at one moment, never changed after: what a window draws.
+    """The world at one moment: what a window draws.
 
-    `ink` is (size, size, 4) bytes as `Canvas.copy` gives them; two snapshots of the same ink
-    share one array, and have the same `version`.
+    `ink` is (size, size, 4) bytes from `Canvas.copy`; two snapshots of the same ink share one
+    array and one `version`.
     """
 
     background: Color
@@ -49,7 +49,7 @@ class Snapshot:
     version: int
 
     def looks_like(self, other: "Snapshot | None") -> bool:
-        """Whether a picture of the other one is a picture of this one."""
+        """Whether a picture of the other is the same as of this one."""
         return (
             other is not None
             and self.ink is other.ink
@@ -77,18 +77,18 @@ class World:
 
     @property
     def turtles(self) -> Mapping[str, Turtle]:
-        """The turtles by name, in the order in which they came; read-only."""
+        """The turtles by name, in the order they were spawned; read-only."""
         return MappingProxyType(self._turtles)
 
     def spawn(self, x: float, y: float, theta: float, name: str = "") -> Turtle:
         """A new turtle; without a name it becomes the next free turtleN.
 
-        Raises ServiceError where the place is off the field or the name is taken or impossible.
+        Raises ServiceError for a place off the field, and for a taken or malformed name.
         """
         check_on_field(x, y)
         if name and not _NAME.fullmatch(name):
             raise ServiceError(
-                f"{name!r} cannot name a turtle: letters, digits and _ can, from a letter on"
+                f"{name!r} cannot name a turtle: use letters, digits and _, with a letter first"
             )
         if name in self._turtles:
             raise ServiceError(f"A turtle named [{name}] already exists")
@@ -101,7 +101,7 @@ class World:
         return turtle
 
     def kill(self, name: str) -> None:
-        """Take a turtle off the field; its trail stays. Raises ServiceError without one."""
+        """Take a turtle off the field; its trail stays. Raises ServiceError for an unknown name."""
         if name not in self._turtles:
             raise ServiceError(f"Tried to kill turtle [{name}], which does not exist")
         self._turtles.pop(name).leave()
@@ -113,7 +113,7 @@ class World:
         self._canvas.clear()
 
     def reset(self) -> None:
-        """Begin anew: a clean field with turtle1 in its middle; background and rules stay."""
+        """Clear the field, with turtle1 in its middle; background and rules stay."""
         self._log.info("Resetting turtlesim.")
         for name in list(self._turtles):
             self.kill(name)
@@ -122,7 +122,7 @@ class World:
         self._canvas.clear()
 
     def step(self) -> None:
-        """Live one tick of 16 ms."""
+        """Advance by one tick of 16 ms."""
         for turtle in self._turtles.values():
             self._colors[turtle.name] = turtle.step(self._canvas, self.background)
 

@@ -67,7 +67,7 @@ def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
     done = robots.run("why", "map", "base_link", "--json")
     assert done.returncode == 1
     assert json.loads(done.stdout)["remedies"][:2] == [
-        "look from within its namespace, 'map' is known there: --namespace robot3 or robot7",
+        "look from within its namespace, which has 'map': --namespace robot3 or robot7",
         "look at all robots together, where it is 'robot3/map': --fleet",
     ]
 
@@ -109,8 +109,6 @@ def test_an_unknown_frame_gets_a_hint_about_namespaces(robots: Bus, line: str, k
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
     """`why` and `frames` suggest --shared if the trees of two robots have roots of one name."""
     why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")
-    assert json.loads(why.stdout)["remedies"][0] == (
-        "if the robots share 'map', say so: --shared map"
-    )
+    assert json.loads(why.stdout)["remedies"][0] == ("if the robots share 'map', pass --shared map")
     frames = " ".join(robots.run("frames", "--fleet").stdout.split())
-    assert "if the robots share 'map', say so: --shared map" in frames
+    assert "if the robots share 'map', pass --shared map" in frames

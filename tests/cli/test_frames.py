@@ -75,7 +75,7 @@ def test_problems_are_shown_and_checked(robot: Bus) -> None:
     assert done.returncode == 1
     problems = done.stdout.split("Problems:\n")[1]
     assert "conflict: 'camera' is published by several at once: /mount on " in problems
-    assert "disconnected: 'map' and 1 frame below it are a tree apart" in problems
+    assert "disconnected: 'map' and 1 frame below it are a separate tree" in problems
 
 
 def test_files_are_what_their_endings_say(robot: Bus, tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ TROUBLES = {
     "disconnected": (
         with_tree(apart(), STREAM),
         "warn",
-        "'map' and 1 frame below it are a tree apart",
+        "'map' and 1 frame below it are a separate tree",
     ),
     "static-dynamic": (
         with_streams(STREAM, replace(OTHER, frames=(("base", "camera", False),))),
@@ -184,10 +184,15 @@ TROUBLES = {
         "'camera' is static by /sim on robot, pid 7 and dynamic by /other on robot, pid 8",
     ),
     "gone": (with_tree(gone(), STREAM), "warn", "the publisher of 'base' is gone: /sim on robot"),
+    "stale": (
+        lambda seen: replace(seen, tree=replace(seen.tree, recorded_ns=NOW_NS + 5 * NS)),
+        "warn",
+        "no sample of 'base' for 5.0 s: /sim on robot, pid 7",
+    ),
     "silent": (
         with_streams(replace(STREAM, frames=(*STREAM.frames, ("base", "arm", False)))),
         "warn",
-        "no transform of 'arm' has come, though /sim on robot, pid 7 tells of it",
+        "no transform of 'arm' has come, though /sim on robot, pid 7 lists it",
     ),
     "clock": (
         with_nodes(CLOCK, FOLLOWER),

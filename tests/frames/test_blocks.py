@@ -1,4 +1,4 @@
-"""What `tfbus echo` writes, to the byte."""
+"""The exact output of `tfbus echo`."""
 
 import csv
 import json
@@ -68,7 +68,7 @@ def test_the_foxy_block_has_three_lines() -> None:
 
 
 def test_precision_sets_the_digits_and_keeps_the_columns() -> None:
-    """More digits make every number longer, and the columns of the matrix wider alike."""
+    """More digits make every number longer, and the columns of the matrix wider."""
     rows = tf2_block(PLANAR, Numbers(precision=6)).split("\n")
     assert rows[1] == "- Translation: [8.435000, 5.871000, 0.000000]"
     assert rows[6:8] == [
@@ -95,14 +95,14 @@ def test_stamps_have_nine_digits_of_nanoseconds(stamp_ns: int, text: str) -> Non
 
 @given(st.floats(-1e6, 1e6), st.integers(0, 12))
 def test_no_zero_has_a_sign_and_every_other_number_keeps_its(value: float, precision: int) -> None:
-    """What is written is the rounded number; only the sign of a zero is dropped."""
+    """The text is the rounded number; only the sign of a zero is dropped."""
     text = Numbers(precision).text(value)
     assert text.lstrip("-") == f"{abs(value):.{precision}f}"
     assert text.startswith("-") == (float(f"{value:.{precision}f}") < 0)
 
 
 def test_json_is_one_object_in_one_line_with_all_digits() -> None:
-    """JSON says frames, stamp and pose with field names, units known, nothing rounded."""
+    """JSON has frames, stamp and pose under field names, nothing rounded."""
     transform = TransformStamped(
         7, "world", 'odd "näme"\n', Transform((0.1, -0.0, 1 / 3), (0.0, 0.0, 0.6, 0.8))
     )

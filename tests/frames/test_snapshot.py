@@ -1,4 +1,4 @@
-"""The tree of frames as a whole: what is said of it, and what is wrong with it."""
+"""The tree of frames as a whole: its texts and pictures, and what is wrong with it."""
 
 import json
 
@@ -39,8 +39,8 @@ def tree_of(buffer: Buffer, *streams: StreamInfo, now_ns: int = NOW_NS) -> Frame
     return frame_tree(buffer, streams, now_ns)
 
 
-def test_it_is_drawn_as_lines() -> None:
-    """A frame is a line, below its parent, with what matters most about its edge behind it."""
+def test_the_tree_is_drawn_as_lines() -> None:
+    """One line per frame, below its parent, with the most important facts of its edge."""
     buffer = buffer_of(
         ("world", "turtle1"), ("turtle1", "drone"), ("world", "camera"), static=("camera",)
     )
@@ -53,14 +53,14 @@ def test_it_is_drawn_as_lines() -> None:
 
 
 def test_lines_fit_the_width() -> None:
-    """Where a line would be too long, what matters least is left away."""
+    """A line that would be too long omits the least important facts."""
     lines = tree_lines(tree_of(buffer_of(("world", "turtle1"))), width=46)
     assert lines[1] == "└─ turtle1  0.0 ms old, 10.0 Hz over 2.0 s"
 
 
 def test_stale_and_gone_frames_say_so() -> None:
-    """A frame that has not come for three of its periods and a second is stale; one whose
-    publisher has gone is gone.
+    """A frame silent for three of its periods and a second is stale; one whose publisher has gone
+    is gone.
     """
     buffer = buffer_of(("world", "turtle1"), ("world", "turtle2"))
     buffer.mark_gone(["turtle2"], True, "sim")
@@ -72,8 +72,8 @@ def test_stale_and_gone_frames_say_so() -> None:
     assert "STALE" not in "".join(tree_lines(tree_of(buffer, now_ns=NOW_NS + NS)))
 
 
-def test_all_is_said_where_asked_for() -> None:
-    """The long form has publisher, rate, samples, stamps and delay of each edge."""
+def test_the_long_form_has_all_facts() -> None:
+    """Publisher, rate, samples, stamps and delay of each edge."""
     assert edge_lines(tree_of(buffer_of(("world", "turtle1")), stream("sim"))) == [
         "world -> turtle1",
         "  Publisher: /sim on robot7, pid 42, stream 'sim'",
@@ -85,8 +85,8 @@ def test_all_is_said_where_asked_for() -> None:
     ]
 
 
-def test_what_is_wrong_fits_the_width_too() -> None:
-    """Sentences about publishers and problems are wrapped, and set in."""
+def test_problems_fit_the_width_too() -> None:
+    """Sentences about publishers and problems are wrapped and indented."""
     tree = tree_of(buffer_of(("world", "turtle1"), ("isle", "palm")))
     lines = document.summary(tree, width=50)
     told = lines[lines.index("Problems:") + 1 :]
@@ -101,23 +101,23 @@ class TestProblems:
         return [(problem.kind, problem.text) for problem in tree_of(buffer, *streams).problems()]
 
     def test_one_tree_of_living_publishers_has_none(self) -> None:
-        """Where each frame has one living publisher and hangs below one root, nothing is wrong."""
+        """If each frame has one living publisher and is below one root, nothing is wrong."""
         edges = (("world", "a"), ("a", "b"))
         assert self.problems(buffer_of(*edges), stream("sim", *edges)) == []
 
-    def test_trees_apart(self) -> None:
-        """A second root is named with the tree that it is apart from, the larger one."""
+    def test_separate_trees(self) -> None:
+        """A second root is named, with the larger tree that it is separate from."""
         buffer = buffer_of(("map", "a"), ("map", "b"), ("odom", "c"))
         assert self.problems(buffer) == [
             (
                 "disconnected",
-                "'odom' and 1 frame below it are a tree apart: no transform joins 'odom' to the "
+                "'odom' and 1 frame below it are a separate tree: no transform joins 'odom' to the "
                 "tree of 'map'",
             )
         ]
 
     def test_a_frame_alone(self) -> None:
-        """A frame that nothing joins to any other is an orphan."""
+        """A frame without any edge is an orphan."""
         buffer = buffer_of(("map", "a"), ("lost", "b"))
         buffer.remove("b")
         assert self.problems(buffer) == [
@@ -139,7 +139,7 @@ class TestProblems:
         assert self.problems(buffer_of(edge), stream("a", edge), gone) == []
 
     def test_a_loop(self) -> None:
-        """A loop that publishers would make together is told, though a buffer never closes it."""
+        """A loop that publishers would make together is a problem; a buffer never closes it."""
         told = self.problems(
             buffer_of(("a", "b"), ("b", "c")),
             stream("one", ("a", "b"), ("b", "c")),
@@ -152,14 +152,14 @@ class TestProblems:
         assert "/two on robot7, pid 42" in text
 
     def test_frames_that_never_came(self) -> None:
-        """A frame that a publisher tells of but has not sent is told."""
+        """A frame that a publisher lists but has not sent is silent."""
         edges = (("world", "a"), ("a", "b"))
         assert self.problems(buffer_of(edges[0]), stream("sim", *edges)) == [
-            ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 tells of it")
+            ("silent", "no transform of 'b' has come, though /sim on robot7, pid 42 lists it")
         ]
 
     def test_gone_publishers(self) -> None:
-        """The frames of a publisher that is gone are told together, the first few by name."""
+        """The frames of a gone publisher are one problem, which names the first five."""
         edges = [("world", f"leg{i}") for i in range(8)]
         buffer = buffer_of(*edges)
         buffer.mark_gone([child for _, child in edges], True, "sim")
@@ -193,7 +193,7 @@ class TestDocuments:
         assert told["camera"]["rate"] == 10000.0
 
     def test_mermaid(self) -> None:
-        """Mermaid's flowchart names each frame once, and what is special in a name is escaped."""
+        """Mermaid's flowchart names each frame once, with special characters escaped."""
         lines = document.as_mermaid(self.tree).splitlines()
         assert lines[:4] == [
             "flowchart TD",
@@ -204,7 +204,7 @@ class TestDocuments:
         assert lines[5] == '  f2 -->|"static<br/>by sim"| f1'
 
     def test_text(self) -> None:
-        """The text is what the terminal shows."""
+        """The text is the output in the terminal."""
         assert document.as_text(self.tree).splitlines()[-2:] == [
             "Publishers:",
             "  sim: /sim on robot7, pid 42, 0 frames",
@@ -213,7 +213,7 @@ class TestDocuments:
 
 @given(st.lists(st.integers(min_value=0, max_value=10**6), min_size=1, max_size=40))
 def test_no_two_frames_are_drawn_over_each_other(choices: list[int]) -> None:
-    """In either layout each frame has a place of its own, right of its parent or below it."""
+    """In both layouts each frame has its own place, to the right of its parent."""
     names = ["root"]
     edges = []
     for number, choice in enumerate(choices):
@@ -241,6 +241,6 @@ def test_no_two_frames_are_drawn_over_each_other(choices: list[int]) -> None:
         (None, "?"),
     ],
 )
-def test_times_are_said_as_people_say_them(seconds: float | None, text: str) -> None:
-    """A time has the unit that makes it short."""
+def test_durations_are_written_for_people(seconds: float | None, text: str) -> None:
+    """A duration has the unit that makes it short."""
     assert duration(seconds) == text

@@ -1,4 +1,4 @@
-"""Where a frame was over a time: speeds and angles of known motions, and what echo has written."""
+"""Where a frame was over time: speeds and angles of known motions, and files of `tfbus echo`."""
 
 import math
 from pathlib import Path
@@ -48,8 +48,8 @@ def test_a_circle_has_its_speeds(radius_m: float, rad_per_s: float) -> None:
     assert yaw == pytest.approx(math.pi / 2 + rad_per_s * track.seconds, abs=1e-6)
 
 
-def test_only_known_times_are_in_it() -> None:
-    """Times before the first and after the last sample are left out, and none is guessed."""
+def test_a_track_has_known_times_only() -> None:
+    """Times before the first and after the last sample are left out."""
     buffer = circling(1.0, 1.0, 1.0)
     track = track_from_buffer(buffer, "world", "turtle", START_NS - 5 * NS, START_NS + 5 * NS, 10.0)
     assert len(track) == 11
@@ -57,8 +57,8 @@ def test_only_known_times_are_in_it() -> None:
 
 
 @pytest.mark.parametrize("form", ["csv", "json"])
-def test_what_echo_wrote_is_read(form: str, tmp_path: Path) -> None:
-    """The rows of `tfbus echo --format csv` or json are the track, in the order of their stamps."""
+def test_output_of_echo_is_read(form: str, tmp_path: Path) -> None:
+    """The rows of `tfbus echo --format csv` or json are read, in the order of their stamps."""
     buffer = circling(2.0, 0.5, 1.0)
     numbers = Numbers(3, raw_zeros=False)
     write = {"csv": csv_line, "json": json_line}[form]
@@ -77,14 +77,14 @@ def test_what_echo_wrote_is_read(form: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "has no pose in it"),
-        ("x,y\n1,2\n", "line 2 is no pose as `tfbus echo --format csv` or json writes it"),
-        ('{"stamp_ns": 1}\n', "line 1 is no pose"),
-        ("{\n", "line 1 is no pose"),
+        ("", "contains no pose"),
+        ("x,y\n1,2\n", "line 2 is not a pose as written by `tfbus echo --format csv` or json"),
+        ('{"stamp_ns": 1}\n', "line 1 is not a pose"),
+        ("{\n", "line 1 is not a pose"),
     ],
 )
-def test_a_file_of_something_else_is_refused(text: str, reason: str, tmp_path: Path) -> None:
-    """A file that is no such recording is refused with its first wrong line."""
+def test_another_file_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+    """The error names the first wrong line."""
     file = tmp_path / "file"
     file.write_text(text)
     with pytest.raises(DecodeError, match=reason):

@@ -1,4 +1,4 @@
-"""Why a lookup has no answer: each fault of a path is told at its edge, with what to do."""
+"""Why a lookup has no answer: each fault of a path at its edge, with a remedy."""
 
 import json
 from collections.abc import Collection
@@ -23,10 +23,10 @@ S = 1_000_000_000
 SIM = StreamInfo("sim", "/sim", "lab", 7, alive=True)
 
 
-def moving(
+def dynamic(
     buffer: Buffer, parent: str, child: str, *, oldest_s: float = 2.0, newest_s: float = 0.0
 ) -> None:
-    """Samples of an edge at 10 Hz, from so long ago to so long ago."""
+    """Samples of an edge at 10 Hz, from `oldest_s` to `newest_s` ago."""
     for tenths in range(round(oldest_s * 10), round(newest_s * 10) - 1, -1):
         stamp_ns = NOW_NS - tenths * S // 10
         ts = TransformStamped(stamp_ns, parent, child, Transform.identity())
@@ -48,101 +48,99 @@ def ask(
     stream: StreamInfo = SIM,
     elsewhere: Collection[tuple[str, str]] = (),
 ) -> Explanation:
-    """How the lookup goes, at so many seconds from now."""
+    """The explained lookup, at `at_s` seconds from now."""
     tree = frame_tree(buffer, [stream], NOW_NS)
     stamp_ns = None if at_s is None else NOW_NS + round(at_s * S)
     return explain(tree, buffer, target, source, stamp_ns, elsewhere=elsewhere)
 
 
 def verdicts(explanation: Explanation) -> list[tuple[str, str]]:
-    """Each edge by its child, and what is said of it."""
+    """The verdict on each edge, by its child."""
     return [(step.child, step.verdict) for step in explanation.steps]
 
 
 def fault(explanation: Explanation, child: str) -> Step:
-    """What is said of one edge."""
+    """The step of one edge."""
     (step,) = [step for step in explanation.steps if step.child == child]
     return step
 
 
 @pytest.fixture
 def buffer() -> Buffer:
-    """world -> base -> arm, moving, and world -> camera, static."""
+    """world -> base -> arm, dynamic, and world -> camera, static."""
     buffer = Buffer(cache_time_s=1000.0)
-    moving(buffer, "world", "base")
-    moving(buffer, "base", "arm")
+    dynamic(buffer, "world", "base")
+    dynamic(buffer, "base", "arm")
     static(buffer, "world", "camera")
     return buffer
 
 
 class TestExplain:
-    def test_where_all_is_well_each_edge_is_ok(self, buffer: Buffer) -> None:
-        """A lookup with an answer has its path from target to source, and nothing to do."""
+    def test_on_a_good_path_each_edge_is_ok(self, buffer: Buffer) -> None:
+        """A lookup with an answer has its path from target to source, and no remedies."""
         told = ask(buffer, "camera", "arm")
         assert told.answer is not None
         assert (told.failure, told.remedies) == ("", ())
         assert verdicts(told) == [("camera", "ok"), ("base", "ok"), ("arm", "ok")]
         assert told.steps[1].facts == ("0.0 ms old", "10.0 Hz over 2.0 s", "by sim")
 
-    def test_an_edge_that_several_publish_is_no_good_sign(self, buffer: Buffer) -> None:
-        """An answer over a frame that two publish is one of two, and that is told."""
+    def test_an_edge_with_two_publishers_is_a_bad_sign(self, buffer: Buffer) -> None:
+        """The answer is from one of them, and the explanation says so."""
         sim = replace(SIM, frames=(("base", "arm", False),))
         tree = frame_tree(buffer, [sim, replace(sim, name="rival")], NOW_NS)
         told = explain(tree, buffer, "world", "arm")
         assert verdicts(told) == [("base", "ok"), ("arm", "warn")]
-        assert fault(told, "arm").reason == "the answer is of one of its publishers"
+        assert fault(told, "arm").reason == "the answer is from one of its publishers"
         assert told.remedies[0].startswith("'arm' is published by several at once: ")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""
         assert ask(buffer, "arm", "arm").steps == ()
 
-    def test_a_misspelt_frame_is_told_with_the_one_that_is_meant(self, buffer: Buffer) -> None:
-        """A name that is not known fails, with the nearest."""
+    def test_a_misspelt_frame_is_named_with_the_nearest(self, buffer: Buffer) -> None:
+        """An unknown name fails, with the nearest as a remedy."""
         told = ask(buffer, "wrld", "arm")
         assert told.failure == "there is no frame 'wrld'; did you mean 'world'?"
-        assert told.remedies == ("use 'world', if that is meant",)
+        assert told.remedies == ("use 'world' if you mean that",)
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
-        """A frame that only another namespace has is told with that namespace."""
+        """The remedy for a frame that only another namespace has names that namespace."""
         told = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
         assert told.remedies == (
-            "look from within its namespace, 'gripper' is known there: --namespace robot7",
+            "look from within its namespace, which has 'gripper': --namespace robot7",
             "look at all robots together, where it is 'robot7/gripper': --fleet",
             "start the node that publishes 'gripper'",
         )
 
-    def test_a_frame_as_a_fleet_calls_it_needs_the_fleet(self, buffer: Buffer) -> None:
-        """A frame with its robot's name in front is told to be seen with --fleet."""
+    def test_a_frame_as_a_fleet_names_it_needs_the_fleet(self, buffer: Buffer) -> None:
+        """The remedy for a frame with its robot's name in front is --fleet."""
         told = ask(buffer, "world", "robot7/gripper", elsewhere={("robot7", "gripper")})
         assert told.remedies[0] == "look at all robots together: --fleet"
 
-    def test_two_trees_are_told_with_their_roots(self, buffer: Buffer) -> None:
-        """Where no path joins the two, all edges above them are told, and which one is missing."""
+    def test_two_trees_are_named_by_their_roots(self, buffer: Buffer) -> None:
+        """For unconnected frames the steps are all edges above both; the remedy joins the roots."""
         static(buffer, "isle", "palm")
         told = ask(buffer, "arm", "palm")
         assert verdicts(told) == [("arm", "ok"), ("base", "ok"), ("palm", "ok")]
         assert told.remedies == ("publish a transform between 'world' and 'isle'",)
 
-    def test_the_edge_that_is_too_new_is_told(self, buffer: Buffer) -> None:
+    def test_the_edge_that_starts_too_late_fails(self, buffer: Buffer) -> None:
         """A time before the oldest sample fails at the edges that do not reach back to it."""
-        moving(buffer, "world", "base", oldest_s=9.0, newest_s=2.1)
+        dynamic(buffer, "world", "base", oldest_s=9.0, newest_s=2.1)
         told = ask(buffer, "world", "arm", -3.0)
         assert verdicts(told) == [("base", "ok"), ("arm", "fail")]
         assert fault(told, "arm").reason == "the time is 1.0 s before its oldest sample"
-        assert told.remedies == (
-            "ask for a later time; what publishers have not kept, nobody knows",
-        )
+        assert told.remedies == ("query a later time: no publisher has kept older samples",)
 
-    def test_the_edge_that_is_late_is_told(self, buffer: Buffer) -> None:
+    def test_the_edge_that_is_late_fails(self, buffer: Buffer) -> None:
         """A time after the newest sample fails; waiting helps."""
         told = ask(buffer, "camera", "base", 0.5)
         assert verdicts(told) == [("camera", "ok"), ("base", "fail")]
         assert fault(told, "base").reason == "the time is 500 ms after its newest sample"
-        assert told.remedies == ("wait for it (timeout_s), or ask for the latest",)
+        assert told.remedies == ("wait for it (timeout_s), or query the latest",)
 
-    def test_a_publisher_that_is_gone_is_told(self, buffer: Buffer) -> None:
-        """What is known has an answer still, but whoever sent it is to be started again."""
+    def test_an_edge_of_a_gone_publisher_is_a_bad_sign(self, buffer: Buffer) -> None:
+        """The lookup still has an answer; the remedy is to start the publisher again."""
         buffer.mark_gone(["arm"], True, "sim")
         told = ask(buffer, "world", "arm")
         assert told.answer is not None
@@ -151,23 +149,23 @@ class TestExplain:
         assert told.remedies == (restart,)
         assert restart in ask(buffer, "world", "arm", 0.5).remedies
 
-    def test_an_edge_that_has_stopped_is_told(self, buffer: Buffer) -> None:
-        """An edge that does not come any more is older than its rate allows."""
-        moving(buffer, "arm", "hand", oldest_s=9.0, newest_s=5.0)
+    def test_a_stale_edge_is_a_bad_sign(self, buffer: Buffer) -> None:
+        """It has been silent for longer than its rate allows."""
+        dynamic(buffer, "arm", "hand", oldest_s=9.0, newest_s=5.0)
         told = ask(buffer, "base", "hand")
         assert verdicts(told) == [("arm", "ok"), ("hand", "warn")]
-        assert fault(told, "hand").reason == "nothing has come for 5.0 s"
+        assert fault(told, "hand").reason == "no sample for 5.0 s"
         assert "/sim on lab, pid 7 still sends 'hand'" in told.remedies[0]
 
-    def test_a_clock_that_is_off_is_told(self, buffer: Buffer) -> None:
-        """Where the publisher's clock differs from ours, its stamps mislead."""
+    def test_a_skewed_clock_is_a_bad_sign(self, buffer: Buffer) -> None:
+        """If the publisher's clock differs from ours, its stamps mislead."""
         stream = StreamInfo("sim", "/sim", "lab", 7, alive=True, clock_offset_s=-2.5)
         told = ask(buffer, "world", "base", stream=stream)
         assert fault(told, "base").reason == "the clock of its publisher is 2.5 s behind ours"
-        assert told.remedies == ("set the clock of lab by NTP, as ours",)
+        assert told.remedies == ("synchronize the clocks of lab and this host by NTP",)
 
-    def test_problems_of_the_tree_on_the_path_are_told(self, buffer: Buffer) -> None:
-        """A loop, or what is told of and does not come, is why two frames are not joined."""
+    def test_problems_of_the_tree_near_the_path_have_remedies(self, buffer: Buffer) -> None:
+        """A loop, or a frame that is listed but not sent, can keep two frames unconnected."""
         static(buffer, "isle", "palm")
         frames = (("isle", "world", False), ("world", "base", False))
         told = ask(buffer, "world", "palm", stream=StreamInfo("sim", "/sim", frames=frames))
@@ -175,8 +173,8 @@ class TestExplain:
         alive = StreamInfo("sim", "/sim", "lab", 7, alive=True, frames=(("isle", "new", False),))
         told = ask(buffer, "world", "palm", stream=alive)
         assert told.remedies[-1] == (
-            "no transform of 'new' has come, though /sim on lab, pid 7 tells of it: "
-            "look whether it is sent at all: tfbus topic hz tf"
+            "no transform of 'new' has come, though /sim on lab, pid 7 lists it: "
+            "check that it is sent at all: tfbus topic hz tf"
         )
 
 
@@ -188,7 +186,7 @@ class TestCommand:
         return done.returncode, done.stdout.splitlines()
 
     def test_a_lookup_is_walked_edge_by_edge(self, bus: Bus) -> None:
-        """With an answer it is 0, without one 1; a time of the last seconds may be asked for."""
+        """The exit code is 0 with an answer and 1 without; --at chooses a time."""
         node = bus.node("sim")
         send = TransformBroadcaster(node).send_transform
         node.create_timer(
@@ -209,13 +207,13 @@ class TestCommand:
         code, lines = self.run(bus, "world", "camera", "--at", "+60s")
         assert code == 1
         assert lines[0].endswith(": no answer")
-        assert lines[-1] == "  - wait for it (timeout_s), or ask for the latest"
+        assert lines[-1] == "  - wait for it (timeout_s), or query the latest"
         assert max(map(len, lines)) <= 80
         done = bus.run("why", "world", "camera", "--at", "soon")
         assert done.returncode == 2
 
     def test_a_machine_reads_it_as_json(self, bus: Bus) -> None:
-        """As JSON there are the answer, each step and what to do; all namespaces are searched."""
+        """JSON has the answer, each step and the remedies; all namespaces are searched."""
         node = bus.node("sim", namespace="robot7")
         pose = TransformStamped(1, "world", "camera", Transform((1.0, 2.0, 3.0)))
         StaticTransformBroadcaster(node).send_transform(pose)

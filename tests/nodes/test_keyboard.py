@@ -1,4 +1,4 @@
-"""Keys out of a terminal's bytes."""
+"""Keys from a terminal's bytes."""
 
 import pytest
 from hypothesis import given
@@ -19,7 +19,7 @@ def test_letters_and_control_characters_are_keys_by_themselves() -> None:
 
 @pytest.mark.parametrize("prefix", [b"\x1b[", b"\x1bO", b"\x1b[1;5", b"\x1b[1;2"])
 def test_arrows_come_in_normal_and_application_mode_and_with_modifiers(prefix: bytes) -> None:
-    """An arrow is an arrow in either cursor mode, with Shift or Ctrl held or not."""
+    """An arrow is an arrow in either cursor mode, with and without Shift or Ctrl."""
     data = b"".join(prefix + last for last in (b"A", b"B", b"C", b"D"))
     assert keys_of(data) == ["up", "down", "right", "left"]
 
@@ -60,7 +60,7 @@ def test_no_letter_within_a_sequence_counts_as_typed(sequence: bytes) -> None:
     assert keys_of(sequence, b"t") == ["other", "t"]
 
 
-def test_escape_alone_is_known_when_nothing_follows() -> None:
+def test_escape_alone_is_a_key_when_nothing_follows() -> None:
     """An escape character is the Escape key once a pause or another escape follows."""
     reader = KeyReader()
     assert reader.feed(b"\x1b") == []
@@ -76,8 +76,8 @@ def test_a_sequence_that_breaks_off_does_not_swallow_the_next_key() -> None:
 
 
 @given(st.binary())
-def test_after_a_pause_every_key_is_heard_again(noise: bytes) -> None:
-    """Whatever bytes came before, after a pause the next key is understood."""
+def test_after_a_pause_every_key_is_read_again(noise: bytes) -> None:
+    """After any bytes and a pause, the next key is read."""
     reader = KeyReader()
     reader.feed(noise)
     reader.flush()

@@ -1,4 +1,4 @@
-"""The simulator and the nodes around it, on a bus of their own."""
+"""The simulator and the nodes around it, on the test bus."""
 
 import logging
 from collections.abc import Callable
@@ -54,7 +54,7 @@ def poses_of(user: Node, turtle: str) -> list[Pose]:
 
 
 def keep_sending(user: Node, turtle: str, twist: Twist) -> Callable[[], None]:
-    """Command a turtle ten times a second, until the answer is called."""
+    """Command a turtle ten times a second, until the returned function is called."""
     publisher = user.create_publisher(Twist, f"{turtle}/cmd_vel")
     return user.create_timer(0.1, lambda: publisher.publish(twist)).cancel
 
@@ -63,7 +63,7 @@ def keep_sending(user: Node, turtle: str, twist: Twist) -> Callable[[], None]:
 
 
 def test_poses_are_stamped_by_the_clock_of_the_simulator(sim: Node, user: Node) -> None:
-    """Each pose has a later stamp than the one before, of the time at which it was made."""
+    """Each pose is stamped with the time at which it was made, later than the one before."""
     before_ns = sim.now_ns()
     poses = poses_of(user, "turtle1")
     eventually(lambda: len(poses) > 10)
@@ -72,8 +72,8 @@ def test_poses_are_stamped_by_the_clock_of_the_simulator(sim: Node, user: Node) 
     assert before_ns <= stamps[0] and stamps[-1] <= user.now_ns()
 
 
-def test_a_turtle_obeys_its_topic(user: Node) -> None:
-    """A Twist on turtle1/cmd_vel drives turtle1, and the pose tells its speeds."""
+def test_a_turtle_follows_its_topic(user: Node) -> None:
+    """A Twist on turtle1/cmd_vel drives turtle1, and the pose has its speeds."""
     poses = poses_of(user, "turtle1")
     keep_sending(user, "turtle1", Twist(Vector3(x=1.0), Vector3(z=0.5)))
     pose = eventually(lambda: poses[-1] if poses[-1].x > MIDDLE_M + 0.3 else None)
@@ -82,7 +82,7 @@ def test_a_turtle_obeys_its_topic(user: Node) -> None:
 
 
 def test_the_colour_sensor_follows_the_background(bus: Bus, user: Node) -> None:
-    """Changing the parameter background_r changes what turtles see."""
+    """The parameter background_r changes what turtles see."""
     colors: list[Color] = []
     user.create_subscription(Color, "turtle1/color_sensor", colors.append)
     eventually(lambda: Color(69, 86, 255) in colors)
@@ -103,7 +103,7 @@ def test_holonomic_is_changed_while_it_runs(bus: Bus, user: Node) -> None:
 
 
 def test_a_spawned_turtle_is_on_the_bus(user: Node) -> None:
-    """The reply to spawn is the turtle's name; its pose and its services are there then."""
+    """The reply to spawn is the turtle's name; by then its pose and services exist."""
     reply = user.create_client(Spawn, "spawn").call(Spawn.Request(2.0, 3.0, 1.0))
     assert reply == Spawn.Response("turtle2")
     pose = poses_of(user, "turtle2")[0]
@@ -122,13 +122,13 @@ def test_a_spawned_turtle_is_on_the_bus(user: Node) -> None:
     ],
 )
 def test_a_refused_spawn_says_why(user: Node, request_: Spawn.Request, reason: str) -> None:
-    """What turtlesim only logs, the caller is told."""
+    """What turtlesim only logs, the caller gets as an error."""
     with pytest.raises(ServiceError, match=reason):
         user.create_client(Spawn, "spawn").call(request_)
 
 
 def test_a_killed_turtle_leaves_the_bus(user: Node) -> None:
-    """After kill nobody serves the turtle's services, and its name is free again."""
+    """After kill the turtle's services are gone, and its name is free again."""
     user.create_client(Spawn, "spawn").call(Spawn.Request(2.0, 2.0, name="bob"))
     pen = user.create_client(SetPen, "bob/set_pen")
     pen.call(SetPen.Request())
@@ -142,7 +142,7 @@ def test_a_killed_turtle_leaves_the_bus(user: Node) -> None:
 
 
 def test_teleports_move_the_turtle(user: Node) -> None:
-    """The services teleport_absolute and teleport_relative are seen in the next poses."""
+    """The services teleport_absolute and teleport_relative show in the next poses."""
     poses = poses_of(user, "turtle1")
     user.create_client(TeleportAbsolute, "turtle1/teleport_absolute").call(
         TeleportAbsolute.Request(1.0, 2.0, pi / 2)
@@ -155,7 +155,7 @@ def test_teleports_move_the_turtle(user: Node) -> None:
 
 
 def test_reset_keeps_turtle1_on_the_bus(user: Node) -> None:
-    """After reset turtle1 is in the middle again, obeys, and the others have gone."""
+    """After reset turtle1 is in the middle and follows commands, and the others are gone."""
     poses = poses_of(user, "turtle1")
     user.create_client(Spawn, "spawn").call(Spawn.Request(2.0, 2.0))
     others = user.create_client(SetPen, "turtle2/set_pen")
@@ -173,8 +173,8 @@ def test_reset_keeps_turtle1_on_the_bus(user: Node) -> None:
 # The goal
 
 
-def test_a_rotation_tells_how_it_goes_and_how_it_ended(user: Node) -> None:
-    """rotate_absolute sends what is left, less and less, then the turn that it made."""
+def test_a_rotation_reports_progress_and_result(user: Node) -> None:
+    """rotate_absolute sends the shrinking rest of the turn, then the whole turn."""
     remaining: list[float] = []
     poses_of(user, "turtle1")  # a goal is not kept for a simulator that is yet to be found
     goal = user.create_goal_client(RotateAbsolute, "turtle1/rotate_absolute").send(
@@ -187,7 +187,7 @@ def test_a_rotation_tells_how_it_goes_and_how_it_ended(user: Node) -> None:
 
 
 def test_a_rotation_is_canceled(user: Node) -> None:
-    """A cancelled rotation ends where it is, and the turtle stands still."""
+    """A cancelled rotation ends at once, and the turtle rests."""
     poses = poses_of(user, "turtle1")
     client = user.create_goal_client(RotateAbsolute, "turtle1/rotate_absolute")
     goal = client.send(RotateAbsolute.Goal(3.0))
@@ -199,7 +199,7 @@ def test_a_rotation_is_canceled(user: Node) -> None:
 
 
 def test_driving_aborts_a_rotation(user: Node) -> None:
-    """Who commands the turtle takes it from its goal; the goal's sender is told why."""
+    """A velocity command aborts the action; its client gets the reason."""
     poses = poses_of(user, "turtle1")
     client = user.create_goal_client(RotateAbsolute, "turtle1/rotate_absolute")
     goal = client.send(RotateAbsolute.Goal(3.0))
@@ -235,7 +235,7 @@ def test_the_broadcaster_stamps_frames_as_the_pose(bus: Bus, user: Node, buffer:
     eventually(lambda: drone.stamp_ns in [pose.stamp_ns for pose in poses])
 
 
-def test_the_follower_comes_near_what_it_follows(bus: Bus, user: Node, buffer: Buffer) -> None:
+def test_the_follower_comes_near_its_target(bus: Bus, user: Node, buffer: Buffer) -> None:
     """follow spawns turtle2 at (4, 2), and drives it until it is at turtle1."""
     bus.start("broadcaster")
     second = ["--name", "broadcaster2", "--param", "turtlename=turtle2", "--param", "drone=drone2"]
@@ -253,7 +253,7 @@ def test_the_follower_comes_near_what_it_follows(bus: Bus, user: Node, buffer: B
 
 
 def test_the_follower_goes_on_after_a_restart(bus: Bus, user: Node) -> None:
-    """Where turtle2 is there already, follow says so and drives it."""
+    """If turtle2 exists already, follow says so and drives it."""
     user.create_client(Spawn, "spawn").call(Spawn.Request(1.0, 1.0, name="turtle2"))
     follow = bus.start("follow")
     follow.wait_for_line("already exists")
@@ -261,14 +261,14 @@ def test_the_follower_goes_on_after_a_restart(bus: Bus, user: Node) -> None:
 
 
 def test_the_carrot_hangs_beside_its_parent(bus: Bus, buffer: Buffer) -> None:
-    """carrot sends turtle1 -> carrot1, 2 m to the left; its frames have names of one's choice."""
+    """carrot sends turtle1 -> carrot1, 2 m to the left; options name its frames."""
     bus.start("carrot", "--param", "parent_frame=cart", "--param", "frame=bait")
     bait = buffer.lookup_transform("cart", "bait", timeout_s=20.0).transform
     assert bait.is_close(Transform((0.0, 2.0, 0.0)))
 
 
-def test_a_mimic_moves_as_the_other_does(bus: Bus, user: Node) -> None:
-    """What turtle1 does turtle2 does, once mimic's topics are theirs."""
+def test_a_mimic_moves_like_the_other(bus: Bus, user: Node) -> None:
+    """With mimic between their topics, turtle2 does what turtle1 does."""
     user.create_client(Spawn, "spawn").call(Spawn.Request(2.0, 2.0))
     poses = poses_of(user, "turtle2")
     topics = ["input/pose:=turtle1/pose", "output/cmd_vel:=turtle2/cmd_vel"]
@@ -296,7 +296,7 @@ def test_draw_square_resets_and_drives(bus: Bus, user: Node) -> None:
 
 
 def test_draw_square_draws_a_square() -> None:
-    """Four sides and four corners bring the turtle back to where it was, and so on for ever."""
+    """Four sides and four corners bring the turtle back to its start, again and again."""
     world = World()
     turtle = world.turtles["turtle1"]
     square = Square(turtle.pose(0), logging.getLogger("square"))

@@ -72,7 +72,7 @@ class Terminal:
 
     @property
     def text(self) -> str:
-        """All that was shown so far."""
+        """All output so far."""
         return self._shown.decode(errors="replace").replace("\r\n", "\n")
 
     def wait_for(self, pattern: str) -> None:
@@ -86,7 +86,7 @@ class Terminal:
 
     @property
     def echoes(self) -> bool:
-        """Whether it shows what is typed, and waits for Enter."""
+        """Whether it echoes, and waits for Enter."""
         local_modes: int = termios.tcgetattr(self._slave)[3]
         return bool(local_modes & (termios.ECHO | termios.ICANON))
 
@@ -103,7 +103,7 @@ class Terminal:
 
 
 class Turtle:
-    """What turtle1 tells."""
+    """The poses of turtle1."""
 
     def __init__(self, node: Node):
         self.pose: Pose | None = None
@@ -121,7 +121,7 @@ class Turtle:
 
 @pytest.fixture
 def turtle(bus: Bus) -> Turtle:
-    """A simulator's turtle1."""
+    """The turtle1 of a simulator."""
     bus.start("simulator", "--headless").wait_for_line("ready")
     return Turtle(bus.node("watcher"))
 
@@ -136,7 +136,7 @@ def teleop(bus: Bus) -> Iterator[Terminal]:
 
 
 def test_the_banner_is_turtlesims(teleop: Terminal) -> None:
-    """It begins with the banner of turtle_teleop_key."""
+    """Its first output is the banner of turtle_teleop_key."""
     assert BANNER.splitlines() == [
         "Reading from keyboard",
         "---------------------------",
@@ -165,7 +165,7 @@ def test_arrow_keys_drive_the_turtle(turtle: Turtle, teleop: Terminal) -> None:
 
 
 def test_a_key_that_comes_in_pieces_is_one_key(turtle: Turtle, teleop: Terminal) -> None:
-    """An arrow drives although its bytes come one by one, as over a slow connection."""
+    """An arrow drives even if its bytes come one by one, as over a slow connection."""
     for piece in (b"\x1b", b"[", b"A"):
         teleop.type(piece)
         os.sched_yield()
@@ -181,7 +181,7 @@ def test_letters_turn_the_turtle_to_absolute_headings(turtle: Turtle, teleop: Te
 
 
 def is_at(pose: Pose, heading_rad: float) -> bool:
-    """Whether the turtle stands at the heading, to turtlesim's tolerance."""
+    """Whether the turtle rests at the heading, within turtlesim's tolerance."""
     away_rad = math.remainder(pose.theta - heading_rad, math.tau)
     return abs(away_rad) < 0.021 and pose.angular_velocity == 0.0
 
@@ -195,7 +195,7 @@ def test_f_cancels_a_rotation(turtle: Turtle, teleop: Terminal) -> None:
     assert not is_at(turtle.now, HEADINGS_RAD["d"])
 
 
-def test_it_drives_the_turtle_it_is_told_to(bus: Bus) -> None:
+def test_it_drives_the_named_turtle(bus: Bus) -> None:
     """`--turtle` names another turtle, and parameters set its speed."""
     heard: list[Twist] = []
     bus.node("listener").create_subscription(Twist, "turtle2/cmd_vel", heard.append)
@@ -209,14 +209,14 @@ def test_it_drives_the_turtle_it_is_told_to(bus: Bus) -> None:
 
     eventually(press_until_heard)
     assert heard[0] == Twist(linear=Vector3(x=1.5))
-    assert terminal.text.count("There is no turtle2: start the simulator") == 1
+    assert terminal.text.count("No turtle 'turtle2': start the simulator") == 1
     terminal.type(b"Q")
     assert terminal.exit_code() == 0
     terminal.close()
 
 
 def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
-    """In tmux, which sends arrows its own way, keys drive and Q gives the shell back."""
+    """In tmux, which encodes arrows in its own way, keys drive and Q returns to the shell."""
     needs.program("tmux")
     heard: list[Twist] = []
     bus.node("listener").create_subscription(Twist, "turtle1/cmd_vel", heard.append)
@@ -253,10 +253,10 @@ def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
         (signal.SIGQUIT, -signal.SIGQUIT),
     ],
 )
-def test_the_terminal_is_left_as_it_was(
+def test_the_terminal_gets_its_modes_back(
     teleop: Terminal, ending: bytes | signal.Signals, exit_code: int
 ) -> None:
-    """While it reads keys the terminal does not echo; however it ends, all modes are back."""
+    """While it reads keys the terminal does not echo; however it ends, all modes come back."""
     assert not teleop.echoes
     if isinstance(ending, bytes):
         teleop.type(ending)
@@ -267,8 +267,8 @@ def test_the_terminal_is_left_as_it_was(
     assert "Traceback" not in teleop.text
 
 
-def test_the_terminal_is_itself_while_teleop_is_stopped(bus: Bus) -> None:
-    """After Ctrl-Z the terminal echoes, after fg keys are read again, and then it is restored."""
+def test_the_terminal_has_its_modes_while_teleop_is_stopped(bus: Bus) -> None:
+    """After Ctrl-Z the terminal echoes, after fg keys are read again; the end restores it."""
     terminal = Terminal(TELEOP, bus.env, IN_SHELL)
     terminal.wait_for("Driving turtle1")
     terminal.type(b"\x1a")
@@ -292,8 +292,8 @@ def test_an_exception_restores_the_terminal_too() -> None:
     os.close(slave)
 
 
-def test_a_terminal_that_goes_away_is_told() -> None:
-    """Reading from a terminal whose window was closed raises, rather than reading for ever."""
+def test_a_terminal_that_has_gone_raises() -> None:
+    """Reading from a terminal whose window was closed raises instead of waiting forever."""
     master, slave = os.openpty()
     with RawTerminal(slave) as terminal:
         assert terminal.read(0.0) == b""
@@ -308,4 +308,6 @@ def test_without_a_terminal_it_says_so(bus: Bus) -> None:
     done = bus.run("teleop", stdin="q")
     assert done.returncode == 1
     assert done.stdout == ""
-    assert re.fullmatch(r"Error: keys are read from a terminal, .*\n", done.stderr)
+    assert re.fullmatch(
+        r"Error: standard input is no terminal to read keys from: .*\n", done.stderr
+    )

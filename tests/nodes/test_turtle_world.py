@@ -33,7 +33,7 @@ places = st.floats(0.0, SIZE_M)
 
 @dataclass
 class Goal:
-    """A goal that remembers what it was told."""
+    """A rotation that records what the turtle reports."""
 
     request: RotateAbsolute.Goal
     remaining: list[float] = field(default_factory=list)
@@ -75,7 +75,7 @@ def steps(world: World, ticks: int) -> None:
 
 
 def test_the_field_is_turtlesims() -> None:
-    """500 pixels at 45 pixels a metre are a field of 11.088889 m; turtle1 stands in its middle."""
+    """500 pixels at 45 pixels a metre are a field of 11.088889 m; turtle1 is in its middle."""
     pose = turtle1(World()).pose(stamp_ns=7)
     assert f"{SIZE_M:.6f}" == "11.088889"
     assert f"{pose.x:.6f} {pose.y:.6f} {pose.theta:.6f}" == "5.544445 5.544445 0.000000"
@@ -118,7 +118,7 @@ def test_a_command_holds_for_one_second() -> None:
 
 
 def test_a_new_command_holds_for_one_more_second() -> None:
-    """Each command begins the second anew."""
+    """Each command restarts the second."""
     world = World()
     for _ in range(3):
         turtle1(world).command(drive(0.0, turn=0.5))
@@ -126,7 +126,7 @@ def test_a_new_command_holds_for_one_more_second() -> None:
     assert turtle1(world).pose(0).angular_velocity == 0.5
 
 
-def test_sideways_only_where_holonomic() -> None:
+def test_sideways_only_if_holonomic() -> None:
     """linear.y moves a turtle to its left in a holonomic world, and does nothing in another."""
     world = World()
     turtle1(world).command(drive(left=1.0), holonomic=False)
@@ -138,7 +138,7 @@ def test_sideways_only_where_holonomic() -> None:
 
 
 def test_the_speed_in_a_pose_is_a_magnitude() -> None:
-    """A turtle that drives backwards tells a positive linear_velocity, as in turtlesim."""
+    """A turtle that drives backwards has a positive linear_velocity, as in turtlesim."""
     world = World()
     turtle1(world).command(drive(-1.5, turn=-0.5))
     world.step()
@@ -158,8 +158,8 @@ def test_the_wall_stops_a_turtle(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.messages == ["Oh no! I hit the wall! (Clamping from [x=11.094889, y=3.000000])"]
 
 
-def test_the_wall_is_told_of_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
-    """A turtle that pushes against the wall for 3 s warns three times, and not on each tick."""
+def test_the_wall_is_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    """A turtle that pushes against the wall for 3 s warns three times, not on each tick."""
     world = World()
     turtle1(world).teleport_absolute(TeleportAbsolute.Request(SIZE_M, 1.0))
     for _ in range(3 * 62):
@@ -201,7 +201,7 @@ def test_no_finite_command_breaks_the_world(
 
 @given(angle=st.floats(-1e6, 1e6))
 def test_a_wrapped_angle_is_the_same_direction(angle: float) -> None:
-    """An angle is wrapped into [-pi, pi) and points where it pointed."""
+    """An angle is wrapped into [-pi, pi) and keeps its direction."""
     assert -pi <= wrap(angle) < pi
     assert cos(wrap(angle)) == pytest.approx(cos(angle), abs=1e-9)
     assert sin(wrap(angle)) == pytest.approx(sin(angle), abs=1e-9)
@@ -215,7 +215,7 @@ def test_half_a_turn_is_minus_pi() -> None:
 @given(commands=st.lists(st.tuples(speeds, speeds), max_size=5))
 @settings(max_examples=20, deadline=None)
 def test_the_world_is_deterministic(commands: list[tuple[float, float]]) -> None:
-    """Two worlds that are told the same are the same, to the last bit and pixel."""
+    """Two worlds with the same commands are the same, to the last bit and pixel."""
 
     def story() -> tuple[object, bytes]:
         world = World()
@@ -232,7 +232,7 @@ def test_the_world_is_deterministic(commands: list[tuple[float, float]]) -> None
 
 
 def test_teleports_happen_on_the_next_tick_in_their_order() -> None:
-    """A turtle is still where it was until the world steps; then all its jumps happen."""
+    """A turtle stays until the world steps; then all its jumps happen."""
     world = World()
     turtle = turtle1(world)
     turtle.teleport_absolute(TeleportAbsolute.Request(2.0, 3.0, pi / 2))
@@ -254,7 +254,7 @@ def test_a_relative_teleport_turns_first() -> None:
 @pytest.mark.parametrize(("x", "y"), [(-0.1, 1.0), (1.0, -0.1), (11.1, 1.0), (1.0, 11.1)])
 def test_a_teleport_off_the_field_is_refused(x: float, y: float) -> None:
     """A place off the field is refused with the size of the field."""
-    with pytest.raises(ServiceError, match=r"off the field: x and y are from 0 to 11\.088889"):
+    with pytest.raises(ServiceError, match=r"off the field: x and y must be from 0 to 11\.088889"):
         turtle1(World()).teleport_absolute(TeleportAbsolute.Request(x, y))
 
 
@@ -276,7 +276,7 @@ def test_a_turtle_is_where_it_was_teleported_to(x: float, y: float, theta: float
 @given(theta=st.floats(-10.0, 10.0))
 @settings(max_examples=20, deadline=None)
 def test_a_rotation_goes_the_shorter_way_at_one_rad_a_second(theta: float) -> None:
-    """A goal turns the turtle by 0.016 rad a tick, less and less being left, until 0.02 rad."""
+    """It turns the turtle by 0.016 rad a tick, until at most 0.02 rad are left."""
     world, goal = World(), Goal(RotateAbsolute.Goal(theta))
     turtle1(world).rotate(goal)
     ticks = 0
@@ -291,7 +291,7 @@ def test_a_rotation_goes_the_shorter_way_at_one_rad_a_second(theta: float) -> No
 
 
 def test_a_rotation_is_not_stopped_by_the_command_timeout() -> None:
-    """A goal that takes three seconds needs no commands."""
+    """A rotation that takes three seconds needs no commands."""
     world, goal = World(), Goal(RotateAbsolute.Goal(3.0))
     turtle1(world).rotate(goal)
     steps(world, 200)
@@ -299,7 +299,7 @@ def test_a_rotation_is_not_stopped_by_the_command_timeout() -> None:
 
 
 def test_a_canceled_rotation_stops_the_turtle(caplog: pytest.LogCaptureFixture) -> None:
-    """A cancelled goal ends on the next tick, and tells how far it came."""
+    """A cancelled rotation ends on the next tick, and reports how far it came."""
     caplog.set_level(logging.INFO)
     world, goal = World(), Goal(RotateAbsolute.Goal(3.0))
     turtle1(world).rotate(goal)
@@ -312,7 +312,7 @@ def test_a_canceled_rotation_stops_the_turtle(caplog: pytest.LogCaptureFixture) 
 
 
 def test_a_command_aborts_a_rotation(caplog: pytest.LogCaptureFixture) -> None:
-    """Who drives the turtle takes it away from its goal."""
+    """Driving the turtle ends its rotation."""
     world, goal = World(), Goal(RotateAbsolute.Goal(3.0))
     turtle1(world).rotate(goal)
     steps(world, 10)
@@ -323,7 +323,7 @@ def test_a_command_aborts_a_rotation(caplog: pytest.LogCaptureFixture) -> None:
 
 
 def test_a_new_rotation_aborts_the_old_one() -> None:
-    """The last goal counts."""
+    """The last rotation counts."""
     world, old, new = World(), Goal(RotateAbsolute.Goal(3.0)), Goal(RotateAbsolute.Goal(-1.0))
     turtle1(world).rotate(old)
     world.step()
@@ -334,8 +334,8 @@ def test_a_new_rotation_aborts_the_old_one() -> None:
     assert new.ending is not None and new.ending[0] == "succeeded"
 
 
-def test_a_killed_turtle_ends_its_goal() -> None:
-    """Who waits for a rotation hears that the turtle has gone."""
+def test_a_killed_turtle_aborts_its_rotation() -> None:
+    """The client gets the reason: the turtle has left."""
     world, goal = World(), Goal(RotateAbsolute.Goal(3.0))
     turtle1(world).rotate(goal)
     world.kill("turtle1")
@@ -347,7 +347,7 @@ def test_a_killed_turtle_ends_its_goal() -> None:
 
 
 def test_turtles_without_a_name_are_numbered() -> None:
-    """An empty name asks for the next turtleN that is free."""
+    """An empty name becomes the next free turtleN."""
     world = World()
     world.spawn(1.0, 1.0, 0.0, "turtle3")
     assert [world.spawn(2.0, 2.0, 0.0).name for _ in range(2)] == ["turtle2", "turtle4"]
@@ -363,7 +363,7 @@ def test_a_name_is_given_once() -> None:
 
 @pytest.mark.parametrize("name", ["a/b", "*", "7up", "turtle 1", "-"])
 def test_a_name_is_fit_for_a_topic(name: str) -> None:
-    """A name that could not be part of a topic's is refused, with what can."""
+    """A name that cannot be part of a topic's is refused; the error says which can."""
     with pytest.raises(ServiceError, match="letters, digits and _"):
         World().spawn(1.0, 1.0, 0.0, name)
 
@@ -377,7 +377,7 @@ def test_a_refused_spawn_leaves_no_trace() -> None:
     assert world.spawn(1.0, 1.0, 0.0).name == "turtle2"
 
 
-def test_who_is_not_there_cannot_be_killed() -> None:
+def test_an_unknown_turtle_cannot_be_killed() -> None:
     """Killing a turtle that does not exist is refused with turtlesim's words."""
     with pytest.raises(ServiceError, match=r"^Tried to kill turtle \[nemo\], which does not exist"):
         World().kill("nemo")
@@ -393,8 +393,8 @@ def test_the_log_reads_as_turtlesims(caplog: pytest.LogCaptureFixture) -> None:
     assert caplog.messages == [spawning, "Clearing turtlesim.", "Resetting turtlesim.", spawning]
 
 
-def test_a_reset_begins_anew() -> None:
-    """After a reset there is one turtle, fresh, on a clean field; background and rules stay."""
+def test_a_reset_leaves_turtle1_alone_on_a_clean_field() -> None:
+    """The turtle is a new one; background and rules stay."""
     world = World()
     world.background, world.holonomic = Color(1, 2, 3), True
     turtle1(world).set_pen(SetPen.Request(255, 0, 0, 9))
@@ -417,7 +417,7 @@ def ink_at(world: World, x: float, y: float) -> tuple[int, ...]:
     return tuple(int(part) for part in world.snapshot().ink[row, column])
 
 
-def test_a_turtle_draws_its_way() -> None:
+def test_a_turtle_draws_its_path() -> None:
     """The default pen is down, 3 pixels wide, of colour (179, 184, 255)."""
     world = World()
     turtle1(world).command(drive(2.0))
@@ -428,7 +428,7 @@ def test_a_turtle_draws_its_way() -> None:
 
 
 def test_a_teleport_draws_a_line() -> None:
-    """The pen draws the way of a jump."""
+    """The pen draws along a jump."""
     world = World()
     turtle1(world).teleport_absolute(TeleportAbsolute.Request(1.0, 1.0))
     world.step()
@@ -437,7 +437,7 @@ def test_a_teleport_draws_a_line() -> None:
 
 
 def test_a_lifted_pen_draws_nothing_and_keeps_its_colour() -> None:
-    """`off` lifts the pen; its colour and width are as they were."""
+    """`off` lifts the pen; its colour and width stay."""
     world = World()
     turtle1(world).set_pen(SetPen.Request(255, 0, 0, 9))
     turtle1(world).set_pen(SetPen.Request(0, 0, 0, 1, off=True))
@@ -455,7 +455,7 @@ def test_width_zero_draws_as_one() -> None:
 
 
 def test_clear_wipes_the_ink() -> None:
-    """After clear the field is empty; the turtles stay where they are."""
+    """After clear the field is empty; the turtles stay."""
     world = World()
     turtle1(world).command(drive(2.0))
     steps(world, 20)
@@ -479,7 +479,7 @@ def test_the_colour_sensor_sees_background_and_ink() -> None:
 
 
 def test_a_snapshot_does_not_change() -> None:
-    """What the world does later is not seen in an older snapshot, and nobody can write to it."""
+    """An older snapshot does not show later events, and is read-only."""
     world = World()
     before = world.snapshot()
     turtle1(world).command(drive(2.0))
@@ -491,7 +491,7 @@ def test_a_snapshot_does_not_change() -> None:
 
 
 def test_snapshots_of_the_same_ink_share_it() -> None:
-    """Where nothing was drawn between two snapshots, the ink is not copied again."""
+    """If nothing was drawn between two snapshots, the ink is not copied."""
     world = World()
     assert world.snapshot().ink is world.snapshot().ink
 

@@ -1,4 +1,4 @@
-"""A running `tfbus view` and its page in a real Chromium that nobody sees, for tests."""
+"""A running `tfbus view` and its page in a real headless Chromium, for tests."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +11,7 @@ from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcas
 from tfbus import TransformStamped as Stamped
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS
 
-# Chromium draws without a graphics card, on a machine that others use too.
+# Chromium draws without a graphics card, on a machine with other work to do.
 PATIENCE_S = 3 * DEADLINE_S
 
 
@@ -42,7 +42,7 @@ class View:
         self.headline("")
 
     def headline(self, part: str) -> str:
-        """The line at the top, once it has this part in it."""
+        """The line at the top, once it contains this part."""
         line = self.page.get_by_role("status").filter(has_text=part)
         line.wait_for()
         return str(line.inner_text())
@@ -65,17 +65,17 @@ class View:
         self.page.get_by_role("button", name=name, exact=True).click()
 
     def click_at(self, x: float, y: float) -> None:
-        """Click on a place of the window, which viser's note on slow machines may lie over."""
+        """Click on a place of the window, after closing viser's note on slow machines."""
         self.page.evaluate(CLOSE_NOTES)
         self.page.mouse.click(x, y)
 
     def shows(self, locator: Any, within_s: float) -> bool:
-        """Whether something is there, or comes within that time."""
-        from playwright.sync_api import TimeoutError as NotThereError
+        """Whether something appears within that time."""
+        from playwright.sync_api import TimeoutError as NotShownError
 
         try:
             locator.wait_for(timeout=within_s * 1e3)
-        except NotThereError:
+        except NotShownError:
             return False
         return True
 
@@ -101,8 +101,8 @@ class View:
 
 
 def start_view(bus: Bus, *options: str) -> tuple[Process, str]:
-    """`tfbus view` as a process, and the address that it tells."""
-    # Seldom, because it is the processor that draws here.
+    """`tfbus view` as a process, and the address that it prints."""
+    # At a low rate, because the processor draws here.
     process = bus.start("view", "--port", str(free_port()), "--rate", "5", *options)
     line = process.wait_for_line(r"View: http://", within_s=PATIENCE_S)
     return process, line.rpartition("View: ")[2]

@@ -16,16 +16,18 @@ from tests.live_bus import Bus, eventually, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, start_view
 
 
-def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_path: Path) -> None:
-    """The file opens the same view again; a filter that cannot be read changes nothing."""
+def test_settings_are_saved_and_a_bad_pattern_is_shown(
+    bus: Bus, pages: Any, tmp_path: Path
+) -> None:
+    """The file opens the same view again; a malformed filter changes nothing."""
     path = tmp_path / "view.yaml"
     Arm(bus.node("arm"))
     process, address = start_view(bus, "--settings", str(path))
     view = View(pages.new_page(), address)
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.tab("View")
     view.field("Only").fill("tool(")
-    mistake = view.page.get_by_role("alert").filter(has_text="no regular expression")
+    mistake = view.page.get_by_role("alert").filter(has_text="not a regular expression")
     mistake.wait_for()
     view.field("Only").fill("^t")
     mistake.wait_for(state="detached")
@@ -34,7 +36,7 @@ def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_
     process.signal(SIGKILL)
     process.wait()
 
-    # On the same port, where the page that is open finds it by itself.
+    # On the same port the open page finds it by itself.
     again = bus.start("view", "--port", address.rpartition(":")[2], "--settings", str(path))
     again.wait_for_line(r"View: http://", within_s=PATIENCE_S)
     view.tab("Frames")
@@ -42,8 +44,10 @@ def test_settings_are_saved_and_a_bad_pattern_is_told(bus: Bus, pages: Any, tmp_
     assert view.row("base").count() == 0
 
 
-def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path: Path) -> None:
-    """The rest of it is; the line stands below the tree."""
+def test_the_page_says_which_parts_of_a_robot_it_cannot_show(
+    bus: Bus, pages: Any, tmp_path: Path
+) -> None:
+    """Below the tree; the other parts are shown."""
     urdf = tmp_path / "robot.urdf"
     urdf.write_text(
         "<robot name='r'><link name='base'><visual><geometry><box size='1 1 1'/></geometry>"
@@ -53,13 +57,13 @@ def test_what_of_a_robot_cannot_be_shown_is_said(bus: Bus, pages: Any, tmp_path:
     _, address = start_view(bus, "--urdf", str(urdf))
     Arm(bus.node("arm"))
     view = View(pages.new_page(), address)
-    view.wait_for_status("base", "fresh")
+    view.wait_for_status("base", "dynamic")
     said = view.page.get_by_role("alert").filter(has_text="A visual of link 'base' is not shown")
     assert "--package-path names the folder with package 'arm'" in said.inner_text()
 
 
 def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
-    """Of the size that was asked for, after which the process ends by itself."""
+    """With the given size; then the process ends by itself."""
     needs.program("chromium")
     Arm(bus.node("arm"))
     path = tmp_path / "out.png"
@@ -77,14 +81,14 @@ def test_a_picture_of_the_page_is_taken(bus: Bus, tmp_path: Path) -> None:
 
 @pytest.fixture
 def short_path() -> Iterator[Path]:
-    """A folder for Chromium, which opens a socket in it: such a path has 107 characters at most."""
+    """A folder for Chromium's socket, whose path has at most 107 characters."""
     with TemporaryDirectory() as folder:
         yield Path(folder)
 
 
 @pytest.mark.parametrize("is_whole_group", [False, True])
 def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path: Path) -> None:
-    """Whoever gets the signal, Chromium and its children end, and no picture is promised."""
+    """Chromium and its children end, whichever processes get the signal, without a picture."""
     pid_file = short_path / "pid"
     chromium = short_path / "chromium"
     chromium.write_text(f'#!/bin/sh\necho $$ > {pid_file}\nexec {needs.program("chromium")} "$@"\n')
@@ -95,7 +99,7 @@ def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path:
         *("--screenshot", str(short_path / "out.png"), "--after", "600"),
         env={"PATH": f"{short_path}:{os.environ['PATH']}", "TMPDIR": str(short_path)},
     )
-    # Its own children are there once it has written down where it listens.
+    # Once this file exists, so do Chromium's own children.
     eventually(lambda: [*short_path.glob("tmp*/DevToolsActivePort")], within_s=PATIENCE_S)
     group = int(pid_file.read_text())
     if is_whole_group:
@@ -109,7 +113,7 @@ def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path:
 
 
 def living_in(group: int) -> list[int]:
-    """The processes of a group that have not ended; those that ended may wait for their parent."""
+    """The processes of a group that have not ended; zombies do not count."""
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):

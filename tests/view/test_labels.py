@@ -1,4 +1,4 @@
-"""Which names the scene of `tfbus view` shows a browser, and where it looks from at first."""
+"""Which names the scene of `tfbus view` shows in a browser, and where its camera starts."""
 
 import math
 
@@ -11,8 +11,9 @@ from tfbus import FrameInfo
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
+from tfbus.frames.state import State
+from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.status import FrameState, Status
 from tfbus.view.scene.camera import Window, overview
 from tfbus.view.scene.labels import MOST, readable
 
@@ -25,9 +26,9 @@ ABOVE = Window(
 )
 
 
-def state(name: str, status: Status = Status.FRESH) -> FrameState:
-    """A frame's state; of all that it says only this matters here."""
-    return FrameState(FrameInfo(name, parent="map"), status, 0.0, 1.0, (), "map", 1)
+def frame(name: str, state: State = "dynamic") -> ViewFrame:
+    """A frame; only its name and state matter here."""
+    return ViewFrame(FrameInfo(name, parent="map"), state, 0.0, 1.0, (), "map", 1)
 
 
 def names(
@@ -36,26 +37,26 @@ def names(
     gone: tuple[str, ...] = (),
     shown: frozenset[str] = frozenset(),
 ) -> set[str]:
-    """What is written where frames lie there on the ground, in metres."""
-    states = [state(name, Status.GONE if name in gone else Status.FRESH) for name in places]
+    """The names written for frames at these places on the ground, in metres."""
+    frames = [frame(name, "gone" if name in gone else "dynamic") for name in places]
     xyz = np.array([(x, y, 0.0) for x, y in places.values()]).reshape(-1, 3)
-    return set(readable(states, xyz, settings or ViewSettings(), 0.1, ABOVE, shown).values())
+    return set(readable(frames, xyz, settings or ViewSettings(), 0.1, ABOVE, shown).values())
 
 
-def test_a_name_stands_where_none_covers_it() -> None:
-    """A letter is about 6 pixels wide: what is 30 apart is too near, but not 18 above."""
+def test_a_name_is_written_where_no_other_covers_it() -> None:
+    """A letter is about 6 pixels wide: 10 pixels beside is too near, 25 above is not."""
     assert names({"a": (0.0, 0.0), "b": (0.2, 0.0), "c": (2.0, 0.0)}) == {"a", "c"}
     assert names({"a": (0.0, 0.0), "b": (0.2, 0.5)}) == {"a", "b"}
 
 
 def test_frames_at_one_place_share_a_name_in_the_order_of_the_tree() -> None:
-    """Of many the first three."""
+    """At most three of them, and the number of others."""
     assert names({"map": (0.0, 0.0), "odom": (0.0, 0.0)}) == {"map, odom"}
     assert names({name: (0.0, 0.0) for name in "abcde"}) == {"a, b, c and 2 more"}
 
 
-def test_the_selected_name_comes_first_then_those_that_something_is_the_matter_with() -> None:
-    """Then those that are written already, so that names do not flicker."""
+def test_the_selected_name_comes_first_then_those_of_faulty_frames() -> None:
+    """Then those already written, so that names do not flicker."""
     crowd = {"a": (0.0, 0.0), "b": (0.1, 0.0), "c": (0.2, 0.0)}
     assert names(crowd, ViewSettings(selected="c"), gone=("b",)) == {"c"}
     assert names(crowd, gone=("b",)) == {"b (gone)"}
@@ -65,7 +66,7 @@ def test_the_selected_name_comes_first_then_those_that_something_is_the_matter_w
 
 
 def test_long_names_are_cut_in_the_middle() -> None:
-    """The beginning tells the robot, and the end the part."""
+    """The start names the robot, and the end the part."""
     long = "robot1/camera_depth_optical_frame_rectified"
     assert names({long: (0.0, 0.0)}) == {"robot1/camera_d…_frame_rectified"}
 
@@ -74,20 +75,21 @@ def test_what_is_out_of_sight_has_no_name() -> None:
     """Ten metres to the side, or behind the camera."""
     assert names({"here": (0.0, 0.0), "aside": (11.0, 0.0)}) == {"here"}
     behind = np.array([(0.0, 0.0, 11.0)])
-    assert readable([state("behind")], behind, ViewSettings(), 0.1, ABOVE) == {}
+    assert readable([frame("behind")], behind, ViewSettings(), 0.1, ABOVE) == {}
 
 
 @given(
     st.lists(st.tuples(*[st.floats(-9.0, 9.0)] * 2), max_size=60), st.sampled_from((1e-6, 1.0, 3.0))
 )
 def test_no_name_lies_over_another(places: list[tuple[float, float]], size: float) -> None:
-    """Wherever the frames are, together or not, and no more than can be read."""
-    frames = [state(f"frame{at}") for at in range(len(places))]
+    """Wherever the frames are, together or not; at most 40."""
+    frames = [frame(f"frame{at}") for at in range(len(places))]
     xyz = np.array([(x, y, 0.0) for x, y in places]).reshape(-1, 3)
     written = readable(frames, xyz, ViewSettings(), size, ABOVE)
     assert len(written) <= MOST
     rows = [int(name.removeprefix("frame")) for name in written]
-    pixels, _ = ABOVE.project(xyz[rows])
+    # A name is written above its frame, by 0.35 of an axis.
+    pixels, _ = ABOVE.project(xyz[rows] + (0.0, 0.0, 0.35 * size))
     half_px = np.array([6.2 * len(text) / 2.0 for text in written.values()])
     apart = np.abs(pixels[:, None] - pixels[None])
     covered = (apart[..., 0] < half_px[:, None] + half_px) & (apart[..., 1] < 17.0)
@@ -95,10 +97,10 @@ def test_no_name_lies_over_another(places: list[tuple[float, float]], size: floa
 
 
 @given(st.tuples(*[st.floats(-100.0, 100.0)] * 3), st.floats(0.1, 100.0), st.floats(0.4, 3.0))
-def test_one_begins_where_all_is_in_sight(
+def test_the_camera_starts_where_all_is_in_sight(
     middle: tuple[float, float, float], radius_m: float, aspect: float
 ) -> None:
-    """Whatever the size of the scene, and the shape of the window."""
+    """For every size of the scene and shape of the window."""
     position, look_at = overview(np.array(middle), radius_m, aspect)
     ahead = (look_at - position) / np.linalg.norm(look_at - position)
     right = np.cross(ahead, (0.0, 0.0, 1.0))

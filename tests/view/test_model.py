@@ -1,4 +1,4 @@
-"""What `tfbus view` shows, known without a page: states of frames, poses, trails, filters, time."""
+"""What `tfbus view` shows, tested without a page: states, poses, trails, filters, time."""
 
 from pathlib import Path
 
@@ -7,26 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus import Buffer, FrameInfo, SettingsError, Transform, TransformStamped
+from tfbus import Buffer, SettingsError, Transform, TransformStamped
+from tfbus.frames.snapshot import frame_tree
+from tfbus.listen.info import StreamInfo
 from tfbus.view.model.filter import NameFilter, PatternError
-from tfbus.view.model.frames import Frames, FrameWatch
+from tfbus.view.model.frames import FADED, Frames, fading, frames_of
 from tfbus.view.model.placement import arrow_points, arrow_rows, newest_common_ns, place, trail
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.settings import ViewSettings, load, save
-from tfbus.view.model.status import FADED, Status, judge, opacity_of, stale_after_s
+from tfbus.view.model.settings import ViewSettings, load_settings, save_settings
 from tfbus.view.panels import text
 
 S = 1_000_000_000
-
-
-class Clock:
-    """A clock that stands still until it is set."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def send(
@@ -39,14 +30,14 @@ def send(
     static: bool = False,
     by: str = "arm",
 ) -> None:
-    """Let a child be x metres ahead of its parent."""
+    """Put a child x metres ahead of its parent."""
     pose = Transform((x, 0.0, 0.0))
     buffer.set_transform(TransformStamped(at_ns, parent, child, pose), static=static, authority=by)
 
 
 @pytest.fixture
 def buffer() -> Buffer:
-    """map -> base -> tool, moving at 10 Hz for a second, base a metre and tool two from map."""
+    """map -> base -> tool at 10 Hz from 1 s to 2 s, base a metre and tool two from map."""
     buffer = Buffer()
     for tick in range(11):
         send(buffer, "map", "base", at_ns=S + tick * S // 10)
@@ -54,68 +45,46 @@ def buffer() -> Buffer:
     return buffer
 
 
-def look(buffer: Buffer, fixed_frame: str = "map") -> Frames:
-    """The frames as they are at first sight."""
-    return FrameWatch(buffer, Clock()).look({}, fixed_frame)
+def look(
+    buffer: Buffer, fixed_frame: str = "map", *streams: StreamInfo, at_ns: int = 2 * S
+) -> Frames:
+    """The frames at a time."""
+    return frames_of(frame_tree(buffer, streams, at_ns), buffer, fixed_frame)
 
 
-# States
+# States; how they are judged is tested in tests/frames/test_states_agree.py.
 
 
-def test_a_frame_without_news_for_three_of_its_periods_is_stale() -> None:
-    """A frame of 0.5 Hz may be silent for six seconds; one of 100 Hz for a second, as the least."""
-    assert stale_after_s(0.5) == 6.0
-    assert stale_after_s(100.0) == 1.0
-    slow = FrameInfo("slow", parent="map", rate_hz=0.5)
-    assert judge(slow, 5.9, 1) is Status.FRESH
-    assert judge(slow, 6.1, 1) is Status.STALE
-
-
-@pytest.mark.parametrize(
-    ("info", "publishers", "status"),
-    [
-        (FrameInfo("map"), 0, Status.ROOT),
-        (FrameInfo("base", parent="map", rate_hz=10.0), 1, Status.FRESH),
-        (FrameInfo("base", parent="map", static=True), 1, Status.STATIC),
-        (FrameInfo("base", parent="map", static=True, gone=True), 0, Status.GONE),
-        (FrameInfo("base", parent="map", rate_hz=10.0), 2, Status.CONFLICT),
-    ],
-)
-def test_each_state_has_its_status(info: FrameInfo, publishers: int, status: Status) -> None:
-    """Root, fresh, static, gone and in conflict are told apart."""
-    assert judge(info, 0.0, publishers) is status
-
-
-@given(st.floats(0.0, 1e6), st.floats(0.0, 1e6), st.floats(0.01, 1e3))
-def test_what_is_stale_only_fades(one_s: float, other_s: float, rate_hz: float) -> None:
-    """The longer a frame is silent the less is left of it, and never less than a quarter."""
+@given(st.floats(0.0, 1e6), st.floats(0.0, 1e6), st.floats(1.0, 1e3))
+def test_a_stale_frame_only_fades(one_s: float, other_s: float, limit_s: float) -> None:
+    """The longer a frame is silent the lower its opacity, but never below a quarter."""
     early, late = sorted((one_s, other_s))
-    limit_s = stale_after_s(rate_hz)
-    before = opacity_of(Status.STALE, limit_s + early, rate_hz)
-    after = opacity_of(Status.STALE, limit_s + late, rate_hz)
+    before = fading(limit_s + early, limit_s)
+    after = fading(limit_s + late, limit_s)
     assert FADED <= after <= before <= 1.0
 
 
-def test_silence_is_measured_by_our_own_clock(buffer: Buffer) -> None:
-    """A frame is stale when nothing new comes, whatever the publisher's clock says."""
-    clock = Clock()
-    watch = FrameWatch(buffer, clock)
-    assert watch.look({}, "map").states["tool"].status is Status.FRESH
-    clock.now_s += 5.0
-    send(buffer, "map", "base", at_ns=3 * S)
-    frames = watch.look({}, "map")
-    assert frames.states["base"].status is Status.FRESH
-    assert frames.states["tool"].status is Status.STALE
-    assert frames.states["tool"].silent_s == 5.0
+def test_a_stale_frame_says_for_how_long_it_has_been_silent(buffer: Buffer) -> None:
+    """It fades, and its facts name the time."""
+    send(buffer, "map", "base", at_ns=7 * S)
+    frames = look(buffer, at_ns=7 * S)
+    assert (frames["base"].state, frames["base"].opacity) == ("dynamic", 1.0)
+    assert (frames["tool"].state, frames["tool"].silent_s) == ("stale", 5.0)
+    assert frames["tool"].opacity < 1.0
+    assert text.explained(frames["tool"]) == "stale: no sample for 5.0 s"
 
 
-def test_a_frame_that_two_streams_describe_is_in_conflict(buffer: Buffer) -> None:
-    """Both publishers of it are named."""
-    rows = [("map", "base", False)]
-    frames = FrameWatch(buffer).look({"left": rows, "right": rows}, "map")
-    assert frames.states["base"].status is Status.CONFLICT
-    assert frames.states["base"].publishers == ("left", "right")
-    assert "sent by left and right" in text.explained(frames.states["base"])
+def test_a_conflict_names_both_publishers(buffer: Buffer) -> None:
+    """Also beside a frame that is gone."""
+    rows = (("map", "base", False),)
+    sides = [StreamInfo(name, alive=True, frames=rows) for name in ("right", "left")]
+    base = look(buffer, "map", *sides)["base"]
+    assert (base.state, base.publishers) == ("conflict", ("left", "right"))
+    assert text.explained(base) == "conflict: sent by left and right"
+    buffer.mark_gone(["base"], True, "arm")
+    assert text.explained(look(buffer, "map", *sides)["base"]) == (
+        "gone: its publisher has left the bus; conflict: sent by left and right"
+    )
 
 
 # Trees
@@ -126,7 +95,7 @@ def test_trees_are_listed_from_their_roots_the_largest_first(buffer: Buffer) -> 
     send(buffer, "map", "arm")
     send(buffer, "island", "palm")
     frames = look(buffer)
-    assert [(state.name, state.depth) for state in frames] == [
+    assert [(frame.name, frame.depth) for frame in frames] == [
         ("map", 0),
         ("arm", 1),
         ("base", 1),
@@ -139,12 +108,12 @@ def test_trees_are_listed_from_their_roots_the_largest_first(buffer: Buffer) -> 
 
 
 def test_a_tree_apart_says_why_in_the_buffers_words(buffer: Buffer) -> None:
-    """Frames that no path joins to the fixed frame have the buffer's reason."""
+    """Frames that are not connected to the fixed frame have the buffer's reason."""
     send(buffer, "island", "palm")
-    states = look(buffer).states
-    assert states["tool"].unplaced == ""
-    assert "'island'" in states["palm"].unplaced
-    assert states["palm"].unplaced == states["island"].unplaced
+    frames = look(buffer)
+    assert frames["tool"].unplaced == ""
+    assert "'island'" in frames["palm"].unplaced
+    assert frames["palm"].unplaced == frames["island"].unplaced
 
 
 @pytest.mark.parametrize(
@@ -158,7 +127,7 @@ def test_a_tree_apart_says_why_in_the_buffers_words(buffer: Buffer) -> None:
 def test_the_fixed_frame_is_world_or_the_root_of_the_largest_tree(
     edges: list[tuple[str, str]], fixed_frame: str
 ) -> None:
-    """Where nobody has chosen one."""
+    """Unless another is chosen."""
     buffer = Buffer()
     for parent, child in edges:
         send(buffer, parent, child)
@@ -169,7 +138,7 @@ def test_the_fixed_frame_is_world_or_the_root_of_the_largest_tree(
 
 
 def test_frames_are_placed_in_the_fixed_frame(buffer: Buffer) -> None:
-    """Positions in metres, quaternions with w first, as viewers want them."""
+    """Positions in metres, quaternions with w first, as viser has them."""
     placed = place(buffer, "map", ["map", "base", "tool", "nowhere"], None)
     assert placed.names == ("map", "base", "tool")
     assert placed.xyz.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
@@ -179,7 +148,7 @@ def test_frames_are_placed_in_the_fixed_frame(buffer: Buffer) -> None:
 
 
 def test_the_past_is_placed_as_it_was(buffer: Buffer) -> None:
-    """At a time before all data nothing moving has a place, and the reason is the buffer's."""
+    """At a time before all data no dynamic frame has a place, and the reason is the buffer's."""
     send(buffer, "base", "tool", at_ns=3 * S, x=5.0)
     send(buffer, "map", "base", at_ns=3 * S)
     assert place(buffer, "map", ["tool"], 2 * S).xyz[0, 0] == 2.0
@@ -189,7 +158,7 @@ def test_the_past_is_placed_as_it_was(buffer: Buffer) -> None:
 
 
 def test_arrows_go_from_child_to_parent(buffer: Buffer) -> None:
-    """But for frames that lie on their parent to a millimetre, as in RViz."""
+    """As in RViz, frames within a millimetre of their parents have none."""
     send(buffer, "tool", "tip", x=0.0009)
     placed = place(buffer, "map", ["map", "base", "tool", "tip"], S)
     parents = {"map": None, "base": "map", "tool": "base", "tip": "tool"}
@@ -200,10 +169,10 @@ def test_arrows_go_from_child_to_parent(buffer: Buffer) -> None:
 
 
 @given(st.tuples(*[st.floats(-3.1, 3.1)] * 3), st.tuples(*[st.floats(-1e3, 1e3)] * 3))
-def test_places_are_those_that_the_buffer_tells(
+def test_places_are_the_poses_in_the_buffer(
     rpy: tuple[float, float, float], xyz: tuple[float, float, float]
 ) -> None:
-    """Whatever the pose."""
+    """For every pose."""
     buffer = Buffer()
     pose = Transform.from_rpy(*rpy, xyz=xyz)
     buffer.set_transform(TransformStamped(S, "map", "base", pose))
@@ -212,8 +181,8 @@ def test_places_are_those_that_the_buffer_tells(
     assert Transform(placed.xyz[0], (x, y, z, w)).is_close(pose, 1e-7)
 
 
-def test_a_trail_is_where_the_frame_was_as_far_as_it_is_known(buffer: Buffer) -> None:
-    """Of the last five seconds before 2 s only one is known here: 31 points at 30 Hz."""
+def test_a_trail_has_the_known_poses(buffer: Buffer) -> None:
+    """Of the five seconds before 2 s only one is known: 31 points at 30 Hz."""
     path = trail(buffer, "map", "tool", 2 * S, 5.0)
     assert path.shape == (31, 3)
     assert np.all(path[:, 0] == 2.0)
@@ -221,7 +190,7 @@ def test_a_trail_is_where_the_frame_was_as_far_as_it_is_known(buffer: Buffer) ->
 
 
 def test_a_pause_holds_the_latest_time_at_which_all_can_be_placed(buffer: Buffer) -> None:
-    """Which is that of the slowest frame."""
+    """That is the newest stamp of the slowest frame."""
     send(buffer, "map", "base", at_ns=9 * S)
     assert newest_common_ns(buffer, "map", ["map", "base", "tool", "nowhere"]) == 2 * S
 
@@ -230,7 +199,7 @@ def test_a_pause_holds_the_latest_time_at_which_all_can_be_placed(buffer: Buffer
 
 
 def test_following_shows_the_latest_and_scrubbing_a_time_before_the_pause() -> None:
-    """The time held does not move while the slider does."""
+    """The held time stays while the slider moves."""
     following = Playback()
     assert following.stamp_ns is None
     paused = following.pause(10 * S)
@@ -241,16 +210,16 @@ def test_following_shows_the_latest_and_scrubbing_a_time_before_the_pause() -> N
 
 
 def test_filters_take_names_by_regular_expressions() -> None:
-    """`only` has to be found in the name and `never` not, anywhere."""
+    """`only` must match somewhere in the name, and `never` must not."""
     names = ["robot1/base", "robot1/camera_optical", "robot2/base"]
     only = NameFilter(only="^robot1", never="optical$")
     assert [name for name in names if only.takes(name)] == ["robot1/base"]
     assert all(map(NameFilter().takes, names))
 
 
-def test_a_bad_regular_expression_says_what_is_wrong_and_where() -> None:
-    """In one sentence, with what to write instead."""
-    with pytest.raises(PatternError, match=r"'arm\(' is no regular expression: .* character 4"):
+def test_the_error_of_a_bad_regular_expression_says_what_is_wrong_and_where() -> None:
+    """In one sentence, with the way to escape characters."""
+    with pytest.raises(PatternError, match=r"'arm\(' is not a regular expression: .* character 4"):
         NameFilter(only="arm(")
 
 
@@ -259,19 +228,19 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
     settings = ViewSettings(
         fixed_frame="map", dark=True, scale=2.5, only="^robot", hidden=("a", "b/c"), trails=("d",)
     )
-    save(settings, tmp_path / "view.yaml")
-    assert load(tmp_path / "view.yaml") == settings
+    save_settings(settings, tmp_path / "view.yaml")
+    assert load_settings(tmp_path / "view.yaml") == settings
 
 
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        ("scale: big", "scale is 'big'; a number is wanted"),
-        ("scale: 1000", "scale is 1000; a number from 0.1 to 10 is wanted"),
-        ("colour: red", "there is no setting 'colour'; there are: fixed_frame, selected"),
-        ("axes: 1", "axes is 1; true or false is wanted"),
-        ("hidden: base", "hidden is 'base'; a list of names of frames is wanted"),
-        ("only: '('", "'(' is no regular expression"),
+        ("scale: big", "scale must be a number, got 'big'"),
+        ("scale: 1000", "scale must be from 0.1 to 10, got 1000"),
+        ("colour: red", "no setting 'colour'; there are: arrows, axes, dark"),
+        ("axes: 1", "axes must be true or false, got 1"),
+        ("hidden: base", "hidden must be a list of frame names, got 'base'"),
+        ("only: '('", "'(' is not a regular expression"),
         ("- a", "is not a map of settings"),
         ("a: [", "is not YAML"),
     ],
@@ -279,11 +248,11 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
 def test_wrong_settings_are_refused_in_one_sentence(
     tmp_path: Path, written: str, said: str
 ) -> None:
-    """With what was wrong and what would do."""
+    """It says what is wrong and what is allowed."""
     path = tmp_path / "view.yaml"
     path.write_text(written)
     with pytest.raises(SettingsError) as caught:
-        load(path)
+        load_settings(path)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -291,7 +260,7 @@ def test_wrong_settings_are_refused_in_one_sentence(
 # Texts
 
 
-def test_what_lies_between_two_frames_is_said_as_echo_does(buffer: Buffer) -> None:
+def test_the_way_between_two_frames_is_written_as_by_echo(buffer: Buffer) -> None:
     """Distance and angle in one line, then tf2_echo's block."""
     turned = Transform.from_rpy(0.0, 0.0, -np.pi / 2, (0.0, 3.0, 4.0))
     buffer.set_transform(TransformStamped(2 * S, "base", "hook", turned))
@@ -300,8 +269,8 @@ def test_what_lies_between_two_frames_is_said_as_echo_does(buffer: Buffer) -> No
     assert block.startswith("At time 2.000000000\n- Translation: [0.000, 3.000, 4.000]")
 
 
-def test_the_headline_says_what_is_waited_for() -> None:
-    """Before any transform, and where the fixed frame is not there."""
+def test_the_headline_says_what_the_page_waits_for() -> None:
+    """Before any transform, and while the fixed frame is unknown."""
     assert "Waiting for transforms" in text.headline(Frames(), "", Playback())
     buffer = Buffer()
     send(buffer, "map", "base")
@@ -312,9 +281,9 @@ def test_the_headline_says_what_is_waited_for() -> None:
 
 
 def test_no_name_of_a_frame_becomes_markup() -> None:
-    """Frames may have any name, also that of a script."""
+    """Frames may have any name, such as that of a script."""
     buffer = Buffer()
     send(buffer, "<script>", "<b>&")
     frames = look(buffer, "<script>")
     assert "<script>" not in text.headline(frames, "<script>", Playback())
-    assert "<b>&" not in text.facts(frames.states["<b>&"], S)
+    assert "<b>&" not in text.facts(frames["<b>&"], S)

@@ -1,4 +1,4 @@
-"""The page of `tfbus view` in a real Chromium that nobody sees: what people do, and see."""
+"""The page of `tfbus view` in a real headless Chromium: what people do, and see."""
 
 import re
 from pathlib import Path
@@ -11,7 +11,7 @@ from tfbus import TransformStamped as Stamped
 
 
 def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
-    """It waits, shows them with their states, from where one likes, and says who is gone."""
+    """It waits, shows frames with their states from any fixed frame, and says which are gone."""
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
     view.headline("Waiting for transforms")
@@ -19,7 +19,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     arm = bus.node("arm")
     Arm(arm)
     view.headline("4 frames, seen from map")
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.wait_for_status("lamp", "static")
     view.wait_for_status("map", "root")
 
@@ -48,11 +48,11 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
 
 
 def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
-    """Paused, numbers stand still; the slider shows what they were; Follow goes on."""
+    """Pause stops the numbers; the slider shows past ones; Follow goes on."""
     _, address = start_view(bus)
     Arm(bus.node("arm"))
     view = View(pages.new_page(), address)
-    view.wait_for_status("tool", "fresh")
+    view.wait_for_status("tool", "dynamic")
     view.select("tool")
 
     def x_m() -> float:
@@ -72,13 +72,13 @@ def test_time_can_be_held_and_moved_back(bus: Bus, pages: Any) -> None:
     assert view.errors == []
 
 
-def test_what_one_browser_chooses_all_of_them_show(bus: Bus, pages: Any) -> None:
-    """Three of them: boxes, the fixed frame, time; each stays itself when another leaves."""
+def test_all_browsers_share_their_choices(bus: Bus, pages: Any) -> None:
+    """Boxes, the fixed frame and the time; also after one of three browsers has left."""
     _, address = start_view(bus)
     Arm(bus.node("arm"))
     views = [View(pages.new_page(), address) for _ in range(3)]
     for view in views:
-        view.wait_for_status("tool", "fresh")
+        view.wait_for_status("tool", "dynamic")
     views[0].page.get_by_role("button", name="none").click()
     for view in views:
         eventually(
@@ -101,7 +101,7 @@ def test_a_click_on_axes_selects_their_frame(bus: Bus, pages: Any, tmp_path: Pat
     settings.write_text("scale: 10\nnames: false\n")
     _, address = start_view(bus, "--settings", str(settings))
     static = StaticTransformBroadcaster(bus.node("lamps"))
-    # So that the map is in the middle of the picture, with its z upwards.
+    # This puts the map in the middle of the picture, with its z upwards.
     static.send_transform(
         [
             Stamped(0, "map", "left", Transform((-1.0, 0.0, 0.0))),

@@ -1,4 +1,4 @@
-"""`tfbus view` as a process, without a browser: its options, and whom it lets in."""
+"""`tfbus view` as a process, without a browser: its options, and which requests it serves."""
 
 import http.client
 import socket
@@ -17,7 +17,7 @@ from tfbus.view.server import ServeError, serve
 
 
 def status_of(address: str, **headers: str) -> tuple[int, str]:
-    """What the view answers to a request for its page with these headers."""
+    """The view's answer to a request for its page with these headers."""
     connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=DEADLINE_S)
     connection.request("GET", "/", headers=headers)
     answer = connection.getresponse()
@@ -26,8 +26,8 @@ def status_of(address: str, **headers: str) -> tuple[int, str]:
     return answer.status, text
 
 
-def test_the_page_is_only_for_those_who_opened_it_here(bus: Bus) -> None:
-    """No page from elsewhere may speak to it, by whatever name it calls this machine."""
+def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
+    """A page from elsewhere may not use it, under any name of this machine."""
     view = bus.start("view", "--port", str(free_port()))
     line = view.wait_for_line("View: http://", within_s=3 * DEADLINE_S)
     address = line.rpartition("View: ")[2]
@@ -37,15 +37,15 @@ def test_the_page_is_only_for_those_who_opened_it_here(bus: Bus) -> None:
     code, text = status_of(address, Origin="https://evil.example")
     assert (code, text) == (
         403,
-        f"a page of 'https://evil.example' may not speak to the view at '{host}': open that "
-        "itself\n",
+        f"a page of 'https://evil.example' may not use the view at '{host}': open the view "
+        "directly\n",
     )
     assert status_of(address, Host="evil.example:8080")[0] == 403
     assert status_of(address, Host="[")[0] == 403
 
 
-def test_a_view_for_others_goes_by_addresses_and_names_of_its_machine(bus: Bus) -> None:
-    """Nor may a page whose owner lets its name point to a view that listens for all."""
+def test_a_view_for_others_answers_under_addresses_and_names_of_its_machine(bus: Bus) -> None:
+    """A page may not use it whose owner points its own name to a view that listens for all."""
     view = bus.start("view", "--host", "0.0.0.0", "--port", str(free_port()))
     line = view.wait_for_line("View: http://", within_s=3 * DEADLINE_S)
     port = line.rpartition(":")[2]
@@ -56,7 +56,7 @@ def test_a_view_for_others_goes_by_addresses_and_names_of_its_machine(bus: Bus) 
     code, text = status_of(address, Host=host, Origin=f"http://{host}")
     assert (code, text) == (
         403,
-        "the view is not 'evil.example', which anybody could let point here: open the IP address "
+        "the view is not 'evil.example', a name that anyone could point here: open the IP address "
         "of its machine, its host name, or that with .local\n",
     )
 
@@ -90,17 +90,17 @@ LAN = frozenset({"0.0.0.0", "robot", "robot.lan"})
         ({}, LAN, False),
     ],
 )
-def test_a_page_may_speak_only_to_where_it_came_from(
+def test_a_page_may_use_only_the_view_it_came_from(
     headers: dict[str, str], names: frozenset[str], is_served: bool
 ) -> None:
-    """Through a tunnel too; a name that points to this machine opens nothing."""
+    """Through a tunnel too; a foreign name that points to this machine is refused."""
     assert (refusal(headers, names) == "") is is_served
 
 
-def test_the_names_of_a_machine_are_its_host_name_and_what_it_was_told_to_listen_at(
+def test_the_names_of_a_machine_are_its_host_name_and_the_one_it_listens_at(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With its domain and without, in whatever case; they count for who listens for others."""
+    """With and without its domain, in lower case; none for a view on localhost."""
     monkeypatch.setattr(socket, "gethostname", lambda: "Robot.lan")
     monkeypatch.setattr(socket, "getfqdn", lambda: "robot.lab.example")
     names = {"robot.lan", "robot", "robot.lab.example"}
@@ -108,8 +108,8 @@ def test_the_names_of_a_machine_are_its_host_name_and_what_it_was_told_to_listen
     assert machine_names("LOCALHOST") == set()
 
 
-def test_a_server_that_nobody_guards_does_not_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where viser starts its server in another way, there is no view rather than an open one."""
+def test_an_unguarded_server_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If viser starts its server in another way, there is no view rather than an open one."""
     stopped = []
 
     class Unguarded:
@@ -120,13 +120,15 @@ def test_a_server_that_nobody_guards_does_not_stay(monkeypatch: pytest.MonkeyPat
             stopped.append(self)
 
     monkeypatch.setattr(viser, "ViserServer", Unguarded)
-    with pytest.raises(ServeError, match="any web page could speak to it"):
+    with pytest.raises(ServeError, match="any web page could use it"):
         serve("127.0.0.1", free_port())
     assert len(stopped) == 1
 
 
-def test_settings_of_the_view_are_no_configuration_of_the_bus(bus: Bus, tmp_path: Path) -> None:
-    """Who passes the one for the other is told the right option."""
+def test_settings_of_the_view_are_not_taken_for_a_configuration_of_zenoh(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """The error names the right option."""
     path = tmp_path / "view.yaml"
     path.write_text("fixed_frame: map\nscale: 2.0\n")
     done = bus.run("view", "--config", str(path))
@@ -134,26 +136,24 @@ def test_settings_of_the_view_are_no_configuration_of_the_bus(bus: Bus, tmp_path
     assert f"tfbus view --settings {path}" in " ".join(done.stderr.split())
 
 
-def test_a_yaml_that_is_no_configuration_of_the_bus_may_be_settings(
-    bus: Bus, tmp_path: Path
-) -> None:
-    """Where it is not evidently a view's, Zenoh's complaint names the other option too."""
+def test_a_yaml_that_is_no_configuration_of_zenoh_may_be_settings(bus: Bus, tmp_path: Path) -> None:
+    """If it is not evidently the view's, Zenoh's error names the other option too."""
     path = tmp_path / "cfg.yaml"
     path.write_text("fixed_frame: map\ncolour: blue\n")
     done = bus.run("view", "--config", str(path))
     assert done.returncode == 1
-    assert f"a view's own settings are given by --settings {path}" in done.stderr
+    assert f"the view's own settings go to --settings {path}" in done.stderr
 
 
-def test_settings_that_are_not_there_yet_are_new(bus: Bus, tmp_path: Path) -> None:
-    """A name that was mistyped is seen, and one that is to be saved is fine."""
+def test_a_missing_settings_file_is_named(bus: Bus, tmp_path: Path) -> None:
+    """A mistyped name shows, and a name for the file to be saved is fine."""
     view = bus.start("view", "--port", str(free_port()), "--settings", "nope.yaml")
-    view.wait_for_line(r"nope\.yaml is new: Save settings writes it")
+    view.wait_for_line(r"nope\.yaml does not exist yet: Save settings writes it")
 
 
 @pytest.mark.parametrize("port", ["abc", "0", "65536"])
 def test_a_port_is_a_number(bus: Bus, port: str) -> None:
-    """What else there can be is said."""
+    """The error says which numbers are allowed."""
     done = bus.run("view", "--port", port)
     assert done.returncode == 2
-    assert f"'{port}' is not the number of a port: 1 to 65535" in done.stderr
+    assert f"'{port}' is not a port number from 1 to 65535" in done.stderr

@@ -1,4 +1,4 @@
-"""The turtles' tab of the page in a real Chromium: each button and key, and what comes of it."""
+"""The turtles' tab of the page in a real Chromium: each button and key, and its effect."""
 
 import math
 import zlib
@@ -15,7 +15,7 @@ from tfbus.messages import Field, Pose
 
 
 class Witness:
-    """What the bus says of the turtles."""
+    """The turtles as seen on the bus."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -30,15 +30,15 @@ class Witness:
         )
 
     def knows(self, turtle: str) -> bool:
-        """Whether it has said where it is."""
+        """Whether it has sent a pose."""
         return turtle in self._poses
 
     def pose(self, turtle: str = "turtle1") -> Pose:
-        """Where it said last that it is."""
+        """Its last pose."""
         return self._poses[turtle]
 
     def field(self) -> Field.Response:
-        """The field as the simulator tells it."""
+        """The simulator's field."""
         return self._field.call(Field.Request(), timeout_s=PATIENCE_S)
 
     def has_ink(self) -> bool:
@@ -48,7 +48,7 @@ class Witness:
 
 @pytest.fixture
 def witness(bus: Bus) -> Witness:
-    """Sees what the turtles of a simulator do, which runs."""
+    """A running simulator, and a node that follows its turtles."""
     bus.start("simulator", "--headless")
     witness = Witness(bus.node("witness"))
     eventually(lambda: witness.knows("turtle1"), within_s=PATIENCE_S)
@@ -85,7 +85,7 @@ def ask(view: View, button: str, text: str) -> None:
 
 
 def is_at(witness: Witness, turtle: str, x: float, y: float, theta: float) -> bool:
-    """Whether a turtle says that it is there."""
+    """Whether a turtle's last pose is this one."""
     if not witness.knows(turtle):
         return False
     pose = witness.pose(turtle)
@@ -103,7 +103,7 @@ def fill(view: View, label: str, *values: str) -> None:
 
 
 def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) -> None:
-    """An arrow drives it, a key of the teleop turns it, F cancels that: read from the bus."""
+    """An arrow drives it, a key of the teleop turns it, F cancels that; the bus confirms it."""
     view.page.get_by_label("drive forward").click()
     eventually(lambda: witness.pose().x > 5.6, within_s=PATIENCE_S)
     view.page.get_by_label("rotate to 90°").click()
@@ -140,7 +140,7 @@ def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) 
 
 
 def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View) -> None:
-    """Each with its reply, the refusal too, and seen on the bus."""
+    """Each has its reply, also a refusal, and its effect on the bus."""
     fill(view, "x, y, °", "2", "3", "90")
     ask(view, "Teleport", "teleported turtle1 to (2, 3), 90°")
     eventually(lambda: is_at(witness, "turtle1", 2.0, 3.0, math.pi / 2), within_s=PATIENCE_S)
@@ -163,7 +163,7 @@ def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View)
 
 
 def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
-    """What was drawn is gone; after a reset the turtle is back in the middle."""
+    """Clear removes the ink; a reset puts the turtle back into the middle."""
     view.page.get_by_label("drive forward").click()
     eventually(witness.has_ink, within_s=PATIENCE_S)
     view.button("Clear")
@@ -179,7 +179,7 @@ def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
     assert view.errors == []
 
 
-def test_what_lies_between_two_frames_is_printed_as_echo_does(
+def test_the_way_between_two_frames_is_printed_as_by_echo(
     bus: Bus, witness: Witness, view: View
 ) -> None:
     """The drone is behind its turtle and above."""

@@ -62,7 +62,7 @@ def test_boxes_cylinders_spheres_and_meshes_are_read(tmp_path: Path) -> None:
 
 
 def test_a_visual_has_its_link_its_place_and_its_colour(tmp_path: Path) -> None:
-    """Colours may be named at the top; where there is none, a mesh has its own."""
+    """Colours may be named at the top; without one, a mesh has its own."""
     (tmp_path / "robot.urdf").write_text(ROBOT)
     box, cylinder, *_ = read_urdf(tmp_path / "robot.urdf")
     assert (box.link, box.color, box.opacity) == ("base", (255, 0, 0), 0.5)
@@ -75,11 +75,11 @@ def test_a_visual_has_its_link_its_place_and_its_colour(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("<robot>", "is not XML"),
-        ("<sdf/>", "is no URDF: its first element is <sdf>, not <robot>"),
+        ("<sdf/>", "is not a URDF: its root element is <sdf>, not <robot>"),
         (
             "<robot><link name='a'><visual><geometry><box size='1 2'/></geometry></visual></link>"
             "</robot>",
-            "size of <box> is '1 2'; 3 numbers are wanted",
+            "size of <box> must be 3 numbers, got '1 2'",
         ),
         (
             "<robot><link name='a'><visual/></link></robot>",
@@ -88,19 +88,19 @@ def test_a_visual_has_its_link_its_place_and_its_colour(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_urdf_is_refused_in_one_sentence(tmp_path: Path, text: str, said: str) -> None:
-    """With the place of the mistake."""
+    """It names the place of the mistake."""
     with pytest.raises(UrdfError) as caught:
         read(tmp_path, text)
     assert said in str(caught.value)
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
-    """By its name."""
-    with pytest.raises(UrdfError, match=r"none\.urdf cannot be read: No such file"):
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    """With the reason of the system."""
+    with pytest.raises(UrdfError, match=r"cannot read .*none\.urdf: No such file"):
         read_urdf(tmp_path / "none.urdf")
 
 
-def test_packages_are_looked_for_where_one_says_then_by_ros_then_above_the_urdf(
+def test_packages_are_searched_in_given_folders_then_by_ros_then_above_the_urdf(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a folder with the package's name, or in the package's folder itself."""
@@ -130,7 +130,7 @@ def test_a_mesh_is_read_and_scaled(tmp_path: Path) -> None:
 
 
 def test_a_mesh_of_collada_is_read_in_its_unit(tmp_path: Path) -> None:
-    """Where pycollada is installed: centimetres become metres."""
+    """With pycollada installed, centimetres become metres."""
     pytest.importorskip("collada", reason="needs pycollada")
     robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
     trimesh = pytest.importorskip("trimesh", reason="needs trimesh")
@@ -144,13 +144,13 @@ def test_a_mesh_of_collada_is_read_in_its_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("none.stl", r"there is no file .*none\.stl$"),
+        ("none.stl", r"no file .*none\.stl$"),
         ("package://arm/none.stl", "--package-path names the folder with package 'arm'"),
-        ("robot.blend", "nothing that is installed reads robot.blend"),
+        ("robot.blend", "no installed package reads robot.blend"),
     ],
 )
 def test_a_mesh_that_cannot_be_shown_says_why(tmp_path: Path, name: str, said: str) -> None:
-    """In one sentence, with what to do."""
+    """In one sentence that says what to do."""
     robot_scene = pytest.importorskip("tfbus.view.scene.robot", reason="needs viser")
     (tmp_path / "robot.blend").touch()
     with pytest.raises(UrdfError, match=said):

@@ -1,8 +1,7 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
 from tfbus.cli.output import paint, table
-from tfbus.frames.state import State, state
-from tfbus.frames.text import conflicting
+from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Pair, Report
 from tfbus.wording import counted, duration
 
@@ -12,9 +11,6 @@ _ROLES: dict[State, str] = {
     "gone": "bad",
     "conflict": "bad",
 }
-
-# Written out too, for readers without colour.
-_WRITTEN: tuple[State, ...] = ("stale", "gone", "conflict")
 
 
 def as_lines(report: Report) -> list[str]:
@@ -47,11 +43,10 @@ def _pair_lines(pair: Pair) -> list[str]:
 
 def _edge_table(report: Report) -> list[str]:
     headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "age", "disordered")
-    conflicts = conflicting(report.tree)
     rows = []
     for frame in report.edges():
         flow, delays = report.flow(frame), report.flow(frame).delays_s
-        its_state = state(report.tree, frame, conflicts)
+        its_state = state(report.tree, frame)
         if frame.static:
             cells = ["static", "", "", "", "", ""]
         else:
@@ -65,8 +60,8 @@ def _edge_table(report: Report) -> list[str]:
             ]
         name = paint(frame.name, _ROLES[its_state]) if its_state in _ROLES else frame.name
         by = frame.authority
-        if its_state in _WRITTEN:
-            by = paint(f"{by} {its_state.upper()}", _ROLES[its_state])
+        if wrong := faults(report.tree, frame):
+            by = paint(f"{by} {', '.join(wrong).upper()}", _ROLES[its_state])
         rows.append([name, by, *cells])
     return table(headings, rows, right=range(2, len(headings)))
 

@@ -21,6 +21,7 @@ CHECKS: dict[str, Check] = {
     "disconnected": tree_checks.check_disconnected,
     "static-dynamic": tree_checks.check_static_dynamic,
     "gone": tree_checks.check_gone,
+    "stale": tree_checks.check_stale,
     "silent": tree_checks.check_silent,
     "clock": clock_checks.check_clock,
     "clock-skew": flow_checks.check_clock_skew,

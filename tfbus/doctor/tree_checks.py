@@ -5,7 +5,8 @@ from collections import defaultdict
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, Verdict, first_of, found
 from tfbus.frames.snapshot import ProblemKind, who
-from tfbus.wording import counted
+from tfbus.frames.state import silent_s, state
+from tfbus.wording import counted, duration
 
 
 def check_node_names(seen: Examination) -> Finding:
@@ -56,6 +57,23 @@ def check_disconnected(seen: Examination) -> Finding:
 def check_gone(seen: Examination) -> Finding:
     """The publisher of each frame runs."""
     return _of_tree(seen, "gone", "warn", "start it again, or remove its frames from the tree")
+
+
+def check_stale(seen: Examination) -> Finding:
+    """Samples of each dynamic frame still come."""
+    tree = seen.tree
+    sentences = [
+        f"no sample of {frame.name!r} for {duration(silent_s(tree, frame))}: "
+        f"{who(tree.publisher(frame))}"
+        for frame in tree.frames.values()
+        if state(tree, frame) == "stale"
+    ]
+    return found(
+        "warn",
+        first_of(sentences),
+        "see whether its node still sends (tfbus monitor), and what it waits for",
+        counted(len(tree.frames), "frame"),
+    )
 
 
 def check_silent(seen: Examination) -> Finding:

@@ -1,7 +1,7 @@
 """How `tfbus echo` writes a transform: text as tf2_echo prints it, JSON, or CSV.
 
-Every function takes the transform and gives its text without a final line break. Lengths are
-metres, angles radians where a name or label does not say degrees; quaternions are x, y, z, w.
+Each function returns the text of one transform without a final line break. Lengths are in metres,
+angles in radians unless a label says degrees; quaternions are x, y, z, w.
 """
 
 import csv
@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tfbus import TransformStamped
+from tfbus.geometry.transform import TransformStamped
 
 _POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw")
 CSV_HEADER = ",".join(("stamp_ns", "frame_id", "child_frame_id", *_POSE_COLUMNS))
@@ -19,16 +19,16 @@ CSV_HEADER = ",".join(("stamp_ns", "frame_id", "child_frame_id", *_POSE_COLUMNS)
 
 @dataclass(frozen=True)
 class Numbers:
-    """How numbers are written: digits after the point, and what becomes of a zero's sign.
+    """How numbers are written: digits after the point, and the sign of a zero.
 
-    tf2_echo writes `-0.000` for what is zero to the digits shown; here only `raw_zeros` does.
+    tf2_echo writes `-0.000` for negative numbers that round to zero; here only `raw_zeros` does.
     """
 
     precision: int = 3
     raw_zeros: bool = False
 
     def text(self, value: float) -> str:
-        """The number with the digits wanted: `0.112`."""
+        """The number with `precision` digits: `0.112`."""
         text = f"{value:.{self.precision}f}"
         is_negative_zero = text.startswith("-") and not text.strip("-0.")
         return text[1:] if is_negative_zero and not self.raw_zeros else text
@@ -110,7 +110,7 @@ def csv_line(transform: TransformStamped, numbers: Numbers) -> str:
 
 
 def _matrix_rows(transform: TransformStamped, numbers: Numbers) -> list[str]:
-    # tf2_echo's columns are six wide for its three digits; more digits get wider columns.
+    # tf2_echo's columns are six wide for its three digits; more digits need wider ones.
     width = max(6, numbers.precision + 3)
     return [
         "".join(f" {numbers.text(value):>{width}}" for value in row)

@@ -8,12 +8,11 @@ from typing import Any
 from tfbus.buffer.formats import as_dot, as_yaml
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import facts
-from tfbus.frames.text import conflicting, publisher_lines, tree_lines
+from tfbus.frames.text import publisher_lines, tree_lines
 
 
 def as_map(tree: FrameTree) -> dict[str, Any]:
-    """All that is known, in maps and lists: times in ns or s, as their names say."""
-    conflicts = conflicting(tree)
+    """The tree in maps and lists; times in ns or s, as their names say."""
     return {
         "recorded_ns": tree.recorded_ns,
         "roots": [root.name for root in tree.roots],
@@ -25,7 +24,7 @@ def as_map(tree: FrameTree) -> dict[str, Any]:
                 "delay_s": None if frame.static else tree.publisher(frame).delay_s,
                 "node": tree.publisher(frame).node,
                 "host": tree.publisher(frame).host,
-                "conflict": name in conflicts,
+                "conflict": name in tree.conflicts,
             }
             for name, frame in sorted(tree.frames.items())
         ],
@@ -51,13 +50,12 @@ def as_tf2_dot(tree: FrameTree) -> str:
 
 def as_mermaid(tree: FrameTree) -> str:
     """A Mermaid flowchart, which many wikis and READMEs draw."""
-    conflicts = conflicting(tree)
     number = {name: f"f{at}" for at, name in enumerate(sorted(tree.frames))}
     lines = ["flowchart TD"]
     lines += [f'  {number[name]}["{_mermaid(name)}"]' for name in number]
     for name, frame in sorted(tree.frames.items()):
         if frame.parent in number:
-            label = "<br/>".join(_mermaid(fact) for fact in facts(tree, frame, conflicts)[:3])
+            label = "<br/>".join(_mermaid(fact) for fact in facts(tree, frame)[:3])
             arrow = "-.->" if frame.gone else "-->"
             lines.append(f'  {number[frame.parent]} {arrow}|"{label}"| {number[name]}')
     return "\n".join(lines) + "\n"
@@ -69,7 +67,10 @@ def as_text(tree: FrameTree) -> str:
 
 
 def summary(tree: FrameTree, tree_part: list[str] | None = None, *, width: int = 80) -> list[str]:
-    """The lines of the tree, then who publishes, then what is wrong; these no longer than that."""
+    """The lines of the tree, its publishers, then its problems; wrapped to `width` characters.
+
+    `tree_part` replaces the lines of the tree.
+    """
     lines = tree_lines(tree, width=width) if tree_part is None else list(tree_part)
     lines += ["", "Publishers:"]
     for line in publisher_lines(tree):
@@ -82,7 +83,7 @@ def summary(tree: FrameTree, tree_part: list[str] | None = None, *, width: int =
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """The line in lines that are set in, those after the first by more; words stay whole."""
+    """The line wrapped and indented, from its second line on by more; words stay whole."""
     return textwrap.wrap(
         line,
         width,

@@ -1,4 +1,4 @@
-"""Where each frame of a tree stands in a drawing, in inches from the top left."""
+"""Where each frame of a tree is drawn, in inches from the top left."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from tfbus.frames.snapshot import FrameTree
 
 @dataclass(frozen=True)
 class Size:
-    """How large the label of a frame is: its name, and its facts in a smaller type."""
+    """How wide a frame's label is: its name, and its facts in a smaller type."""
 
     name: float
     facts: float
@@ -17,8 +17,8 @@ class Size:
 class Place:
     """A frame's name, the facts about it, and the line from its parent that ends at the name.
 
-    `x` and `y` are the left end of the name, `facts_x` and `facts_y` that of the facts; `line`
-    are the corners of the line, none for a root.
+    `x` and `y` are the left end of the name, `facts_x` and `facts_y` of the facts; `line` has the
+    corners of the line, none for a root.
     """
 
     x: float
@@ -34,7 +34,7 @@ _OUTLINE_ROW, _INDENT = 0.26, 0.4
 
 
 def tidy(tree: FrameTree, sizes: dict[str, Size]) -> dict[str, Place]:
-    """A column for each depth, a row for each leaf, a parent midway of its children."""
+    """A column for each depth, a row for each leaf, a parent midway between its children."""
     depth: dict[str, int] = {}
     row: dict[str, float] = {}
     leaves = 0

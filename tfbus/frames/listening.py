@@ -1,4 +1,4 @@
-"""A listener for a command that looks at all frames: it has met everybody when it is handed out."""
+"""A listener for commands that look at all frames; it has met all publishers when it is yielded."""
 
 import logging
 import math
@@ -16,18 +16,18 @@ from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 
-# So much of what publishers sent before tells their rates at once.
+# This much of what publishers sent before gives their rates at once.
 _HISTORY_S = 3.0
 
 _CLOCK_WITHIN_S = 5.0
 
-# Links open one after the other, and what streams tell follows.
+# Links open one after the other, and the descriptions of streams follow.
 _QUIET_S = 0.3
 
 
 @dataclass(frozen=True)
 class Listening:
-    """A node of this command's own, and what it hears: of a whole fleet, or of its namespace."""
+    """A command's own node, and what it hears: of a whole fleet, or of its namespace."""
 
     node: Node
     buffer: Buffer
@@ -35,11 +35,11 @@ class Listening:
     fleet: Fleet | None
 
     def tree(self) -> FrameTree:
-        """All that is known now."""
+        """The tree of frames now."""
         return frame_tree(self.buffer, self.listener.streams(), self.node.now_ns())
 
     def hint(self, frame: str = "") -> str:
-        """Where else a frame is known, or any frame at all; "" where it is nowhere."""
+        """Which other namespaces have a frame, or any frame at all; "" when none does."""
         return self.listener.where_to_look(frame)
 
 
@@ -53,11 +53,11 @@ def listening(
     cache_time_s: float = 10.0,
     goes_on: bool = False,
 ) -> Iterator[Listening]:
-    """Listen to all transforms; handed out as soon as nothing new comes, at most `within_s` later.
+    """Listen to all transforms; yields once nothing new comes, after `within_s` at the latest.
 
-    Each publisher is asked for the last `history_s` seconds that it has kept. A router that is not
-    there is waited for by who `goes_on`, and says so; else BusError is raised. Ctrl-C and SIGTERM
-    raise KeyboardInterrupt, where the `with` does not take them for its end (`node.wait`).
+    Asks each publisher for the last `history_s` seconds that it has kept. Without a router to
+    connect to, it waits and says so when `goes_on`, else raises BusError. Ctrl-C and SIGTERM raise
+    KeyboardInterrupt, unless they end a `node.wait` inside the `with`.
     """
     buffer = Buffer(cache_time_s)
     with (
@@ -66,11 +66,11 @@ def listening(
     ):
         wait_for_clock(node)
         heard = Listening(node, buffer, listener, fleet)
-        _meet_everybody(heard, within_s)
+        _meet_publishers(heard, within_s)
         if node.ok:
             yield heard
             return
-    raise KeyboardInterrupt  # which the node's `with` has ended quietly
+    raise KeyboardInterrupt  # the node's `with` has ended quietly
 
 
 def _join(settings: NodeSettings, goes_on: bool) -> Node:
@@ -82,15 +82,15 @@ def _join(settings: NodeSettings, goes_on: bool) -> Node:
 
 
 def wait_for_clock(node: Node) -> None:
-    """Wait until the node knows what time it is. Raises TimeoutException where nobody tells it."""
+    """Wait until the node knows the time. Raises TimeoutException after 5 s without a clock."""
     if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
         raise TimeoutException(
-            f"nobody has told the time for {_CLOCK_WITHIN_S:g} s: start a clock (tfbus clock), or "
-            "leave --sim-time away"
+            f"no time on topic 'clock' after {_CLOCK_WITHIN_S:g} s: start a clock (tfbus clock) "
+            "or omit --sim-time"
         )
 
 
-def _meet_everybody(heard: Listening, within_s: float) -> None:
+def _meet_publishers(heard: Listening, within_s: float) -> None:
     deadline = time.monotonic() + within_s
     known, since = _known(heard), time.monotonic()
     while time.monotonic() < deadline and heard.node.wait(0.02, clock=SYSTEM_CLOCK):
@@ -102,7 +102,7 @@ def _meet_everybody(heard: Listening, within_s: float) -> None:
 
 
 def _known(heard: Listening) -> tuple[int, int, int]:
-    """How many frames streams tell of, how many have come, and how many streams there are."""
+    """How many frames the living streams list, how many of them have come, and how many streams."""
     streams = [stream for stream in heard.listener.streams() if stream.alive]
-    told = {child for stream in streams for _, child, _ in stream.frames}
-    return len(told), len(told.intersection(heard.buffer.frames())), len(streams)
+    listed = {child for stream in streams for _, child, _ in stream.frames}
+    return len(listed), len(listed.intersection(heard.buffer.frames())), len(streams)

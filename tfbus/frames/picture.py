@@ -9,7 +9,6 @@ from typing import Any
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State, facts, state
-from tfbus.frames.text import conflicting
 from tfbus.wording import counted
 
 COLOURS: dict[State, str] = {
@@ -22,15 +21,15 @@ COLOURS: dict[State, str] = {
 }
 _GREY, _TRUNK = "#6b7280", "#9ca3af"
 
-# From so many frames on the columns would be wider than any screen.
+# With more frames than this the columns would be wider than any screen.
 _LARGE = 60
 
-# Inches; and how wide a letter is at most, on average.
+# In inches; a letter is at most this wide, on average.
 _MARGIN, _HEAD, _LEAST_WIDTH = 0.3, 0.9, 7.2
 _NAME_CHAR, _FACT_CHAR, _TEXT_CHAR = 0.088, 0.062, 0.072
 _PROBLEM_ROW = 0.17
 
-# A PNG of more pixels is not opened by every viewer: a larger one gets fewer dots an inch.
+# Some viewers open no PNG with more pixels: a larger one gets fewer dots per inch.
 _DOTS_PER_INCH, _MOST_PIXELS = 150, 30_000
 
 
@@ -49,13 +48,12 @@ class _Label:
 
 
 def write_picture(tree: FrameTree, path: Path) -> None:
-    """Draw the tree into a file of one of matplotlib's kinds, by its ending."""
+    """Draw the tree into a file; its ending chooses one of matplotlib's formats."""
     import matplotlib
     from matplotlib.figure import Figure
 
-    conflicts = conflicting(tree)
     labels = {
-        name: _Label(name, ", ".join(facts(tree, frame, conflicts)), state(tree, frame, conflicts))
+        name: _Label(name, ", ".join(facts(tree, frame)), state(tree, frame))
         for name, frame in tree.frames.items()
     }
     sizes = {name: label.size for name, label in labels.items()}
@@ -65,7 +63,7 @@ def write_picture(tree: FrameTree, path: Path) -> None:
     problems = _problem_lines(tree, width)
     height = _HEAD + bottom + 3 * _MARGIN + _PROBLEM_ROW * len(problems)
 
-    # Text stays text in an SVG: it can be searched, and is drawn in the reader's own font.
+    # Text stays text in an SVG: it can be searched, and uses the reader's own font.
     with matplotlib.rc_context({"svg.fonttype": "none"}):
         figure = Figure(figsize=(width, height), facecolor="white")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -120,6 +118,6 @@ def _problem_lines(tree: FrameTree, width: float) -> list[str]:
 def _write(
     axes: Any, x: float, y: float, text: str, points: int, colour: str, weight: str = "normal"
 ) -> None:
-    # A dollar sign would begin a formula.
+    # matplotlib takes a dollar sign for the start of a formula.
     shown = text.replace("$", r"\$")
     axes.text(x, y, shown, fontsize=points, color=colour, weight=weight, va="center")

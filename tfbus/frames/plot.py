@@ -1,4 +1,4 @@
-"""Where a frame was over a time, as a drawing by matplotlib."""
+"""Where a frame was over time, drawn by matplotlib."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,14 +16,13 @@ _COLOURS = ("#dc2626", "#16a34a", "#2563eb")  # x, y and z, as RViz has them
 _GREY = "#6b7280"
 _SIZE = (5.2, 3.4)
 
-# An axis spans so much at least: what stands still is a straight line, and not the rounding of
-# its numbers.
+# The least that an axis spans: a frame at rest is a straight line, not the noise of rounding.
 _LEAST_M, _LEAST_DEGREES = 0.001, 0.1
 _LEAST_M_PER_S, _LEAST_RAD_PER_S = 0.001, 0.001
 
 
 def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
-    """A matplotlib Figure with the panels: one alone, or two in a row."""
+    """A matplotlib Figure with the panels, two in a row."""
     from matplotlib.figure import Figure
 
     figure = Figure()
@@ -32,7 +31,7 @@ def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
 
 
 def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
-    """Draw the panels into a file of one of matplotlib's kinds, by its ending."""
+    """Draw the panels into a file; its ending chooses one of matplotlib's formats."""
     import matplotlib
 
     with matplotlib.rc_context({"svg.fonttype": "none"}):
@@ -40,14 +39,14 @@ def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
 
 
 def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
-    """Draw the panels into a window, until it is closed.
+    """Draw the panels into a window; returns when it is closed.
 
-    Raises TfbusError where matplotlib has nothing to open one with.
+    Raises TfbusError if matplotlib has no toolkit to open one with.
     """
     from matplotlib import pyplot
 
     figure = pyplot.figure(f"{track.source} seen from {track.target}")
-    if pyplot.get_backend().lower() == "agg":  # what it takes where it finds nothing else
+    if pyplot.get_backend().lower() == "agg":  # its choice when it finds no toolkit
         raise TfbusError(
             "there is no toolkit to open a window with: write a file with -o, or install one, "
             "such as Debian's python3-tk, or pip install pyqt6"
@@ -98,7 +97,7 @@ def _draw_speed(axes: Any, track: Track) -> None:
     angular.tick_params(labelsize=8)
     for each, least in ((axes, _LEAST_M_PER_S), (angular, _LEAST_RAD_PER_S)):
         top = max(each.get_ylim()[1], least)
-        each.set_ylim(-0.03 * top, top)  # a line at zero is to be seen above the edge
+        each.set_ylim(-0.03 * top, top)  # keeps a line at zero visible above the edge
     axes.set_ylabel("linear speed (m/s)", fontsize=9)
     axes.set_xlabel("seconds", fontsize=9)
     axes.tick_params(labelsize=8)
@@ -122,7 +121,7 @@ def _draw_path(axes: Any, track: Track) -> None:
 
 
 def _widen(axes: Any, side: Literal["x", "y"], least: float) -> None:
-    """Let one axis span so much at least around what is drawn, and say its numbers in full."""
+    """Widen an axis around the data to span at least `least`, and write its numbers in full."""
     low, high = getattr(axes.dataLim, f"interval{side}")
     if high - low < least:
         middle = (low + high) / 2

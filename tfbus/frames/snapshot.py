@@ -1,23 +1,30 @@
-"""The tree of frames at one moment, with the publisher of each edge and what is wrong."""
+"""The tree of frames at one moment, with the publishers of each edge and what is wrong."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.frame import FrameInfo
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted
+from tfbus.wording import counted, listed
 
 ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]
 
+# For each child frame the parents that living streams give it, and by which stream.
+Claims = Mapping[str, list[tuple[str, StreamInfo]]]
+
 _NS_PER_S = 1e9
+
+# A sentence names at most this many frames.
+_NAMED = 5
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong with the tree: its kind, the frames it is about, and a sentence."""
+    """One thing that is wrong with the tree: its kind, the frames concerned, and a sentence."""
 
     kind: ProblemKind
     frames: tuple[str, ...]
@@ -26,26 +33,32 @@ class Problem:
 
 @dataclass(frozen=True)
 class FrameTree:
-    """All frames by name, and all streams by name, as they were at `recorded_ns` (ns since the
-    Unix epoch).
+    """All frames and all streams by name, as they were at `recorded_ns` (ns since the Unix epoch,
+    by the listener's clock).
     """
 
     frames: Mapping[str, FrameInfo]
     streams: Mapping[str, StreamInfo]
     recorded_ns: int
 
+    @cached_property
+    def trees(self) -> list[list[tuple[int, FrameInfo]]]:
+        """Whole trees as `walk` gives them: the largest first, then by the names of their roots."""
+        roots = [frame.name for frame in self.frames.values() if frame.parent is None]
+        trees = [list(self.walk(root)) for root in sorted(roots)]
+        return sorted(trees, key=len, reverse=True)
+
     @property
     def roots(self) -> list[FrameInfo]:
-        """The frames without a parent: the one of the largest tree first, then by name."""
-        roots = [frame for frame in self.frames.values() if frame.parent is None]
-        return sorted(roots, key=lambda root: (-len(self.below(root.name)), root.name))
+        """The frames without a parent: the root of the largest tree first, then by name."""
+        return [tree[0][1] for tree in self.trees]
 
     def below(self, frame: str) -> list[str]:
         """All frames below this one, a parent always before its children."""
         return [info.name for _, info in self.walk(frame)][1:]
 
     def walk(self, frame: str) -> Iterator[tuple[int, FrameInfo]]:
-        """The frame and all below it, with their depth: each before its children."""
+        """The frame and all below it with their depth, each before its children."""
         stack = [(0, frame)]  # a tree may be deeper than Python's own stack
         while stack:
             depth, name = stack.pop()
@@ -54,26 +67,36 @@ class FrameTree:
             stack += [(depth + 1, child) for child in reversed(self.children(name))]
 
     def children(self, frame: str) -> list[str]:
-        """The frames right below this one, by name."""
-        return sorted(child for child in self.frames[frame].children if child in self.frames)
+        """The frames directly below this one, by name."""
+        # A buffer lists them by name.
+        return [child for child in self.frames[frame].children if child in self.frames]
 
     def age_s(self, frame: FrameInfo) -> float | None:
-        """How old the newest sample of a frame is; None where it is static or has none."""
+        """How old the newest stamp of a frame is, in s; None for a static frame, or no sample."""
         if frame.static or frame.newest_ns is None:
             return None
         return (self.recorded_ns - frame.newest_ns) / _NS_PER_S
 
     def kept_s(self, frame: FrameInfo) -> float | None:
-        """How long a time the samples of a frame span; None where it is static or has none."""
+        """How many seconds the samples of a frame span; None for a static frame, or no sample."""
         if frame.static or frame.newest_ns is None or frame.oldest_ns is None:
             return None
         return (frame.newest_ns - frame.oldest_ns) / _NS_PER_S
 
     def publisher(self, frame: FrameInfo) -> StreamInfo:
-        """The stream that the frame's last transform came in."""
-        return self.streams.get(frame.authority, StreamInfo(frame.authority))
+        """The stream of the frame's last sample."""
+        return self.streams.get(frame.authority) or StreamInfo(frame.authority)
 
-    def claims(self) -> dict[str, list[tuple[str, StreamInfo]]]:
+    def publishers(self, frame: FrameInfo) -> tuple[str, ...]:
+        """The living streams that list a frame, by name; without any, that of its last sample."""
+        if frame.name in self.conflicts:
+            return tuple(sorted({stream.name for _, stream in self.claims[frame.name]}))
+        if frame.name in self.claims:
+            return (self.claims[frame.name][0][1].name,)
+        return (frame.authority,) if frame.authority else ()
+
+    @cached_property
+    def claims(self) -> Claims:
         """For each child frame the parents that living streams give it, and by which stream."""
         claims: dict[str, list[tuple[str, StreamInfo]]] = {}
         for stream in self.streams.values():
@@ -82,16 +105,32 @@ class FrameTree:
                     claims.setdefault(child, []).append((parent, stream))
         return claims
 
+    @cached_property
+    def conflicts(self) -> frozenset[str]:
+        """The frames that two or more living streams list."""
+        return frozenset(
+            child
+            for child, claimed in self.claims.items()
+            if len(claimed) > 1 and len({stream.name for _, stream in claimed}) > 1
+        )
+
     def problems(self) -> list[Problem]:
-        """What is wrong with the tree, the worst first; nothing where all is well."""
-        claims = self.claims()
+        """What is wrong with the tree, the worst first."""
         return [
-            *_loops(claims),
-            *_conflicts(claims),
+            *_loops(self.claims),
+            *self._conflicts(),
             *self._gone(),
             *self._disconnected(),
-            *self._silent(claims),
+            *self._silent(),
         ]
+
+    def _conflicts(self) -> Iterator[Problem]:
+        for child, claimed in self.claims.items():
+            if child in self.conflicts:
+                sides = "; ".join(f"{who(stream)} under {parent!r}" for parent, stream in claimed)
+                yield Problem(
+                    "conflict", (child,), f"{child!r} is published by several at once: {sides}"
+                )
 
     def _gone(self) -> Iterator[Problem]:
         by_stream: dict[str, list[str]] = {}
@@ -99,11 +138,11 @@ class FrameTree:
             if frame.gone:
                 by_stream.setdefault(frame.authority, []).append(frame.name)
         for name, frames in by_stream.items():
-            stream = self.streams.get(name, StreamInfo(name))
+            stream = self.streams.get(name) or StreamInfo(name)
             yield Problem(
                 "gone",
                 tuple(frames),
-                f"the publisher of {listed(frames)} is gone: {who(stream)}",
+                f"the publisher of {_quoted(frames)} is gone: {who(stream)}",
             )
 
     def _disconnected(self) -> Iterator[Problem]:
@@ -112,11 +151,11 @@ class FrameTree:
             below = self.below(name)
             shared = shared_name(main, name)
             if below:
-                hint = f"; if the robots share {shared!r}, say so: --shared {shared}"
+                hint = f"; if the robots share {shared!r}, pass --shared {shared}"
                 yield Problem(
                     "disconnected",
                     (name, *below),
-                    f"{name!r} and {counted(len(below), 'frame')} below it are a tree apart: no "
+                    f"{name!r} and {counted(len(below), 'frame')} below it are a separate tree: no "
                     f"transform joins {name!r} to the tree of {main!r}{hint if shared else ''}",
                 )
             else:
@@ -124,48 +163,36 @@ class FrameTree:
                     "orphan", (name,), f"{name!r} is alone: no transform joins it to another frame"
                 )
 
-    def _silent(self, claims: Mapping[str, list[tuple[str, StreamInfo]]]) -> Iterator[Problem]:
+    def _silent(self) -> Iterator[Problem]:
         for stream in self.streams.values():
-            told = [child for _, child, _ in stream.frames if child not in self.frames]
-            if stream.alive and told:
+            missing = [child for _, child, _ in stream.frames if child not in self.frames]
+            if stream.alive and missing:
                 yield Problem(
                     "silent",
-                    tuple(told),
-                    f"no transform of {listed(told)} has come, though {who(stream)} tells of it",
+                    tuple(missing),
+                    f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it",
                 )
 
 
 def frame_tree(buffer: Buffer, streams: Iterable[StreamInfo], recorded_ns: int) -> FrameTree:
-    """What the buffer and its listener know at the time `recorded_ns`."""
+    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock."""
     frames = {frame.name: frame for frame in buffer.all_frames()}
     return FrameTree(frames, {stream.name: stream for stream in streams}, recorded_ns)
 
 
 def who(stream: StreamInfo) -> str:
-    """A publisher as a person looks for it: its node, host and pid."""
+    """A publisher as people look for it: its node, host and pid."""
     if not stream.node:
         return f"stream {stream.name!r}"
     return f"{stream.node} on {stream.host}, pid {stream.pid}"
 
 
-def listed(frames: list[str], most: int = 5) -> str:
-    """Names of frames in a sentence; the first few of many."""
-    named = ", ".join(repr(frame) for frame in frames[:most])
-    rest = len(frames) - most
-    return f"{named} and {rest} more" if rest > 0 else named
+def _quoted(frames: list[str]) -> str:
+    return listed([repr(frame) for frame in frames], most=_NAMED)
 
 
-def _conflicts(claims: Mapping[str, list[tuple[str, StreamInfo]]]) -> Iterator[Problem]:
-    for child, claimed in claims.items():
-        if len({stream.name for _, stream in claimed}) > 1:
-            sides = "; ".join(f"{who(stream)} under {parent!r}" for parent, stream in claimed)
-            yield Problem(
-                "conflict", (child,), f"{child!r} is published by several at once: {sides}"
-            )
-
-
-def _loops(claims: Mapping[str, list[tuple[str, StreamInfo]]]) -> Iterator[Problem]:
-    """The loops that the edges of living streams would make; a buffer refuses to close them."""
+def _loops(claims: Claims) -> Iterator[Problem]:
+    """The loops that the edges of living streams would close; a buffer refuses such an edge."""
     done: set[str] = set()
     for start in claims:
         path: list[str] = []
@@ -180,7 +207,7 @@ def _loops(claims: Mapping[str, list[tuple[str, StreamInfo]]]) -> Iterator[Probl
                     "loop",
                     tuple(loop),
                     f"{' -> '.join(repr(frame) for frame in [*loop, child][::-1])} is a loop, "
-                    f"made by {' and '.join(sides)}: one has parent and child the wrong way round",
+                    f"made by {' and '.join(sides)}: one of them has parent and child swapped",
                 )
             elif child not in done:
                 path.append(child)

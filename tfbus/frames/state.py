@@ -1,4 +1,25 @@
-"""What is worth saying about one edge, short enough for a line."""
+"""The state of a frame, by one rule, and what a line says about it.
+
+`tfbus frames`, `monitor`, `top`, `doctor` and `view` all judge by it. The first that holds:
+
+- *root*: it has no parent.
+- *gone*: the publisher of its last sample has left the bus; the pose is the last one sent.
+- *conflict*: two or more living streams list it. A frame can be gone and in conflict: its state is
+  gone, and the conflict is mentioned beside.
+- *static*: it holds at all times.
+- *stale*: silent for longer than 1 s and than 3 of its own periods; where a single sample gives no
+  rate, for longer than 3 s.
+- *dynamic*: its samples come.
+
+Silence is the time since a sample arrived: the age of the newest stamp, less the delay at which
+the stream's samples arrive. A skewed clock, or a replay with old stamps, changes both alike, so
+that a frame whose samples keep coming is not stale. Before a live message gives the delay, the
+measured offset of the publisher's clock takes its place. Both come with every snapshot of the
+streams. Arrivals noted frame by frame would be known to long-running tools only: to `tfbus frames`,
+which listens for a second, a frame that stopped long ago arrives with the history just now. The
+price: the delay is that of a whole stream, and a frame whose stamps lag behind the others of its
+stream counts as silent for the difference.
+"""
 
 from typing import Literal
 
@@ -6,55 +27,79 @@ from tfbus.buffer.frame import FrameInfo
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import duration
 
-State = Literal["root", "static", "dynamic", "stale", "gone", "conflict"]
+Fault = Literal["gone", "conflict", "stale"]
+State = Literal["root", "static", "dynamic"] | Fault
 
-# A frame is stale when it is this many of its own periods old, and at least this many seconds:
-# one that comes at 0.5 Hz is fresh for six seconds.
 _STALE_PERIODS = 3.0
 _STALE_S = 1.0
+_STALE_WITHOUT_RATE_S = 3.0
 
-# Whose stamps are further away than this goes by another clock.
+# Stamps farther away than this are by another clock, such as a simulated one.
 _YEAR_S = 365.25 * 86_400
 
 ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
 
 
-def state(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> State:
-    """What a frame is above all, `conflicts` being those that several publish."""
+def state(tree: FrameTree, frame: FrameInfo) -> State:
+    """The state of a frame."""
     if frame.parent is None:
         return "root"
-    if frame.name in conflicts:
-        return "conflict"
-    if frame.gone:
-        return "gone"
-    if frame.static:
-        return "static"
-    return "stale" if is_stale(tree, frame) else "dynamic"
+    for fault in faults(tree, frame):
+        return fault
+    return "static" if frame.static else "dynamic"
+
+
+def faults(tree: FrameTree, frame: FrameInfo) -> tuple[Fault, ...]:
+    """What is wrong with a frame, the worst first: ("gone", "conflict") if it is both."""
+    if frame.parent is None:
+        return ()
+    found: tuple[Fault, ...] = ("gone",) if frame.gone else ()
+    if frame.name in tree.conflicts:
+        found = (*found, "conflict")
+    return found or (("stale",) if is_stale(tree, frame) else ())
+
+
+def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
+    """For how long no sample of a frame has come, in s; None for a static frame, or no sample."""
+    age_s = tree.age_s(frame)
+    if age_s is None:
+        return None
+    stream = tree.publisher(frame)
+    if stream.delay_s is not None:
+        return age_s - stream.delay_s
+    # A clock ahead of ours makes a sample look younger than it is.
+    return age_s + (stream.clock_offset_s or 0.0)
+
+
+def stale_after_s(frame: FrameInfo) -> float:
+    """For how long a frame may be silent before it is stale, in s."""
+    if not frame.rate_hz:
+        return _STALE_WITHOUT_RATE_S
+    return max(_STALE_S, _STALE_PERIODS / frame.rate_hz)
 
 
 def is_stale(tree: FrameTree, frame: FrameInfo) -> bool:
-    """Whether a frame that moves has not been heard of for longer than its rate allows."""
-    age_s = tree.age_s(frame)
-    period_s = 1.0 / frame.rate_hz if frame.rate_hz else 0.0
-    return age_s is not None and age_s > max(_STALE_S, _STALE_PERIODS * period_s)
+    """Whether a dynamic frame has been silent for longer than its rate allows."""
+    silence_s = silent_s(tree, frame)
+    return silence_s is not None and silence_s > stale_after_s(frame)
 
 
 def is_another_time(age_s: float | None) -> bool:
-    """Whether an age is more than a year, before us or behind: by clocks that are set it is not."""
+    """Whether an age is more than a year, in the past or in the future."""
     return age_s is not None and abs(age_s) > _YEAR_S
 
 
-def facts(tree: FrameTree, frame: FrameInfo, conflicts: set[str]) -> list[str]:
-    """What to say of an edge, what matters most first; nothing of a root."""
+def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
+    """What to say about an edge, the most important first; nothing for a root."""
     if frame.parent is None:
         return []
-    told = state(tree, frame, conflicts)
-    words = {"gone": ["GONE"], "stale": ["STALE"], "conflict": ["CONFLICT"]}.get(told, [])
+    words = [fault.upper() for fault in faults(tree, frame)]
     if frame.static:
         words.append("static")
     else:
-        words.append(duration(tree.age_s(frame)) + " old")
-        words += [ASK_IF_SIMULATED] * (told == "stale" and is_another_time(tree.age_s(frame)))
+        age_s = tree.age_s(frame)
+        words.append(duration(age_s) + " old")
+        words += [ASK_IF_SIMULATED] * is_another_time(age_s)
         if frame.rate_hz is not None:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from tfbus.buffer.frame import FrameInfo
+from tfbus.frames.blocks import stamp_text
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
 from tfbus.wording import counted, duration
@@ -11,33 +12,32 @@ Paint = Callable[[str, State], str]
 
 
 def plain(text: str, state: State) -> str:
-    """The text as it is, whatever it tells of."""
+    """The text as it is, in every state."""
     return text
 
 
 def tree_lines(tree: FrameTree, *, width: int = 80, paint: Paint = plain) -> list[str]:
-    """The trees, a frame a line with its facts behind it: as many as go into the width.
+    """The trees, one line per frame: its name, and as many of its facts as the width allows.
 
     `paint(text, state)` may colour a line.
     """
-    conflicts = conflicting(tree)
     rows = list(_rows(tree))
     column = min(max((len(lead) + len(frame.name) for lead, frame in rows), default=0), width // 2)
     lines = []
     for lead, frame in rows:
         name = f"{lead}{frame.name}".ljust(column)
         line = name
-        for fact in facts(tree, frame, conflicts):
+        for fact in facts(tree, frame):
             joined = f"{line}{'  ' if line is name else ', '}{fact}"
             if len(joined) > width:
                 break
             line = joined
-        lines.append(paint(line.rstrip(), state(tree, frame, conflicts)))
+        lines.append(paint(line.rstrip(), state(tree, frame)))
     return lines
 
 
 def publisher_lines(tree: FrameTree) -> list[str]:
-    """Who publishes, a stream a line: its node, host and pid, its frames, and how late it comes."""
+    """One line per stream: its node, host and pid, its number of frames, and its delay."""
     lines = []
     for stream in tree.streams.values():
         parts = [f"{stream.name}: {who(stream)}", counted(len(stream.frames), "frame")]
@@ -52,7 +52,7 @@ def publisher_lines(tree: FrameTree) -> list[str]:
 
 
 def edge_lines(tree: FrameTree) -> list[str]:
-    """Each edge with all that is known of it, several lines an edge."""
+    """Each edge with all its facts, one fact a line."""
     lines = []
     for name in sorted(tree.frames):
         frame = tree.frames[name]
@@ -64,18 +64,8 @@ def edge_lines(tree: FrameTree) -> list[str]:
     return lines
 
 
-def conflicting(tree: FrameTree) -> set[str]:
-    """The frames that several publish at once."""
-    return {
-        frame
-        for problem in tree.problems()
-        if problem.kind == "conflict"
-        for frame in problem.frames
-    }
-
-
 def frame_lines(tree: FrameTree, frame: FrameInfo) -> list[str]:
-    """All that is known of a frame's edge, a fact a line; that it is a root, where it is one."""
+    """All facts of a frame's edge, one a line; for a root, that it is one."""
     return ["Root"] if frame.parent is None else list(_all_facts(tree, frame))
 
 
@@ -88,17 +78,17 @@ def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
         rate = "unknown" if frame.rate_hz is None else f"{frame.rate_hz:.3f} Hz"
         over = f"{counted(frame.samples, 'sample')} over {duration(tree.kept_s(frame))}"
         yield f"Rate: {rate}, {over}"
-        yield f"Newest: {_seconds(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
-        yield f"Oldest: {_seconds(frame.oldest_ns)}"
+        yield f"Newest: {_stamp(frame.newest_ns)}, {duration(tree.age_s(frame))} old"
+        yield f"Oldest: {_stamp(frame.oldest_ns)}"
         yield f"Delay of its stream, smoothed: {duration(stream.delay_s)}"
     if frame.conflicts:
         yield f"Samples that replaced a different one of the same stamp: {frame.conflicts}"
     if frame.refused:
-        yield f"Samples that came too old to be kept: {frame.refused}"
+        yield f"Samples that were too old to keep: {frame.refused}"
 
 
 def _rows(tree: FrameTree) -> Iterator[tuple[str, FrameInfo]]:
-    """Each frame, with the lines that lead to it."""
+    """Each frame, with the branches drawn before its name."""
     for root in tree.roots:
         stack = [("", "", root.name)]
         while stack:
@@ -111,5 +101,5 @@ def _rows(tree: FrameTree) -> Iterator[tuple[str, FrameInfo]]:
                 stack.append((below + branch, below + more, child))
 
 
-def _seconds(stamp_ns: int | None) -> str:
-    return "none" if stamp_ns is None else f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}"
+def _stamp(stamp_ns: int | None) -> str:
+    return "none" if stamp_ns is None else stamp_text(stamp_ns)

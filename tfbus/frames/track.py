@@ -1,4 +1,4 @@
-"""Where one frame was, seen from another, over a time."""
+"""Where one frame was, seen from another, over time."""
 
 import csv
 import json
@@ -21,7 +21,7 @@ _POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 @dataclass(frozen=True)
 class Track:
-    """N poses of `source` seen from `target`, and their `stamps_ns` (N,), which rise."""
+    """N poses of `source` in `target`, and their `stamps_ns` (N,), in rising order."""
 
     target: str
     source: str
@@ -57,8 +57,8 @@ class Track:
     def angular_speed(self) -> Floats:
         """(N - 1,) radians per second from one pose to the next, the short way round."""
         before, after = self.poses.quat_xyzw[:-1], self.poses.quat_xyzw[1:]
-        # The norms of difference and sum are 2 sin and 2 cos of a quarter of the angle: exact
-        # also where the angle is small, and its cosine would be 1.
+        # The norms of difference and sum are 2 sin and 2 cos of a quarter of the angle: exact for
+        # small angles too, whose cosine would round to 1.
         apart, along = (np.linalg.norm(after + sign * before, axis=1) for sign in (-1.0, 1.0))
         angle = 4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along))
         speed: Floats = angle / np.diff(self.seconds)
@@ -68,9 +68,9 @@ class Track:
 def track_from_buffer(
     buffer: Buffer, target: str, source: str, from_ns: int, to_ns: int, rate_hz: float
 ) -> Track:
-    """The poses between two times, so many a second, where they are known.
+    """The known poses between two times (ns), sampled at `rate_hz`.
 
-    Raises LookupException or ConnectivityException where nothing joins the frames.
+    Raises LookupException for an unknown frame, ConnectivityException for unconnected ones.
     """
     stamps_ns = np.arange(from_ns, to_ns + 1, round(1e9 / rate_hz), dtype=np.int64)
     poses, known = buffer.lookup_known_transforms(target, source, stamps_ns)
@@ -78,18 +78,18 @@ def track_from_buffer(
 
 
 def track_from_file(path: Path) -> Track:
-    """The poses that `tfbus echo --format csv`, or json, has written.
+    """The poses in a file written by `tfbus echo --format csv` or `json`.
 
-    Raises DecodeError where the file is neither, with the line.
+    Raises DecodeError, which names the line, if the file is neither.
     """
     with path.open(newline="") as lines:
         is_json = lines.read(1) == "{"
         lines.seek(0)
         rows = list(_json_rows(lines) if is_json else _csv_rows(lines))
     if not rows:
-        raise DecodeError(f"{path} has no pose in it")
+        raise DecodeError(f"{path} contains no pose")
     rows.sort(key=lambda row: row[0])
-    # The last pose of a stamp counts, as in a buffer.
+    # As in a buffer, the last pose with a stamp counts.
     latest = {row[0]: row for row in rows}
     numbers = np.array([row[3] for row in latest.values()])
     return Track(
@@ -106,9 +106,9 @@ _Row = tuple[int, str, str, list[float]]
 def _json_rows(lines: Iterable[str]) -> Iterable[_Row]:
     for number, line in enumerate(lines, start=1):
         try:
-            told = json.loads(line)
-            pose = [float(value) for value in (*told["xyz"], *told["quat_xyzw"])]
-            yield int(told["stamp_ns"]), told["frame_id"], told["child_frame_id"], pose
+            row = json.loads(line)
+            pose = [float(value) for value in (*row["xyz"], *row["quat_xyzw"])]
+            yield int(row["stamp_ns"]), row["frame_id"], row["child_frame_id"], pose
         except (ValueError, KeyError, TypeError) as error:
             raise _not_a_pose(number, error) from error
 
@@ -124,6 +124,6 @@ def _csv_rows(lines: Iterable[str]) -> Iterable[_Row]:
 
 def _not_a_pose(number: int, error: Exception) -> DecodeError:
     return DecodeError(
-        f"line {number} is no pose as `tfbus echo --format csv` or json writes it "
+        f"line {number} is not a pose as written by `tfbus echo --format csv` or json "
         f"({type(error).__name__}: {error})"
     )

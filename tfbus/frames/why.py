@@ -1,4 +1,4 @@
-"""Why a lookup has no answer, or would have none: its path, edge by edge, and what to do."""
+"""Why a lookup fails, or would fail: its path, edge by edge, and what to do."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
@@ -8,8 +8,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.frame import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
 from tfbus.frames.snapshot import FrameTree, Problem, who
-from tfbus.frames.state import facts, is_stale
-from tfbus.frames.text import conflicting
+from tfbus.frames.state import facts, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
@@ -17,25 +16,25 @@ from tfbus.wording import duration
 
 Verdict = Literal["ok", "warn", "fail"]
 
-# Clocks that differ by more than this make stamps look late, or of the future.
+# Clocks that differ by more than this make stamps look late, or in the future.
 _CLOCKS_AGREE_S = 0.05
 
-# Of the namespaces that have a frame so many are named.
+# A remedy names at most this many namespaces.
 _NAMED = 3
 
 _REMEDIES = {
-    "loop": "turn one of the edges of the loop round, or publish it no more",
-    "conflict": "let one of them publish the frame, or give the frames names of their own",
-    "silent": "look whether it is sent at all: tfbus topic hz tf",
+    "loop": "swap parent and child of one edge of the loop, or stop publishing it",
+    "conflict": "let one of them publish the frame, or give each frame its own name",
+    "silent": "check that it is sent at all: tfbus topic hz tf",
 }
 
 
 @dataclass(frozen=True)
 class Step:
-    """One edge of the path: what is known of it, and what is wrong with it for this lookup.
+    """One edge of the path: its facts, and what is wrong with it for this lookup.
 
-    "warn" is what does not keep the lookup from an answer, but is no good sign; `reason` and
-    `remedy` are empty where it is "ok".
+    "warn" does not make the lookup fail, but is a bad sign; `reason` and `remedy` are "" when the
+    verdict is "ok".
     """
 
     parent: str
@@ -48,10 +47,10 @@ class Step:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A lookup of `source` seen from `target`, at a stamp (None: the latest): how it goes.
+    """The result of a lookup of `source` seen from `target` at a stamp (None: the latest).
 
-    `failure` is the sentence of the error, "" where there is an `answer`. `steps` lead from the
-    target to the source, or, where they are not connected, from each to its root. `remedies` is
+    `failure` is the message of the error, "" when there is an `answer`. `steps` lead from the
+    target to the source or, when they are not connected, from each to its root. `remedies` say
     what to do, the most likely first.
     """
 
@@ -73,9 +72,9 @@ def explain(
     *,
     elsewhere: Collection[tuple[str, str]] = (),
 ) -> Explanation:
-    """How the lookup goes in this buffer, of which `tree` was just made.
+    """Explain the lookup in this buffer; `tree` is its snapshot.
 
-    `elsewhere` are frames of other namespaces, each behind its namespace.
+    `elsewhere` are pairs of (namespace, frame) for the frames of other namespaces.
     """
     answer, error = _look_up(buffer, target, source, stamp_ns)
     steps = tuple(_judge(tree, child, stamp_ns) for child in _children(tree, target, source))
@@ -106,7 +105,7 @@ def _look_up(
 
 
 def _children(tree: FrameTree, target: str, source: str) -> list[str]:
-    """The children of the edges between the two, or, where none joins them, of all above them."""
+    """The children of the edges between the two or, when not connected, of all edges above them."""
     up, down = _chain(tree, target), _chain(tree, source)
     while up and down and up[-1] == down[-1]:
         up.pop()
@@ -115,7 +114,7 @@ def _children(tree: FrameTree, target: str, source: str) -> list[str]:
 
 
 def _chain(tree: FrameTree, frame: str) -> list[str]:
-    """The frame and all above it; nothing where it is not known."""
+    """The frame and all above it; empty for an unknown frame."""
     chain: list[str] = []
     at: str | None = frame
     while at is not None and at in tree.frames:
@@ -126,33 +125,32 @@ def _chain(tree: FrameTree, frame: str) -> list[str]:
 
 def _judge(tree: FrameTree, child: str, stamp_ns: int | None) -> Step:
     frame = tree.frames[child]
-    conflicts = conflicting(tree)
-    step = Step(frame.parent or "", child, tuple(facts(tree, frame, conflicts)))
+    step = Step(frame.parent or "", child, tuple(facts(tree, frame)))
     for verdict, reason, remedy in _faults(tree, frame, stamp_ns):
         return replace(step, verdict=verdict, reason=reason, remedy=remedy)
-    if child in conflicts:
-        return replace(step, verdict="warn", reason="the answer is of one of its publishers")
+    if child in tree.conflicts:
+        return replace(step, verdict="warn", reason="the answer is from one of its publishers")
     return step
 
 
 def _faults(
     tree: FrameTree, frame: FrameInfo, stamp_ns: int | None
 ) -> Iterator[tuple[Verdict, str, str]]:
-    """What is wrong with an edge, the worst first: the verdict, the reason, what to do."""
+    """What is wrong with an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
     restart = f"start the publisher of {frame.name!r} again: {who(stream)}"
     if not frame.static:
         yield from _out_of_time(tree, frame, stamp_ns, restart)
     if frame.gone:
-        yield "warn", "its publisher is gone, and what is known of it grows old", restart
+        yield "warn", "its publisher is gone, and its last pose grows old", restart
     elif is_stale(tree, frame):
         yield (
             "warn",
-            f"nothing has come for {duration(tree.age_s(frame))}",
-            f"look whether {who(stream)} still sends {frame.name!r}: tfbus topic hz tf",
+            f"no sample for {duration(silent_s(tree, frame))}",
+            f"check that {who(stream)} still sends {frame.name!r}: tfbus topic hz tf",
         )
     if stream.clock_offset_s is not None and abs(stream.clock_offset_s) > _CLOCKS_AGREE_S:
-        yield "warn", _skew(stream), f"set the clock of {stream.host} by NTP, as ours"
+        yield "warn", _skew(stream), f"synchronize the clocks of {stream.host} and this host by NTP"
 
 
 def _out_of_time(
@@ -160,22 +158,22 @@ def _out_of_time(
 ) -> Iterator[tuple[Verdict, str, str]]:
     stream = tree.publisher(frame)
     if frame.oldest_ns is None or frame.newest_ns is None:
-        yield "fail", "no sample of it is known", f"wait for {who(stream)} to send {frame.name!r}"
+        yield "fail", "it has no sample", f"wait for {who(stream)} to send {frame.name!r}"
     elif stamp_ns is None:
         return
     elif stamp_ns < frame.oldest_ns:
         yield (
             "fail",
             f"the time is {duration((frame.oldest_ns - stamp_ns) / 1e9)} before its oldest sample",
-            "ask for a later time; what publishers have not kept, nobody knows",
+            "query a later time: no publisher has kept older samples",
         )
     elif stamp_ns > frame.newest_ns:
         beyond = duration((stamp_ns - frame.newest_ns) / 1e9)
-        fine = "wait for it (timeout_s), or ask for the latest"
+        wait = "wait for it (timeout_s), or query the latest"
         yield (
             "fail",
             f"the time is {beyond} after its newest sample",
-            restart if frame.gone else fine,
+            restart if frame.gone else wait,
         )
 
 
@@ -191,24 +189,24 @@ def _remedies_of(
     if isinstance(error, LookupException):
         yield from _remedies_elsewhere(error.frame, elsewhere)
         yield (
-            f"use {error.nearest[0]!r}, if that is meant"
+            f"use {error.nearest[0]!r} if you mean that"
             if error.nearest
             else f"start the node that publishes {error.frame!r}"
         )
     if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
         if name := shared_name(error.target_root, error.source_root):
-            yield f"if the robots share {name!r}, say so: --shared {name}"
+            yield f"if the robots share {name!r}, pass --shared {name}"
         yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
 
 
 def _remedies_elsewhere(frame: str, elsewhere: Collection[tuple[str, str]]) -> Iterator[str]:
-    """For a frame that the namespaces below have, by its own name or as a fleet calls it."""
+    """For a frame of the namespaces below, by its own name or as a fleet names it."""
     if frame in {f"{namespace}/{name}" for namespace, name in elsewhere}:
         yield "look at all robots together: --fleet"
     namespaces = sorted(namespace for namespace, name in elsewhere if name == frame)
     if namespaces:
         yield (
-            f"look from within its namespace, {frame!r} is known there: "
+            f"look from within its namespace, which has {frame!r}: "
             f"--namespace {' or '.join(namespaces[:_NAMED])}"
         )
         yield f"look at all robots together, where it is '{namespaces[0]}/{frame}': --fleet"
@@ -217,7 +215,7 @@ def _remedies_elsewhere(frame: str, elsewhere: Collection[tuple[str, str]]) -> I
 def _remedies_of_problems(
     tree: FrameTree, frames: set[str], error: TransformException | None
 ) -> Iterator[str]:
-    """For what is wrong near the path: on it, or, where frames are apart, anywhere."""
+    """For problems on the path or, when the frames are not connected, anywhere."""
 
     def is_near(problem: Problem) -> bool:
         return bool(frames.intersection(problem.frames)) or (

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus.discover.graph import Graph
-from tfbus.frames.state import State, state
-from tfbus.frames.text import conflicting
+from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import duration
@@ -53,10 +52,9 @@ class Table:
 
 def frames_table(report: Report) -> Table:
     """Each frame: its parent, its stream, and how it comes."""
-    conflicts = conflicting(report.tree)
     rows = []
     for frame in report.tree.frames.values():
-        its_state = state(report.tree, frame, conflicts)
+        its_state = state(report.tree, frame)
         if frame.parent is None:
             cells = (
                 _text(frame.name),
@@ -75,7 +73,7 @@ def frames_table(report: Report) -> Table:
             Cell.of_time(report.tree.age_s(frame)),
             Cell.of_time(flow.delays_s.p50 if flow.delays_s else None),
             Cell.of_time(flow.jitter_s),
-            _text("" if its_state in ("dynamic", "static") else its_state),
+            _text(", ".join(faults(report.tree, frame))),
         )
         rows.append(Row(frame.name, cells, its_state))
     headings = ("frame", "parent", "stream", "Hz", "age", "delay", "jitter", "state")

@@ -1,1 +1,58 @@
-"""The page in a browser: frames in three dimensions."""
+"""The page in a browser: frames in three dimensions.
+
+Listed here is what nodes use: the parts of `tfbus view`, and of a guest on its page.
+"""
+
+from importlib import import_module
+
+# As in tfbus/__init__.py: names are imported when first used.
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from tfbus.view.guest import Guest as Guest
+    from tfbus.view.guest import Region as Region
+    from tfbus.view.model.placement import Placed as Placed
+    from tfbus.view.model.settings import ViewSettings as ViewSettings
+    from tfbus.view.model.settings import holds_settings as holds_settings
+    from tfbus.view.model.settings import load_settings as load_settings
+    from tfbus.view.model.urdf import read_urdf as read_urdf
+    from tfbus.view.origin import is_local as is_local
+    from tfbus.view.page import Page as Page
+    from tfbus.view.page import Serving as Serving
+    from tfbus.view.panels.markup import Channel as Channel
+    from tfbus.view.panels.markup import Html as Html
+    from tfbus.view.screenshot import Screenshot as Screenshot
+    from tfbus.view.screenshot import find_browser as find_browser
+
+_MODULE_OF = {
+    "Channel": "tfbus.view.panels.markup",
+    "Guest": "tfbus.view.guest",
+    "Html": "tfbus.view.panels.markup",
+    "Page": "tfbus.view.page",
+    "Placed": "tfbus.view.model.placement",
+    "Region": "tfbus.view.guest",
+    "Screenshot": "tfbus.view.screenshot",
+    "Serving": "tfbus.view.page",
+    "ViewSettings": "tfbus.view.model.settings",
+    "find_browser": "tfbus.view.screenshot",
+    "holds_settings": "tfbus.view.model.settings",
+    "is_local": "tfbus.view.origin",
+    "load_settings": "tfbus.view.model.settings",
+    "read_urdf": "tfbus.view.model.urdf",
+}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> "Any":
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'tfbus.view' has no attribute {name!r}")
+    value = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,8 +1,8 @@
-"""Who may speak to the page: browsers that were given it from here, and programs.
+"""Who may use the page: browsers that have it from here, and programs.
 
-A browser lets any web page open a websocket to this machine, and tells only in the header Origin
-which page it was; so that one is compared with where it was sent to. That has to be a name of this
-machine's own too, or an address: whoever owns another name can let it point here.
+A browser lets any web page open a websocket to this machine; only the header Origin says which page
+it was. So Origin must match Host. Host must be an address or one of this machine's own names: the
+owner of any other name can let it point here.
 """
 
 import ipaddress
@@ -27,8 +27,8 @@ def is_local(host: str) -> bool:
 
 
 def machine_names(host: str) -> frozenset[str]:
-    """What the view may be called by others where it listens at `host`: that, and this machine's
-    host name with its domain and without; none where only this machine reaches it.
+    """The names under which others may open a view that listens at `host`: that one, and this
+    machine's host name with and without its domain; none if only this machine reaches it.
     """
     if is_local(host):
         return frozenset()
@@ -37,27 +37,27 @@ def machine_names(host: str) -> frozenset[str]:
 
 
 def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
-    """Why a request with these headers is not served, in a sentence; "" where it is.
+    """Why a request with these headers is refused, in a sentence; "" if it is served.
 
     `names` are those of `machine_names`.
     """
     host, origin = headers.get("Host", "").lower(), headers.get("Origin")
     name = _parts(f"//{host}").hostname or ""
     if not names and not is_local(name):
-        return f"the view listens for this machine alone, and is not {name!r}: open localhost"
+        return f"the view is for this machine only: open it as localhost, not as {name!r}"
     if names and not _is_own(name, names):
         return (
-            f"the view is not {name or host!r}, which anybody could let point here: open the IP "
+            f"the view is not {name or host!r}, a name that anyone could point here: open the IP "
             "address of its machine, its host name, or that with .local"
         )
     if origin is not None and _parts(origin.lower()).netloc != host:
-        return f"a page of {origin!r} may not speak to the view at {host!r}: open that itself"
+        return f"a page of {origin!r} may not use the view at {host!r}: open the view directly"
     return ""
 
 
 def _is_own(name: str, names: Collection[str]) -> bool:
-    """Whether nobody from elsewhere can have let this name point here."""
-    # Names in .local are asked for on the local network only (RFC 6762).
+    """Whether only this machine, or its own network, can let this name point here."""
+    # Names in .local are resolved on the local network only (RFC 6762).
     return name in names or is_local(name) or name.endswith(".local") or _address(name) is not None
 
 
@@ -69,7 +69,7 @@ def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def _parts(url: str) -> SplitResult:
-    """The parts of a URL, all empty where it is malformed."""
+    """The parts of a URL; all empty if it is malformed."""
     try:
         return urlsplit(url)
     except ValueError:
@@ -78,17 +78,17 @@ def _parts(url: str) -> SplitResult:
 
 @dataclass
 class Guard:
-    """Whether the server that was started looks at what is asked: `stands`."""
+    """`stands` once the server checks its requests."""
 
     stands: bool = False
 
 
 @contextmanager
 def guarding(host: str) -> Iterator[Guard]:
-    """Let the server that viser starts meanwhile, to listen at `host`, refuse others.
+    """Make the server that viser starts meanwhile, to listen at `host`, refuse other origins.
 
-    viser hands neither headers nor `origins` on, so it is given a `serve` that looks at them. The
-    guard stands once that was called: a viser that starts its server otherwise is not checked.
+    viser passes on neither headers nor `origins`, so it gets a `serve` that checks them. The guard
+    stands once that was called: a viser that starts its server in another way is not checked.
     """
     serve, names, guard = server.serve, machine_names(host), Guard()
 
@@ -97,12 +97,12 @@ def guarding(host: str) -> Iterator[Guard]:
         checked = partial(_check, process_request, names)
         return serve(*args, process_request=checked, **options)
 
-    # It is a class, and used as a function that makes a server, as this one does.
+    # A class, but called like the function that replaces it.
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
         yield guard
     finally:
-        # To mypy a class cannot be replaced, not even by itself.
+        # mypy lets no class be assigned, not even itself.
         server.serve = serve  # type: ignore[misc]
 
 

@@ -1,6 +1,6 @@
-"""A picture of the page, taken by a Chromium that nobody sees.
+"""A picture of the page, taken by a headless Chromium.
 
-Chromium is spoken to by its DevTools protocol, over the websocket library that viser brings.
+It is driven over its DevTools protocol, with the websocket library that viser brings.
 """
 
 import base64
@@ -20,11 +20,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from tfbus import TfbusError
+from tfbus.errors import TfbusError
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
-# Without a graphics card WebGL is drawn by SwiftShader, which has to be asked for.
+# SwiftShader draws WebGL without a graphics card, but only on request.
 FLAGS = (
     "--headless=new",
     "--use-angle=swiftshader",
@@ -35,17 +35,17 @@ FLAGS = (
     "--disable-dev-shm-usage",
 )
 
-# How long a browser may take to start, and a page to be there.
+# How long the browser may take to start, and the page to appear.
 _PATIENCE_S = 60.0
 
-# Drawn by the processor, what moves is shown late, and not all of it equally late.
+# Without a graphics card movements are shown late, and not all of them equally late.
 _SETTLE_S = 2.0
 
 # How long to wait for the thread when its browser is gone.
 _END_S = 1.0
 
 _IS_THERE = "!!document.querySelector('canvas') && !!document.querySelector('[role=status]')"
-# viser tells that WebGL is slow without a graphics card, which nobody needs to see here.
+# viser notes that WebGL is slow without a graphics card; the note would cover the picture.
 CLOSE_NOTES = (
     "document.querySelectorAll('.mantine-Notification-closeButton')"
     ".forEach(button => button.click())"
@@ -57,18 +57,18 @@ class BrowserError(TfbusError):
 
 
 def find_browser() -> str:
-    """The Chromium that is installed. Raises BrowserError where there is none."""
+    """The path of the installed Chromium. Raises BrowserError if there is none."""
     for name in _BROWSERS:
         if path := shutil.which(name):
             return path
     raise BrowserError(
-        "no Chromium is installed, which takes the picture: apt-get install chromium, or name "
-        f"yours one of {', '.join(_BROWSERS)} on PATH"
+        "no Chromium to take the picture: apt-get install chromium, or have one on PATH as "
+        f"{', '.join(_BROWSERS)}"
     )
 
 
 class Screenshot:
-    """One picture, to be taken some seconds after the page is there; `size` in pixels."""
+    """One picture, taken `after_s` seconds after the page appears; `size` in pixels."""
 
     def __init__(self, path: Path, after_s: float, size: tuple[int, int], browser: str) -> None:
         self._path = path
@@ -86,13 +86,13 @@ class Screenshot:
     def begin(self, address: str, hold: Callable[[], object], on_end: Callable[[], object]) -> None:
         """Take it on a thread of its own, then call `on_end()`.
 
-        Before it `hold()` is called, which is to let the page be as it is.
+        Calls `hold()` first, which must stop all changes of the page.
         """
 
         def take() -> None:
             try:
                 self._path.write_bytes(self._take(address, hold))
-            except Exception as error:  # whatever it is, `finish` tells of it
+            except Exception as error:  # `finish` raises it
                 self._error = error
             finally:
                 self._ended.set()
@@ -110,8 +110,8 @@ class Screenshot:
             self._thread.join(_END_S)
 
     def finish(self) -> None:
-        """Stop. Raises KeyboardInterrupt where that was before there was a picture, and
-        BrowserError where none can be taken.
+        """Stop. Raises KeyboardInterrupt if that was before the picture was taken, and BrowserError
+        if none could be taken.
         """
         self.stop()
         if self._was_early:
@@ -127,11 +127,11 @@ class Screenshot:
                 self._end_browser()
 
     def _start_browser(self, address: str, profile: str) -> "subprocess.Popen[str]":
-        # Chromium's own sandbox refuses to work for root, as in most containers.
+        # Chromium's sandbox refuses to work for root, as in most containers.
         root = ["--no-sandbox"] if os.geteuid() == 0 else []
         with self._lock:
             if self._stopped.is_set():
-                raise BrowserError("it was to end before the browser was started")
+                raise BrowserError("stopped before the browser was started")
             self._process = subprocess.Popen(
                 [
                     *(self._browser, *FLAGS, *root),
@@ -143,17 +143,17 @@ class Screenshot:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 text=True,
-                # A group of its own ends with all its children, and not by a Ctrl-C before ours.
+                # A group of its own: it ends with all its children, and not by our Ctrl-C.
                 start_new_session=True,
             )
             return self._process
 
     def _end_browser(self) -> None:
-        """End it and all its children, where they are there. Its profile goes with it."""
+        """End the browser and all its children."""
         with self._lock:
             process = self._process
             if process and process.returncode is None:
-                # Not yet waited for, so that its group's number is nobody else's.
+                # Not yet waited for, so no other group can have its number.
                 with suppress(ProcessLookupError):
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
@@ -186,7 +186,7 @@ class Screenshot:
             deadline_s = time.monotonic() + _PATIENCE_S
             while not ask("Runtime.evaluate", expression=_IS_THERE)["result"].get("value"):
                 if time.monotonic() > deadline_s:
-                    raise BrowserError(f"the page was not there within {_PATIENCE_S:g} s")
+                    raise BrowserError(f"the page did not appear after {_PATIENCE_S:g} s")
                 time.sleep(0.1)
             self._stopped.wait(self._after_s)
             ask("Runtime.evaluate", expression=CLOSE_NOTES)
@@ -196,12 +196,12 @@ class Screenshot:
 
 
 def _debugger(browser: "subprocess.Popen[str]") -> str:
-    """Host and port at which a starting Chromium can be spoken to."""
+    """Host and port of the DevTools of a starting Chromium."""
     assert browser.stderr is not None
     said = []
     for line in browser.stderr:
         if found := re.search(r"DevTools listening on ws://([^/]+)/", line):
-            # It writes on, and would stop where nobody reads.
+            # It keeps writing, and would block if nothing read it.
             threading.Thread(target=browser.stderr.read, daemon=True).start()
             return found[1]
         said.append(line.strip())

@@ -1,5 +1,6 @@
-"""The turtles' controls: drive, rotate, and what the simulator can be asked for."""
+"""The turtles' controls: keys that drive and rotate, and buttons for the simulator's services."""
 
+import json
 import math
 from collections.abc import Callable
 from html import escape
@@ -7,15 +8,15 @@ from typing import Any
 
 import viser
 
-from tfbus.view.panels.markup import Channel, Html
+from tfbus.view import Channel, Html
 
 from .. import field
-from .turtles import Turtles
+from .turtles import KEYS, Turtles
 
-# About the middle, in digits that fit.
+# About the middle, with few enough digits for the fields.
 _MIDDLE = (round(field.MIDDLE_M, 1), round(field.MIDDLE_M, 1), 0.0)
 
-# The keys lie as on a keyboard, around F; beside them the arrows.
+# The keys as on a keyboard, around F; beside them the arrows.
 _PAD = (
     ("e", "E ↖", "rotate to 135°"), ("r", "R ↑", "rotate to 90°"), ("t", "T ↗", "rotate to 45°"),
     None, None, ("up", "▲", "drive forward"), None,
@@ -28,8 +29,44 @@ _PAD = (
 )  # fmt: skip
 
 
+STYLE = """
+.tf-pad { display: grid; grid-template-columns: repeat(3, 1fr) 0.5em repeat(3, 1fr); gap: 4px; }
+.tf-pad button { all: unset; cursor: pointer; text-align: center; padding: 0.45em 0;
+  border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); user-select: none;
+  touch-action: none; }
+.tf-pad button:hover { background: light-dark(#d0e4f7, #27507a); }
+.tf-pad button:active { background: #228be6; color: white; }
+.tf-pad button:focus-visible { outline: 2px solid #228be6; }
+.tf-keys { margin-top: 0.5em; padding: 0.35em; text-align: center; cursor: pointer;
+  border: 1px dashed var(--mantine-color-dimmed); border-radius: 4px; }
+.tf-keys:focus { outline: none; border: 1px solid #228be6; background: #228be626; }
+.tf-keys:focus .tf-off, .tf-keys:not(:focus) .tf-on { display: none; }
+"""
+
+# An arrow drives while its button is held down. Of typed keys only KEYS are taken.
+SCRIPT = (
+    f"window.tfbusKeys = {json.dumps(KEYS)};"
+    + """
+window.tfbusHold = (button, key) => {
+  clearInterval(window.tfbusHeld);
+  tfbus({do: 'key', key});
+  const again = () => button.matches(':active') ? tfbus({do: 'key', key}) : clearInterval(held);
+  const held = window.tfbusHeld = setInterval(again, 100);
+};
+window.tfbusKey = (event) => {
+  const key = {ArrowUp: 'up', ArrowDown: 'down', ArrowLeft: 'left', ArrowRight: 'right'}[event.key]
+    || event.key.toLowerCase();
+  if (event.ctrlKey || event.metaKey || event.altKey || !window.tfbusKeys.includes(key)) return;
+  event.preventDefault();
+  event.stopPropagation();
+  tfbus({do: 'key', key});
+};
+"""
+)
+
+
 class TurtlePanel:
-    """Asks the turtles for what its buttons say, and shows the replies."""
+    """Calls services of the simulator and its turtles, and shows the replies."""
 
     def __init__(self, gui: viser.GuiApi, turtles: Turtles, channel: Channel) -> None:
         self._turtles = turtles
@@ -43,7 +80,7 @@ class TurtlePanel:
             min=(0.0, 0.0, -360.0),
             max=(field.SIZE_M, field.SIZE_M, 360.0),
             step=0.1,
-            hint="Where to teleport or to spawn: metres from the lower left corner, degrees.",
+            hint="Where to teleport or spawn: metres from the lower left corner, and degrees.",
         )
         name = gui.add_text("New name", "", hint="Empty: the next free turtleN.")
 
@@ -55,7 +92,7 @@ class TurtlePanel:
             group.on_click(lambda event: acts[group.value]())
 
         button(
-            gui.add_button_group("Ask for", ("Teleport", "Spawn", "Kill")),
+            gui.add_button_group("Call", ("Teleport", "Spawn", "Kill")),
             {
                 "Teleport": lambda: turtles.teleport(self._turtle.value, *chosen()),
                 "Spawn": lambda: turtles.spawn(*chosen(), name.value),
@@ -69,15 +106,15 @@ class TurtlePanel:
         channel.on("key", self._press)
 
     def refresh(self) -> None:
-        """Show the turtles that there are."""
+        """Show which turtles there are, and the last reply."""
         names = self._turtles.names or ("turtle1",)
         if self._turtle.options != names:
             self._turtle.options = names
         self._state.show(
             ""
             if self._turtles.are_there
-            else '<div class="tf tf-dim">No simulator is on this bus: <code>tfbus simulator</code> '
-            "starts one.</div>"
+            else '<div class="tf tf-dim">No simulator on this bus: start one with '
+            "<code>tfbus simulator</code></div>"
         )
         reply = escape(self._turtles.reply) or "&nbsp;"
         self._reply.show(f'<div class="tf" role="log" aria-label="reply">{reply}</div>')
@@ -103,7 +140,7 @@ def _pad() -> str:
 
 
 def _action(key: str) -> str:
-    """An arrow drives while it is held; the others act once."""
+    """The event of a button: an arrow repeats while it is held, other keys act once."""
     if key in ("up", "down", "left", "right"):
         return f"tfbusHold(this, '{key}')"
     return f"tfbus({{do: 'key', key: '{key}'}})"

@@ -1,4 +1,4 @@
-"""The turtles' field in three dimensions: the picture on the ground, and turtles on it."""
+"""The turtles' field in the scene: its picture on the ground, and turtles on it."""
 
 from importlib import import_module
 from typing import Any
@@ -7,21 +7,24 @@ import numpy as np
 import viser
 
 from tfbus import Transform
-from tfbus.view.model.placement import Floats, Placed
+from tfbus.view import Placed, Region
 
 from .. import field
-from .turtle_colors import Rgb, livery
+from ..turtle_colors import Rgb, colors_of
 from .turtles import Picture, Turtles
 
-# The frame in whose middle the field lies.
+# The frame at the middle of the field.
 WORLD = "world"
+
+# Of a ball around the visible part of the field.
+_FIELD_RADIUS_M = 0.68 * field.SIZE_M
 
 # Below the frames on the ground, and above the grid.
 _PAPER_Z_M = -0.01
 
 
 class TurtleScene:
-    """Shows the field where its frame is, or around the origin while there is none."""
+    """Shows the field at its frame, or around the origin while there are no frames."""
 
     def __init__(self, scene: viser.SceneApi, turtles: Turtles) -> None:
         self._scene = scene
@@ -32,17 +35,14 @@ class TurtleScene:
         self._bodies: dict[str, Any] = {}
 
     @property
-    def is_shown(self) -> bool:
-        """Whether there is a field in the scene."""
-        return bool(self._root.visible)
-
-    @property
-    def middle(self) -> Floats:
-        """Where the middle of the field is."""
-        return np.array(self._root.position, np.float64)
+    def region(self) -> Region | None:
+        """The field; None while it is hidden."""
+        if not self._root.visible:
+            return None
+        return Region(np.array(self._root.position, np.float64), _FIELD_RADIUS_M)
 
     def draw(self, placed: Placed, fixed_frame: str) -> None:
-        """Show the turtles where their frames are, or where they say that they are."""
+        """Show the turtles at their frames, or at the poses that they publish."""
         at_world = placed.index.get(WORLD)
         visible = self._turtles.are_there and (at_world is not None or not fixed_frame)
         if self._root.visible != visible:
@@ -90,15 +90,15 @@ class TurtleScene:
         body.position, body.wxyz = pose.xyz, (w, x, y, z)
 
     def _place_of(self, name: str, placed: Placed, at_world: int | None) -> Transform | None:
-        """The turtle's pose in the world, at the time that is shown where its frame tells."""
+        """The turtle's pose in the world: by its frame at the time shown, else its last pose."""
         row = placed.index.get(name)
         if row is not None and at_world is not None:
             return _pose(placed, at_world).inverse() @ _pose(placed, row)
-        told = self._turtles.pose(name)
-        if told is None:
+        pose = self._turtles.pose(name)
+        if pose is None:
             return None
-        xyz = (told.x - field.MIDDLE_M, told.y - field.MIDDLE_M, 0.0)
-        return Transform.from_rpy(0.0, 0.0, told.theta, xyz)
+        xyz = (pose.x - field.MIDDLE_M, pose.y - field.MIDDLE_M, 0.0)
+        return Transform.from_rpy(0.0, 0.0, pose.theta, xyz)
 
 
 def _pose(placed: Placed, row: int) -> Transform:
@@ -107,18 +107,16 @@ def _pose(placed: Placed, row: int) -> Transform:
 
 
 def _linear(color: Rgb) -> tuple[int, int, int, int]:
-    """The colour as glTF wants it of vertices: in linear light, where a screen's is about a
-    square.
-    """
+    """The colour in linear light, as glTF has it for vertices."""
     r, g, b = (round(255 * (part / 255) ** 2.2) for part in color)
     return r, g, b, 255
 
 
 def _add_turtle(scene: viser.SceneApi, path: str, name: str) -> Any:
-    """A turtle of a metre's length that looks along x, in the colours of its name."""
-    # Its functions have no types, or less exact ones than viser's.
+    """A turtle one metre long that looks along x, in the colours of its name."""
+    # Its functions have no exact types.
     trimesh: Any = import_module("trimesh")
-    colors = livery(name)
+    colors = colors_of(name)
     parts: list[Any] = []
 
     def ellipsoid(

@@ -1,4 +1,4 @@
-"""The turtles' world as a client sees it: where turtles are, what is drawn, and its services."""
+"""A client of the simulator: the poses of its turtles, the picture of its field, its services."""
 
 import math
 import threading
@@ -26,13 +26,13 @@ from tfbus.messages import (
 
 from ...teleop import CANCEL, DRIVES, HEADINGS_RAD
 
-# As the teleop's parameters scale_linear and scale_angular.
+# The defaults of the teleop's parameters scale_linear and scale_angular.
 _LINEAR_M_S = 2.0
 _ANGULAR_RAD_S = 2.0
 
-# The field is looked at so often while somebody watches, and asked for while there is none.
+# How often the field is fetched while a browser watches, and looked for while there is none.
 _LOOK_EVERY_S = 0.1
-_ASK_EVERY_S = 1.0
+_SEARCH_EVERY_S = 1.0
 
 KEYS = (*DRIVES, *HEADINGS_RAD, CANCEL)
 
@@ -46,17 +46,17 @@ class Picture:
 
 
 class Turtles:
-    """Knows the turtles of the simulator on this bus, and asks things of it.
+    """Follows the turtles of the simulator on this bus, and calls its services.
 
-    `reply` is what came of the last thing that was asked, in one sentence. `watched` says
-    whether anybody looks; the field is fetched only then.
+    `reply` is the result of the last call, in one sentence. The field is fetched only while
+    `is_watched()`.
     """
 
-    def __init__(self, node: Node, watched: Callable[[], bool]) -> None:
+    def __init__(self, node: Node, is_watched: Callable[[], bool]) -> None:
         self.reply = ""
         self.picture: Picture | None = None
         self._node = node
-        self._watched = watched
+        self._is_watched = is_watched
         self._names: tuple[str, ...] = ()
         self._drivers: dict[str, _Driver] = {}
         self._field = node.create_client(Field, "field")
@@ -75,7 +75,7 @@ class Turtles:
 
     @property
     def are_there(self) -> bool:
-        """Whether a simulator serves them."""
+        """Whether there is a simulator with turtles."""
         return self._field.served and bool(self._names)
 
     @property
@@ -83,13 +83,13 @@ class Turtles:
         """The turtles on the field."""
         return self._names
 
-    # What is asked of them
+    # Requests
 
     def press(self, turtle: str, key: str) -> None:
-        """Do what the teleop does at this key; nothing where it is for nothing."""
+        """Do what the teleop does for this key; ignores other keys."""
         driver = self._driver(turtle)
         if driver is None:
-            self.reply = f"there is no turtle {turtle!r}"
+            self.reply = f"no turtle {turtle!r}"
         elif key in DRIVES:
             driver.drive(*DRIVES[key])
         elif key in HEADINGS_RAD:
@@ -98,7 +98,7 @@ class Turtles:
             driver.cancel()
 
     def spawn(self, x: float, y: float, theta: float, name: str) -> None:
-        """A new turtle, in m and rad; without a name it becomes the next turtleN."""
+        """Spawn a turtle, in m and rad; without a name it becomes the next turtleN."""
         request = Spawn.Request(x, y, theta, name)
         self._call("spawn", request, lambda response: f"spawned {response.name}")
 
@@ -111,14 +111,14 @@ class Turtles:
         self._call("clear", Empty.Request(), lambda response: "cleared the field")
 
     def reset(self) -> None:
-        """Begin anew with turtle1 in the middle."""
+        """Reset the field to turtle1 in its middle."""
         self._call("reset", Empty.Request(), lambda response: "reset the field")
 
     def teleport(self, turtle: str, x: float, y: float, theta: float) -> None:
-        """Move a turtle to a place, in m and rad."""
+        """Teleport a turtle, in m and rad."""
         driver = self._driver(turtle)
         if driver is None:
-            self.reply = f"there is no turtle {turtle!r}"
+            self.reply = f"no turtle {turtle!r}"
             return
         request = TeleportAbsolute.Request(x, y, theta)
         done = f"teleported {turtle} to ({x:g}, {y:g}), {math.degrees(theta):g}°"
@@ -142,33 +142,35 @@ class Turtles:
     def _say(self, reply: str) -> None:
         self.reply = reply
 
-    # What is seen of them
+    # The field and the poses
 
     def _look_again(self) -> None:
         failing = False
         clock = SystemClock()
-        while self._node.wait(_LOOK_EVERY_S if self._field.served else _ASK_EVERY_S, clock=clock):
-            if self._field.served and self._watched():
+        while self._node.wait(
+            _LOOK_EVERY_S if self._field.served else _SEARCH_EVERY_S, clock=clock
+        ):
+            if self._field.served and self._is_watched():
                 try:
                     self._look()
                     failing = False
                 except (ServiceError, zlib.error, ValueError) as error:
                     if not failing and self._field.served:
-                        self._node.log.warning("The turtles' field cannot be seen: %s", error)
+                        self._node.log.warning("Cannot fetch the turtles' field: %s", error)
                     failing = True
-                    self._node.wait(_ASK_EVERY_S, clock=clock)
+                    self._node.wait(_SEARCH_EVERY_S, clock=clock)
             elif not self._field.served:
-                self._meet(())
+                self._follow(())
 
     def _look(self) -> None:
         known = self.picture.version if self.picture else ""
         seen = self._field.call(Field.Request(known), timeout_s=2.0)
-        self._meet(tuple(seen.turtles))
+        self._follow(tuple(seen.turtles))
         if seen.version != known:
             self.picture = Picture(seen.version, _pixels(seen.ink, seen.size, seen.background))
 
-    def _meet(self, names: tuple[str, ...]) -> None:
-        """Listen to these turtles, and to no others."""
+    def _follow(self, names: tuple[str, ...]) -> None:
+        """Follow these turtles and no others."""
         with self._lock:
             for name in self._drivers.keys() - set(names):
                 self._drivers.pop(name).close()
@@ -178,7 +180,7 @@ class Turtles:
             self._names = names
 
     def pose(self, turtle: str) -> Pose | None:
-        """Where a turtle said last that it is, on the field; None before it has."""
+        """The last pose of a turtle on the field; None before the first."""
         driver = self._drivers.get(turtle)
         return driver.pose if driver else None
 
@@ -188,7 +190,7 @@ class Turtles:
 
 
 class _Driver:
-    """What one turtle is told and tells."""
+    """The topics, services and actions of one turtle."""
 
     def __init__(self, node: Node, name: str) -> None:
         self.pose: Pose | None = None
@@ -225,8 +227,8 @@ class _Driver:
 
 
 def _pixels(ink: bytes, size: int, background: Color) -> NDArray[np.uint8]:
-    """The ink on its background. Raises ValueError or zlib.error where it is no picture."""
-    # No more is unpacked than a picture of this size has.
+    """The ink on its background. Raises ValueError or zlib.error if it is no picture."""
+    # Unpacks no more bytes than a picture of this size has.
     raw = zlib.decompressobj().decompress(ink, size * size * 4)
     layer = np.frombuffer(raw, np.uint8).reshape(size, size, 4)
     paper = np.array([background.r, background.g, background.b], np.float32)

@@ -1,1 +1,1 @@
-"""What the page shows, known without a browser."""
+"""What the page shows; needs no browser."""

@@ -1,22 +1,22 @@
-"""Which frames are shown: by regular expressions on their names, and by their boxes."""
+"""Which frames are shown, by regular expressions on their names."""
 
 import re
 from dataclasses import dataclass
 from functools import lru_cache
 
-from tfbus import SettingsError
+from tfbus.errors import SettingsError
 
 
 class PatternError(SettingsError):
-    """A regular expression that cannot be read; the message says what is wrong with it."""
+    """A malformed regular expression; the message says what is wrong and where."""
 
 
 @dataclass(frozen=True)
 class NameFilter:
-    """Takes names in which `only` is found and `never` is not, anywhere in the name.
+    """Takes names that `only` matches and `never` does not, anywhere in the name.
 
-    An empty `only` is found in every name, an empty `never` in none. Raises PatternError for one
-    that is no regular expression.
+    An empty `only` matches every name, an empty `never` none. Raises PatternError for a malformed
+    regular expression.
     """
 
     only: str = ""
@@ -40,6 +40,6 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     except re.error as error:
         place = "" if error.pos is None else f" at character {error.pos + 1}"
         raise PatternError(
-            f"{pattern!r} is no regular expression: {error.msg}{place}; "
-            r"write \. for a point and \( for a bracket"
+            f"{pattern!r} is not a regular expression: {error.msg}{place}; "
+            r"escape a point as \. and a bracket as \("
         ) from error

@@ -1,140 +1,106 @@
-"""What is known of all frames at one moment: the state of each, in the order of their trees."""
+"""The frames of a tree as the page shows them: with their states, in the order of their trees."""
 
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
-from tfbus import Buffer, FrameInfo, TransformException
-from tfbus.view.model.status import FrameState, judge, opacity_of
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.frame import FrameInfo
+from tfbus.errors import TransformException
+from tfbus.frames.snapshot import FrameTree
+from tfbus.frames.state import State, silent_s, stale_after_s, state
 
-# A stream's rows of parent, child and whether it is static, as a listener tells them.
-Rows = Iterable[tuple[str, str, bool]]
+# A stale frame fades to this opacity, over twice the time after which it was stale.
+FADED = 0.25
+
+
+@dataclass(frozen=True)
+class ViewFrame:
+    """A frame as the page shows it.
+
+    `silent_s` is for how long a stale frame has had no sample, else 0; `opacity` is from FADED to
+    1. `publishers` are the streams that send it, several in a conflict. `depth` is the number of
+    frames above it. `unplaced` says why it cannot be drawn, "" if it can.
+    """
+
+    info: FrameInfo
+    state: State
+    silent_s: float
+    opacity: float
+    publishers: tuple[str, ...]
+    root: str
+    depth: int
+    unplaced: str = ""
+
+    @property
+    def name(self) -> str:
+        """The frame's name."""
+        return self.info.name
 
 
 class Frames:
-    """The frames at one moment, trees from their roots down, children by name."""
+    """The frames at one moment: whole trees, the largest first, parents before their children."""
 
-    def __init__(self, states: Sequence[FrameState] = ()) -> None:
-        self.states = {state.name: state for state in states}
+    def __init__(self, frames: Iterable[ViewFrame] = ()) -> None:
+        self.by_name = {frame.name: frame for frame in frames}
+        self.roots = [frame.name for frame in self if frame.depth == 0]
 
     def __len__(self) -> int:
-        return len(self.states)
+        return len(self.by_name)
 
-    def __iter__(self) -> Iterator[FrameState]:
-        return iter(self.states.values())
+    def __iter__(self) -> Iterator[ViewFrame]:
+        return iter(self.by_name.values())
 
     def __contains__(self, name: str) -> bool:
-        return name in self.states
+        return name in self.by_name
 
-    def get(self, name: str) -> FrameState | None:
-        """The state of a frame; None where it is not known."""
-        return self.states.get(name)
-
-    @property
-    def roots(self) -> list[str]:
-        """The roots, that of the largest tree first."""
-        sizes: dict[str, int] = defaultdict(int)
-        for state in self:
-            sizes[state.root] += 1
-        return sorted(sizes, key=lambda root: (-sizes[root], root))
+    def __getitem__(self, name: str) -> ViewFrame:
+        return self.by_name[name]
 
     def tree_of(self, name: str) -> list[str]:
-        """The frames of the tree that a frame is in; none where it is not known."""
-        if name not in self.states:
+        """The frames of the tree that a frame is in; [] for an unknown frame."""
+        if name not in self.by_name:
             return []
-        root = self.states[name].root
-        return [state.name for state in self if state.root == root]
+        root = self.by_name[name].root
+        return [frame.name for frame in self if frame.root == root]
 
     def natural_fixed_frame(self) -> str:
-        """What to see everything from where nobody has chosen: world, or the largest tree's
-        root; "" where there is no frame.
-        """
-        if "world" in self.states:
+        """The fixed frame if none is chosen: world, or the largest tree's root; "" for no frame."""
+        if "world" in self.by_name:
             return "world"
         return next(iter(self.roots), "")
 
 
-class FrameWatch:
-    """Follows the frames of a buffer: for how long each has been silent, by our own clock.
-
-    Clocks of several machines differ, so that silence is measured from when a new stamp was first
-    seen here.
-    """
-
-    def __init__(self, buffer: Buffer, clock: Callable[[], float] = time.monotonic) -> None:
-        self._buffer = buffer
-        self._clock = clock
-        self._heard: dict[str, tuple[int | None, float]] = {}
-
-    def look(self, sent: Mapping[str, Rows], fixed_frame: str) -> Frames:
-        """The frames now. `sent` has for each living stream the rows that it describes."""
-        infos = self._buffer.all_frames()
-        now_s = self._clock()
-        silent = self._listen(infos, now_s)
-        publishers = _publishers(sent)
-        by_name = {info.name: info for info in infos}
-        unplaced: dict[str, str] = {}
-        states = []
-        for info, root, depth in in_tree_order(by_name):
-            senders = publishers.get(info.name, ())
-            status = judge(info, silent[info.name], len(senders))
-            if root not in unplaced:
-                unplaced[root] = self._why_apart(fixed_frame, root)
-            states.append(
-                FrameState(
-                    info,
-                    status,
-                    silent[info.name],
-                    opacity_of(status, silent[info.name], info.rate_hz),
-                    senders or ((info.authority,) if info.authority else ()),
-                    root,
-                    depth,
-                    unplaced[root],
-                )
+def frames_of(tree: FrameTree, buffer: Buffer, fixed_frame: str) -> Frames:
+    """The frames of a tree, a snapshot of the buffer, to be seen from the fixed frame."""
+    frames = []
+    for whole in tree.trees:
+        root = whole[0][1].name
+        unplaced = _why_apart(buffer, fixed_frame, root)
+        for depth, info in whole:
+            judged = state(tree, info)
+            silence_s, opacity = 0.0, FADED if judged == "gone" else 1.0
+            if judged == "stale":
+                silence_s = silent_s(tree, info) or 0.0
+                opacity = fading(silence_s, stale_after_s(info))
+            publishers = tree.publishers(info)
+            frames.append(
+                ViewFrame(info, judged, silence_s, opacity, publishers, root, depth, unplaced)
             )
-        return Frames(states)
+    return Frames(frames)
 
-    def _listen(self, infos: Sequence[FrameInfo], now_s: float) -> dict[str, float]:
-        heard = {}
-        for info in infos:
-            before = self._heard.get(info.name)
-            is_known = before is not None and before[0] == info.newest_ns
-            heard[info.name] = before if before and is_known else (info.newest_ns, now_s)
-        self._heard = heard
-        return {name: now_s - since_s for name, (_, since_s) in heard.items()}
 
-    def _why_apart(self, fixed_frame: str, root: str) -> str:
-        """Why a whole tree has no place, in the buffer's words; "" where it has."""
-        if not fixed_frame:
-            return ""
-        try:
-            self._buffer.path(fixed_frame, root)
-        except TransformException as error:
-            return str(error)
+def fading(silence_s: float, stale_after_s: float) -> float:
+    """The opacity of a stale frame, from 1 down to FADED: lower the longer it is stale."""
+    faded = min((silence_s - stale_after_s) / (2.0 * stale_after_s), 1.0)
+    return 1.0 - (1.0 - FADED) * faded
+
+
+def _why_apart(buffer: Buffer, fixed_frame: str, root: str) -> str:
+    """Why a whole tree cannot be placed, in the buffer's words; "" if it can."""
+    if not fixed_frame:
         return ""
-
-
-def in_tree_order(infos: dict[str, FrameInfo]) -> Iterator[tuple[FrameInfo, str, int]]:
-    """Each frame with its root and its depth: whole trees, the largest first, parents before
-    their children.
-    """
-    roots = [info.name for info in infos.values() if info.parent not in infos]
-    trees = [list(_below(infos, root)) for root in sorted(roots)]
-    for tree in sorted(trees, key=len, reverse=True):
-        yield from tree
-
-
-def _below(infos: dict[str, FrameInfo], root: str) -> Iterator[tuple[FrameInfo, str, int]]:
-    pending = [(root, 0)]
-    while pending:
-        name, depth = pending.pop()
-        yield infos[name], root, depth
-        pending += [(child, depth + 1) for child in reversed(infos[name].children)]
-
-
-def _publishers(sent: Mapping[str, Rows]) -> dict[str, tuple[str, ...]]:
-    publishers: dict[str, tuple[str, ...]] = {}
-    for stream, rows in sorted(sent.items()):
-        for _, child, _ in rows:
-            publishers[child] = (*publishers.get(child, ()), stream)
-    return publishers
+    try:
+        buffer.path(fixed_frame, root)
+    except TransformException as error:
+        return str(error)
+    return ""

@@ -1,4 +1,4 @@
-"""Where frames are, seen from the fixed frame, at one time."""
+"""Where frames are in the fixed frame, at one time."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,11 +7,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus import Buffer, TransformArray, TransformException
+from tfbus.buffer.buffer import Buffer
+from tfbus.errors import TransformException
+from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
 
-# A trail has so many points a second, at most.
+# The most points of a trail per second.
 TRAIL_RATE_HZ = 30.0
 
 
@@ -19,7 +21,7 @@ TRAIL_RATE_HZ = 30.0
 class Placed:
     """The poses of frames in the fixed frame: `xyz` (N, 3) in metres, `quat_wxyz` (N, 4).
 
-    `missing` tells why a frame has none.
+    `missing` says of each frame without a pose why.
     """
 
     names: tuple[str, ...]
@@ -33,7 +35,7 @@ class Placed:
         return {name: row for row, name in enumerate(self.names)}
 
     def without(self, names: Collection[str]) -> "Placed":
-        """The others of these frames."""
+        """The same without these frames."""
         if not names:
             return self
         rows = [row for row, name in enumerate(self.names) if name not in names]
@@ -41,17 +43,17 @@ class Placed:
         return Placed(kept, self.xyz[rows], self.quat_wxyz[rows], self.missing)
 
     def extent_m(self) -> float:
-        """The longest side of the box around all origins; 0 below two of them."""
+        """The longest side of the box around all origins; 0 for fewer than two."""
         return float(np.ptp(self.xyz, axis=0).max()) if len(self.xyz) else 0.0
 
 
 def place(buffer: Buffer, fixed_frame: str, names: Sequence[str], stamp_ns: int | None) -> Placed:
-    """The frames that can be placed at this time; None is the latest of each."""
+    """Place the frames at a time; None is the latest of each."""
     poses, missing = [], {}
     for name in names:
         try:
-            # A buffer remembers only so many ways to one target; seen from each frame, the fixed
-            # one has a way of its own, which takes a third of the time where frames are thousands.
+            # A buffer caches a limited number of paths to one target. Looked up the other way
+            # round, each frame has its own: a third of the time for thousands of frames.
             poses.append(buffer.lookup_transform(name, fixed_frame, stamp_ns).transform.as_pose())
         except TransformException:
             missing[name] = _why(buffer, fixed_frame, name, stamp_ns)
@@ -66,13 +68,13 @@ def _why(buffer: Buffer, fixed_frame: str, name: str, stamp_ns: int | None) -> s
         buffer.lookup_transform(fixed_frame, name, stamp_ns)
     except TransformException as error:
         return str(error)
-    return "it has just come"
+    return "it has only just come"
 
 
 def arrow_rows(
     names: Sequence[str], parents: Mapping[str, str | None]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The rows of all frames whose parent is among them too, and those of their parents."""
+    """The rows of the frames whose parents are among them, and the rows of these parents."""
     index = {name: row for row, name in enumerate(names)}
     pairs = [
         (row, index[parent])
@@ -86,9 +88,9 @@ def arrow_rows(
 def arrow_points(
     xyz: Floats, children: NDArray[np.intp], parents: NDArray[np.intp]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Arrows (N, 2, 3) from children to parents, and which of them are to be drawn.
+    """Arrows (N, 2, 3) from children to parents, and which of them to draw (N,).
 
-    Those no longer than a millimetre are not, as in RViz.
+    As in RViz, those of at most a millimetre are not drawn.
     """
     points = np.stack([xyz[children], xyz[parents]], axis=1)
     kept: NDArray[np.bool_] = np.linalg.norm(points[:, 0] - points[:, 1], axis=1) > 1e-3
@@ -96,9 +98,9 @@ def arrow_points(
 
 
 def trail(buffer: Buffer, fixed_frame: str, name: str, end_ns: int, length_s: float) -> Floats:
-    """Where a frame was in the last seconds before `end_ns`: (N, 3) in metres, oldest first.
+    """Where a frame was in the `length_s` before `end_ns`: (N, 3) in metres, oldest first.
 
-    Times at which it is not known are left out; none are known of a frame that is not.
+    Leaves out the times at which its pose is not known; empty for an unknown frame.
     """
     count = max(2, round(length_s * TRAIL_RATE_HZ) + 1)
     back_ns = np.linspace(length_s * 1e9, 0.0, count).astype(np.int64)
@@ -110,7 +112,7 @@ def trail(buffer: Buffer, fixed_frame: str, name: str, end_ns: int, length_s: fl
 
 
 def newest_common_ns(buffer: Buffer, fixed_frame: str, names: Iterable[str]) -> int | None:
-    """The latest time at which all of these frames can be placed; None: they never move.
+    """The latest time at which all of these frames can be placed; None if all are static.
 
     Frames that cannot be placed at all do not count.
     """

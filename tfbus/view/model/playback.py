@@ -1,18 +1,18 @@
-"""Which time is shown: the newest, or one that is held and moved along by hand."""
+"""Which time is shown: the latest, or a held one that the slider moves."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Playback:
-    """Follows what comes where `held_ns` is None; else shows `ago_s` seconds before that time."""
+    """Shows the latest time while `held_ns` is None, else `ago_s` seconds before `held_ns`."""
 
     held_ns: int | None = None
     ago_s: float = 0.0
 
     @property
     def follows(self) -> bool:
-        """Whether what is shown moves on by itself."""
+        """Whether the latest time is shown."""
         return self.held_ns is None
 
     @property
@@ -21,9 +21,9 @@ class Playback:
         return None if self.held_ns is None else self.held_ns - round(self.ago_s * 1e9)
 
     def pause(self, now_ns: int) -> "Playback":
-        """Hold this time; where one is held already, it stays."""
+        """Hold this time; a time already held stays."""
         return Playback(now_ns) if self.follows else self
 
     def scrub(self, now_ns: int, ago_s: float) -> "Playback":
-        """Show the time so many seconds before the one held, which now becomes if none is."""
+        """Show the time `ago_s` before the held one; holds `now_ns` if none is held."""
         return Playback(now_ns if self.held_ns is None else self.held_ns, ago_s)

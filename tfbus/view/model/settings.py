@@ -1,4 +1,4 @@
-"""What a user has chosen to see, as one frozen value, and as a YAML file."""
+"""What users have chosen to see, as one frozen value, and as a YAML file."""
 
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -7,18 +7,19 @@ from typing import Any
 
 import yaml
 
-from tfbus import SettingsError
+from tfbus.errors import SettingsError
 from tfbus.view.model.filter import NameFilter
+from tfbus.wording import did_you_mean
 
 
 @dataclass(frozen=True)
 class ViewSettings:
     """The choices of the page.
 
-    An empty `fixed_frame` leaves it to the frames that there are. `only` and `never` are regular
-    expressions on names, `hidden` are frames whose box is not ticked, `trails` those that draw
-    where they were in the last `trail_s` seconds. `scale` multiplies the size of the axes, which
-    fits what is shown; `opacity` is that of axes and arrows, 0 to 1.
+    An empty `fixed_frame` chooses one by itself. `only` and `never` are regular expressions on
+    names, `hidden` the frames whose box is not ticked, `trails` those that draw where they were in
+    the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
+    `opacity` is that of axes and arrows, 0 to 1.
     """
 
     fixed_frame: str = ""
@@ -44,32 +45,32 @@ class ViewSettings:
         return NameFilter(self.only, self.never)
 
     def shows(self, name: str) -> bool:
-        """Whether a frame of this name is to be drawn."""
+        """Whether a frame of this name is drawn."""
         return name not in self.hidden and self.filter.takes(name)
 
 
-# What a number may be; others would be taken by no control of the page.
+# The least and the most of each number; the page's controls take no others.
 RANGES = {"scale": (0.1, 10.0), "opacity": (0.05, 1.0), "trail_s": (0.5, 60.0)}
 
 _FIELDS: dict[str, type] = {field.name: type(field.default) for field in fields(ViewSettings)}
 
 
-def load(path: Path) -> ViewSettings:
-    """The settings that a file says; what it does not say is as it is without one.
+def load_settings(path: Path) -> ViewSettings:
+    """The settings in a file; those it does not name have their defaults.
 
-    Raises SettingsError for a file that cannot be read, or says what cannot be.
+    Raises SettingsError if the file cannot be read or has a wrong name or value.
     """
     try:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
-        raise SettingsError(f"the settings {path} cannot be read: {error}") from error
+        raise SettingsError(f"cannot read the settings {path}: {error}") from error
     try:
         values = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise SettingsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values
     if not isinstance(values, dict):
-        raise SettingsError(f"{path} is not a map of settings; they are: {', '.join(_FIELDS)}")
+        raise SettingsError(f"{path} is not a map of settings; there are: {', '.join(_FIELDS)}")
     try:
         return ViewSettings(**{name: _read(name, value) for name, value in values.items()})
     except SettingsError as error:
@@ -77,7 +78,7 @@ def load(path: Path) -> ViewSettings:
 
 
 def holds_settings(path: Path) -> bool:
-    """Whether a file is evidently one that the page saved: a map of settings and nothing else."""
+    """Whether a file is evidently one that the page saved: a map of settings only."""
     try:
         values = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
@@ -85,8 +86,8 @@ def holds_settings(path: Path) -> bool:
     return isinstance(values, dict) and bool(values) and values.keys() <= _FIELDS.keys()
 
 
-def save(settings: ViewSettings, path: Path) -> None:
-    """Write the settings to a file. Raises SettingsError where it cannot be written."""
+def save_settings(settings: ViewSettings, path: Path) -> None:
+    """Write the settings to a file. Raises SettingsError if that fails."""
     values = {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in asdict(settings).items()
@@ -94,32 +95,30 @@ def save(settings: ViewSettings, path: Path) -> None:
     try:
         path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
     except OSError as error:
-        raise SettingsError(f"the settings {path} cannot be written: {error}") from error
+        raise SettingsError(f"cannot write the settings {path}: {error}") from error
 
 
 def _read(name: object, value: Any) -> Any:
-    """The value as the field of this name has it. Raises SettingsError where it cannot."""
+    """The value, as the type of this field. Raises SettingsError for a wrong name or value."""
     if not isinstance(name, str) or name not in _FIELDS:
-        raise SettingsError(f"there is no setting {name!r}; there are: {', '.join(_FIELDS)}")
+        raise SettingsError(f"no setting {name!r}{did_you_mean(str(name), _FIELDS)}")
     wanted = _FIELDS[name]
     if wanted is tuple:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):
             return tuple(value)
-        raise SettingsError(f"{name} is {value!r}; a list of names of frames is wanted")
+        raise SettingsError(f"{name} must be a list of frame names, got {value!r}")
     if wanted is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     kind: type = type(value)
     if kind is not wanted:
-        raise SettingsError(f"{name} is {value!r}; {_KINDS[wanted]} is wanted")
+        raise SettingsError(f"{name} must be {_KINDS[wanted]}, got {value!r}")
     if name in RANGES:
         least, most = RANGES[name]
         if not least <= value <= most:
-            raise SettingsError(
-                f"{name} is {value:g}; a number from {least:g} to {most:g} is wanted"
-            )
+            raise SettingsError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
     if name in ("only", "never"):
         NameFilter(value)
     return value
 
 
-_KINDS = {bool: "true or false", float: "a number", str: "a text"}
+_KINDS = {bool: "true or false", float: "a number", str: "a string"}

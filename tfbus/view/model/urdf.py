@@ -1,4 +1,4 @@
-"""The shapes of a robot's links, read from a URDF file; the poses of the links come by the bus."""
+"""The shapes of a robot's links, read from a URDF file; their poses come over the bus."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from tfbus import TfbusError, Transform
+from tfbus.errors import TfbusError
+from tfbus.geometry.transform import Transform
+from tfbus.wording import counted
 
 Vector = tuple[float, float, float]
 
@@ -41,8 +43,9 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A file of triangles, as the URDF calls it and where it is, and how much larger it is to be
-    along x, y and z. `file` need not be there.
+    """A file of triangles: its name in the URDF, its path, and its scale along x, y and z.
+
+    `file` may not exist.
     """
 
     name: str
@@ -55,7 +58,7 @@ Shape = Box | Cylinder | Sphere | Mesh
 
 @dataclass(frozen=True)
 class Visual:
-    """One shape of a link: `origin` takes it into the link's frame. `opacity` is from 0 to 1.
+    """One shape of a link, with `origin` its pose in the link's frame. `opacity` is from 0 to 1.
 
     Without a `color` a mesh has its own.
     """
@@ -68,21 +71,21 @@ class Visual:
 
 
 def read_urdf(path: Path, package_path: Sequence[Path] = ()) -> list[Visual]:
-    """The visuals of all links. Raises UrdfError where the file is no URDF.
+    """The visuals of all links. Raises UrdfError if the file is not a URDF.
 
-    Packages of meshes are looked for in the folders of `package_path`, in those of the environment
-    variable ROS_PACKAGE_PATH, and then in those above the URDF.
+    Searches the packages of meshes in `package_path`, in the folders of the environment variable
+    ROS_PACKAGE_PATH, and then in those above the URDF.
     """
     try:
         robot = ElementTree.parse(path).getroot()
     except OSError as error:
-        raise UrdfError(f"{path} cannot be read: {error.strerror}") from error
+        raise UrdfError(f"cannot read {path}: {error.strerror}") from error
     except ElementTree.ParseError as error:
         raise UrdfError(
-            f"{path} is not XML ({error}); of a xacro file, pass what xacro makes of it"
+            f"{path} is not XML ({error}); expand a xacro file with xacro first"
         ) from error
     if robot.tag != "robot":
-        raise UrdfError(f"{path} is no URDF: its first element is <{robot.tag}>, not <robot>")
+        raise UrdfError(f"{path} is not a URDF: its root element is <{robot.tag}>, not <robot>")
     materials = {
         material.get("name", ""): color
         for material in robot.iter("material")
@@ -146,9 +149,9 @@ def _color(
 
 
 def mesh_file(name: str, folder: Path, package_path: Sequence[Path] = ()) -> Path:
-    """Where a mesh is that a URDF in `folder` calls so: a path, or `package://robot/arm.stl`.
+    """The file of a mesh by its name in a URDF in `folder`: a path, or `package://robot/arm.stl`.
 
-    Where it is nowhere, where it should be.
+    If there is none, the first place where it should be.
     """
     if not name.startswith(_PACKAGE):
         return folder / name.removeprefix("file://")
@@ -158,12 +161,12 @@ def mesh_file(name: str, folder: Path, package_path: Sequence[Path] = ()) -> Pat
 
 
 def _in_packages(inside: Path, folder: Path, package_path: Sequence[Path]) -> Iterator[Path]:
-    """The files that `inside`, a package and a path in it, may be."""
+    """The files that `inside`, a package and a path in it, can stand for."""
     from_ros = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     named = [*package_path, *(Path(place) for place in from_ros if place)]
     for place in (*named, *folder.resolve().parents, folder.resolve()):
         yield place / inside
-    # Packages need not lie in folders of their names.
+    # A package may lie in a folder of another name.
     for place in (*named, folder.resolve(), *folder.resolve().parents):
         yield place / Path(*inside.parts[1:])
 
@@ -187,5 +190,5 @@ def _numbers(
         numbers = ()
     if len(numbers) != count:
         tag = "" if element is None else f" of <{element.tag}>"
-        raise ValueError(f"{attribute}{tag} is {text!r}; {count} numbers are wanted")
+        raise ValueError(f"{attribute}{tag} must be {counted(count, 'number')}, got {text!r}")
     return numbers

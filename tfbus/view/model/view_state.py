@@ -1,4 +1,4 @@
-"""What the page shows, as all its browsers have chosen together; safe from any thread."""
+"""What the page shows, chosen by all its browsers together; safe from any thread."""
 
 import threading
 from collections.abc import Callable
@@ -9,8 +9,8 @@ from tfbus.view.model.playback import Playback
 from tfbus.view.model.settings import ViewSettings
 
 
-class Desk:
-    """Holds the settings and the playback; controls change them, the page reads them."""
+class ViewState:
+    """The settings and the playback; the controls change them, the page reads them."""
 
     def __init__(self, settings: ViewSettings) -> None:
         self._lock = threading.Lock()
@@ -30,6 +30,6 @@ class Desk:
             self.settings = replace(self.settings, **chosen)
 
     def play(self, step: Callable[[Playback], Playback]) -> None:
-        """Go on from the playback to the one that `step` makes of it."""
+        """Replace the playback by what `step` makes of it."""
         with self._lock:
             self.playback = step(self.playback)

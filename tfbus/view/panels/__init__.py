@@ -1,1 +1,1 @@
-"""The page's controls, a file each."""
+"""The page's controls, one file each."""

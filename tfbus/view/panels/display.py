@@ -1,4 +1,4 @@
-"""How frames are drawn, which of them, and where these choices are kept."""
+"""How frames are drawn, which of them, and where these choices are saved."""
 
 from collections.abc import Callable
 from html import escape
@@ -7,10 +7,10 @@ from typing import Any
 
 import viser
 
-from tfbus import SettingsError
+from tfbus.errors import SettingsError
 from tfbus.view.model.filter import NameFilter, PatternError
-from tfbus.view.model.settings import RANGES, save
-from tfbus.view.model.view_state import Desk
+from tfbus.view.model.settings import RANGES, save_settings
+from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels.markup import Html
 
 _BOXES = {
@@ -22,21 +22,21 @@ _BOXES = {
 }
 _SLIDERS = {"scale": ("Scale", 0.1), "opacity": ("Opacity", 0.05), "trail_s": ("Trail (s)", 0.5)}
 _PATTERNS = {
-    "only": ("Only", "A regular expression: frames in whose name it is not found are left out."),
-    "never": ("Never", "A regular expression: frames in whose name it is found are left out."),
+    "only": ("Only", "A regular expression: shows only frames whose names match it."),
+    "never": ("Never", "A regular expression: hides frames whose names match it."),
 }
 
 
 class DisplayPanel:
     """Controls of the settings; the save button writes them to `path`."""
 
-    def __init__(self, gui: viser.GuiApi, desk: Desk, path: Path) -> None:
+    def __init__(self, gui: viser.GuiApi, view: ViewState, path: Path) -> None:
         self._gui = gui
-        self._desk = desk
+        self._view = view
         self._path = path
         self._is_dark: bool | None = None
         self._controls: dict[str, Any] = {}
-        settings = desk.settings
+        settings = view.settings
         for name, label in _BOXES.items():
             self._bind(name, gui.add_checkbox(label, getattr(settings, name)))
         for name, (label, step) in _SLIDERS.items():
@@ -53,8 +53,8 @@ class DisplayPanel:
         self._saved = Html(gui.add_html(""))
 
     def refresh(self) -> None:
-        """Follow the settings where another control has changed them."""
-        settings = self._desk.settings
+        """Follow settings that another control has changed."""
+        settings = self._view.settings
         for name, handle in self._controls.items():
             if handle.value != getattr(settings, name):
                 handle.value = getattr(settings, name)
@@ -66,16 +66,16 @@ class DisplayPanel:
 
     def _bind(self, name: str, handle: Any) -> None:
         self._controls[name] = handle
-        handle.on_update(lambda event: self._desk.change(**{name: handle.value}))
+        handle.on_update(lambda event: self._view.change(**{name: handle.value}))
 
     def _on_pattern(self, name: str, handle: Any) -> Callable[[Any], None]:
         def take(event: Any) -> None:
             try:
                 NameFilter(handle.value)
             except PatternError:
-                pass  # told for both fields together
+                pass  # _mistakes says so, for both fields together
             else:
-                self._desk.change(**{name: handle.value})
+                self._view.change(**{name: handle.value})
             self._mistake.show(self._mistakes())
 
         return take
@@ -88,13 +88,13 @@ class DisplayPanel:
             except PatternError as error:
                 found.append(
                     f'<div class="tf tf-alarm" role="alert">{_PATTERNS[name][0]}: '
-                    f"{escape(str(error))}. The former one still holds.</div>"
+                    f"{escape(str(error))}. The former filter still holds.</div>"
                 )
         return "".join(found)
 
     def _save(self, event: Any) -> None:
         try:
-            save(self._desk.settings, self._path)
+            save_settings(self._view.settings, self._path)
         except SettingsError as error:
             self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
         else:

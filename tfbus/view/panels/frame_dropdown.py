@@ -5,12 +5,12 @@ from typing import Any
 
 import viser
 
-# A list in a browser that is longer than this is slow, and nobody reads it: the filter narrows it.
+# A longer list is slow in a browser; the filter narrows it.
 MOST = 300
 
 
-class FrameChoice:
-    """Lets one of the frames be chosen; `nothing` is the first entry, for none of them.
+class FrameDropdown:
+    """A choice of one frame; the first entry, `nothing`, stands for none.
 
     `on_choice(name)` is called with the frame that a user has chosen, "" for none.
     """
@@ -24,18 +24,18 @@ class FrameChoice:
         hint: str | None = None,
     ) -> None:
         self._nothing = nothing
-        # viser's handles let their value be set, which mypy does not see.
+        # The value of viser's handles can be set, which mypy does not see.
         self._dropdown: Any = gui.add_dropdown(label, (nothing,), hint=hint)
 
         @self._dropdown.on_update
         def _(event: Any) -> None:
-            # What the program sets has no client.
+            # A change by the program has no client.
             if event.client is not None:
                 value = self._dropdown.value
                 on_choice("" if value == self._nothing else value)
 
     def show(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
-        """Offer these frames, of which this one is chosen."""
+        """Offer these frames, with this one chosen; `nothing` renames the first entry."""
         if nothing is not None:
             self._nothing = nothing
         listed = [*names[:MOST]]

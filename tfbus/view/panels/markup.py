@@ -1,6 +1,6 @@
-"""The parts of the page that are HTML of our own, and the way back from them to Python.
+"""The parts of the page that are our own HTML, and the way back from them to Python.
 
-Nothing from the bus gets into a page but through `escape`: a frame may have any name.
+Whatever comes from the bus goes through `escape`: a frame may have any name.
 """
 
 import json
@@ -8,7 +8,17 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any, Protocol
 
-from tfbus.view.model.status import SIGNS, Status
+from tfbus.frames.state import State
+
+# One sign per state, told apart by shape alone.
+_SIGNS: dict[State, str] = {
+    "dynamic": "●",
+    "static": "■",
+    "stale": "◐",
+    "gone": "✖",
+    "conflict": "▲",
+    "root": "○",
+}
 
 
 class HtmlHandle(Protocol):
@@ -18,14 +28,14 @@ class HtmlHandle(Protocol):
 
 
 class Html:
-    """An HTML element that is sent again only where it has changed."""
+    """An HTML element that is sent to the browsers only when it changes."""
 
     def __init__(self, handle: HtmlHandle) -> None:
         self._handle = handle
         self._content = handle.content
 
     def show(self, content: str) -> None:
-        """Let it be this."""
+        """Show this HTML."""
         if content != self._content:
             self._content = content
             self._handle.content = content
@@ -34,8 +44,8 @@ class Html:
 class Channel:
     """Carries events from our HTML to Python: `tfbus({do: 'show', frame: 'base'})`.
 
-    viser has no messages of one's own, so that the event is typed into a text field of viser's
-    which is not shown: the one right after the element with this class.
+    viser has no custom messages, so the event is typed into a hidden text field of viser's: the
+    one right after the element with the class tfbus-channel.
     """
 
     SCRIPT = """
@@ -51,20 +61,6 @@ window.tfbusCopy = (id) => {
   getSelection().selectAllChildren(element);
   if (navigator.clipboard) navigator.clipboard.writeText(element.innerText);
 };
-window.tfbusHold = (button, key) => {
-  clearInterval(window.tfbusHeld);
-  tfbus({do: 'key', key});
-  const again = () => button.matches(':active') ? tfbus({do: 'key', key}) : clearInterval(held);
-  const held = window.tfbusHeld = setInterval(again, 100);
-};
-window.tfbusKey = (event) => {
-  const key = {ArrowUp: 'up', ArrowDown: 'down', ArrowLeft: 'left', ArrowRight: 'right'}[event.key]
-    || event.key.toLowerCase();
-  if (event.ctrlKey || event.metaKey || event.altKey || !window.tfbusKeys.includes(key)) return;
-  event.preventDefault();
-  event.stopPropagation();
-  tfbus({do: 'key', key});
-};
 """
 
     def __init__(self) -> None:
@@ -75,7 +71,7 @@ window.tfbusKey = (event) => {
         self._handlers[do] = handler
 
     def receive(self, text: str) -> None:
-        """Take an event as it was typed; what is none of ours is ignored."""
+        """Take an event as it was typed; ignores text that is no event."""
         try:
             event = json.loads(text)
         except ValueError:
@@ -83,21 +79,20 @@ window.tfbusKey = (event) => {
         if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
             handler(event)
 
-    def html(self, keys: str) -> str:
-        """The element before the text field: style and script. `keys` are those that drive."""
-        script = f"{self.SCRIPT}window.tfbusKeys = {keys};"
+    def html(self, style: str = "", script: str = "") -> str:
+        """The element before the text field, with the page's style and script, and these."""
         # A script element in HTML that is set later does not run; the handler of an error does.
-        run = f'<img hidden alt="" src="data:," onerror="{escape(script)}">'
-        return f'<div class="tfbus-channel"><style>{STYLE}</style>{run}</div>'
+        run = f'<img hidden alt="" src="data:," onerror="{escape(self.SCRIPT + script)}">'
+        return f'<div class="tfbus-channel"><style>{STYLE}{style}</style>{run}</div>'
 
 
-def sign(status: Status) -> str:
-    """A status' sign, in its colour."""
-    return f'<span class="tf-sign tf-{status.value}">{SIGNS[status]}</span>'
+def sign(state: State) -> str:
+    """The sign of a state, in its colour."""
+    return f'<span class="tf-sign tf-{state}">{_SIGNS[state]}</span>'
 
 
 def event(do: str, **values: str) -> str:
-    """JavaScript for an attribute that sends an event; values are JavaScript expressions."""
+    """JavaScript, for an attribute, that sends an event; values are JavaScript expressions."""
     inside = ", ".join([f"do: '{do}'", *(f"{name}: {value}" for name, value in values.items())])
     return escape(f"tfbus({{{inside}}})")
 
@@ -126,7 +121,7 @@ div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width:
 .tf-note-whole { white-space: nowrap; }
 .tf-why { padding: 0 0 0.3em 1.9em; font-size: 0.75rem; }
 .tf-sign { flex: none; width: 1em; text-align: center; }
-.tf-fresh { color: light-dark(#2b8a3e, #69db7c); }
+.tf-dynamic { color: light-dark(#2b8a3e, #69db7c); }
 .tf-static { color: light-dark(#1864ab, #74c0fc); }
 .tf-stale { color: light-dark(#a85f00, #ffc078); }
 .tf-gone { color: light-dark(#b3261e, #ff8a80); }
@@ -141,19 +136,8 @@ div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width:
 .tf-head { display: flex; justify-content: space-between; margin-top: 0.4em; }
 .tf-link { all: unset; cursor: pointer; color: light-dark(#1971c2, #74c0fc); font-size: 0.75rem; }
 .tf-link:focus-visible { outline: 2px solid #228be6; }
-.tf-pad { display: grid; grid-template-columns: repeat(3, 1fr) 0.5em repeat(3, 1fr); gap: 4px; }
-.tf-pad button { all: unset; cursor: pointer; text-align: center; padding: 0.45em 0;
-  border-radius: 4px; background: light-dark(#e7f1fb, #1c3a57); user-select: none;
-  touch-action: none; }
-.tf-pad button:hover { background: light-dark(#d0e4f7, #27507a); }
-.tf-pad button:active { background: #228be6; color: white; }
-.tf-pad button:focus-visible { outline: 2px solid #228be6; }
-.tf-keys { margin-top: 0.5em; padding: 0.35em; text-align: center; cursor: pointer;
-  border: 1px dashed var(--mantine-color-dimmed); border-radius: 4px; }
-.tf-keys:focus { outline: none; border: 1px solid #228be6; background: #228be626; }
 @media (max-width: 40em) {
   .mantine-Paper-root:has(.tfbus-channel) { width: 100% !important; max-height: 55vh !important; }
   .mantine-ScrollArea-content:has(.tfbus-channel) > div { width: 100% !important; }
 }
-.tf-keys:focus .tf-off, .tf-keys:not(:focus) .tf-on { display: none; }
 """

@@ -1,17 +1,15 @@
 """The panel beside the scene: its headline, the time, and a tab for each kind of question."""
 
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import viser
 
-from tfbus import Buffer
-from tfbus.nodes.turtle.view.panel import TurtlePanel
-from tfbus.nodes.turtle.view.turtles import KEYS, Turtles
+from tfbus.buffer.buffer import Buffer
+from tfbus.view.guest import Guest
 from tfbus.view.model.frames import Frames
 from tfbus.view.model.placement import Placed, newest_common_ns
-from tfbus.view.model.view_state import Desk
+from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.display import DisplayPanel
 from tfbus.view.panels.markup import Channel, Html
@@ -21,58 +19,64 @@ from tfbus.view.panels.tree import TreePanel
 
 
 class Panel:
-    """All controls; `refresh` lets them show how things stand.
+    """All controls; `refresh` brings them up to date.
 
-    `mistakes` are said below the tree: what of a robot cannot be drawn.
-
-    `newest_ns` is the latest time at which all that moves can be placed.
+    `mistakes` are shown below the tree: why parts of a robot cannot be drawn. `newest_ns` is the
+    latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
         self,
-        gui: viser.GuiApi,
-        desk: Desk,
-        turtles: Turtles,
+        server: viser.ViserServer,
+        view: ViewState,
+        guests: Sequence[Guest],
+        is_watched: Callable[[], bool],
         history_s: float,
         path: Path,
         mistakes: Sequence[str] = (),
     ) -> None:
-        self._desk = desk
+        self._view = view
+        self._guests = guests
         self.newest_ns = 0
+        gui = server.gui
         channel = Channel()
-        gui.add_html(channel.html(json.dumps(KEYS)))
+        style = "".join(guest.style for guest in guests)
+        script = "".join(guest.script for guest in guests)
+        gui.add_html(channel.html(style, script))
         typed = gui.add_text("events", "")
         typed.on_update(lambda event: channel.receive(typed.value))
         self._headline = Html(gui.add_html(""))
-        self._time = TimePanel(gui, desk, history_s, lambda: self.newest_ns)
+        self._time = TimePanel(gui, view, history_s, lambda: self.newest_ns)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Frames"):
-            self._tree = TreePanel(gui, desk, channel)
+            self._tree = TreePanel(gui, view, channel)
             if mistakes:
                 gui.add_html(text.mistakes(mistakes))
         with tabs.add_tab("Measure"):
-            self._measure = MeasurePanel(gui, desk)
-        with tabs.add_tab("Turtles"):
-            self._turtles = TurtlePanel(gui, turtles, channel)
+            self._measure = MeasurePanel(gui, view)
+        for guest in guests:
+            with tabs.add_tab(guest.title):
+                guest.join(gui, server.scene, channel, is_watched)
         with tabs.add_tab("View"):
-            self._display = DisplayPanel(gui, desk, path)
+            self._display = DisplayPanel(gui, view, path)
 
     def refresh(
         self, frames: Frames, placed: Placed, fixed_frame: str, buffer: Buffer, now_ns: int
     ) -> None:
         """Show these frames, and the settings as they are."""
-        newest_ns = newest_common_ns(buffer, fixed_frame, _fresh(frames, placed))
+        newest_ns = newest_common_ns(buffer, fixed_frame, _not_faded(frames, placed))
         self.newest_ns = now_ns if newest_ns is None else newest_ns
-        playback = self._desk.playback
+        playback = self._view.playback
         missing = len(placed.missing)
         self._headline.show(text.headline(frames, fixed_frame, playback, missing))
         self._time.refresh()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
         self._measure.refresh(frames, buffer)
-        self._turtles.refresh()
+        for guest in self._guests:
+            guest.refresh()
         self._display.refresh()
 
 
-def _fresh(frames: Frames, placed: Placed) -> list[str]:
-    """The frames that still move: the others would hold the time back."""
-    return [name for name in placed.names if frames.states[name].opacity == 1.0]
+def _not_faded(frames: Frames, placed: Placed) -> list[str]:
+    """The frames that still come: stale and gone ones would hold the time back."""
+    return [name for name in placed.names if frames[name].opacity == 1.0]

@@ -1,25 +1,32 @@
-"""What the panels say, as HTML: facts about a frame, what lies between two, what is awaited."""
+"""What the panels say, as HTML: facts about a frame, the way between two, what the page awaits."""
 
 import math
 from collections.abc import Sequence
 from html import escape
 
-from tfbus import Buffer, TransformException, TransformStamped
+from tfbus.buffer.buffer import Buffer
+from tfbus.errors import TransformException
 from tfbus.frames.blocks import Numbers, stamp_text, tf2_block
-from tfbus.view.model.frames import Frames
+from tfbus.frames.state import Fault
+from tfbus.geometry.transform import TransformStamped
+from tfbus.view.model.frames import Frames, ViewFrame
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.status import FrameState, Status
 from tfbus.view.panels.markup import sign
+from tfbus.wording import counted, duration, listed
 
 _MOST_MISTAKES = 5
+_MOST_ROOTS = 5
+_MOST_CHILDREN = 20
 
 _DIGITS = Numbers(precision=3)
+
+_FAULTS: tuple[Fault, ...] = ("conflict", "gone", "stale")
 
 
 def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0) -> str:
     """What the page shows, or what it waits for.
 
-    `missing` frames have no place at the time that is shown, beside those of other trees.
+    `missing` frames have no place at the time shown, besides those of other trees.
     """
     if not len(frames):
         return (
@@ -27,39 +34,32 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int 
             "a broadcaster on this bus, for example <code>tfbus launch turtle</code>.</div>"
         )
     if fixed_frame not in frames:
-        known = ", ".join(escape(root) for root in frames.roots[:5])
+        known = listed([escape(root) for root in frames.roots], most=_MOST_ROOTS)
         return (
             f'<div class="tf" role="status"><b>There is no frame {escape(repr(fixed_frame))}</b> '
             f"to see the others from; choose another fixed frame. Roots: {known}.</div>"
         )
-    counts = {status: sum(state.status is status for state in frames) for status in Status}
+    counts = {fault: sum(frame.state == fault for frame in frames) for fault in _FAULTS}
     notes = [
-        f'<span class="tf-note-whole">{sign(status)} {counts[status]} {status.value}</span>'
-        for status in (Status.CONFLICT, Status.GONE, Status.STALE)
-        if counts[status]
+        f'<span class="tf-note-whole">{sign(fault)} {count} {fault}</span>'
+        for fault, count in counts.items()
+        if count
     ]
-    apart = missing + sum(bool(state.unplaced) for state in frames)
+    apart = missing + sum(bool(frame.unplaced) for frame in frames)
     if apart:
         notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
-    frames_text = "1 frame" if len(frames) == 1 else f"{len(frames)} frames"
-    parts = [f"{frames_text}, seen from <b>{escape(fixed_frame)}</b>", *notes]
+    parts = [f"{counted(len(frames), 'frame')}, seen from <b>{escape(fixed_frame)}</b>", *notes]
     if playback.stamp_ns is not None:
         parts.append(f"<b>paused</b> at {stamp_text(playback.stamp_ns)}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
 
 
-def mistakes(said: Sequence[str]) -> str:
-    """What is wrong, a line each; of many the first."""
-    lines = [*said[:_MOST_MISTAKES]]
-    if len(said) > _MOST_MISTAKES:
-        lines.append(f"And {len(said) - _MOST_MISTAKES} more; the log has them.")
+def mistakes(found: Sequence[str]) -> str:
+    """One line per mistake, at most five."""
+    lines = [*found[:_MOST_MISTAKES]]
+    if len(found) > _MOST_MISTAKES:
+        lines.append(f"And {len(found) - _MOST_MISTAKES} more; see the log.")
     return "".join(f'<div class="tf tf-alarm" role="alert">{escape(line)}</div>' for line in lines)
-
-
-def seconds(value: float) -> str:
-    """A duration as short as it can be read: `0.02 s`, `3.1 s`, `75 s`."""
-    digits = 0 if abs(value) >= 10.0 else 1 if abs(value) >= 1.0 else 2
-    return f"{value:.{digits}f} s"
 
 
 def pose_text(found: TransformStamped) -> str:
@@ -73,32 +73,34 @@ def pose_text(found: TransformStamped) -> str:
     )
 
 
-def facts(state: FrameState, now_ns: int) -> str:
+def facts(frame: ViewFrame, now_ns: int) -> str:
     """Who publishes a frame, how often, and how old it is."""
-    info = state.info
-    rows = [("State", f"{sign(state.status)} {escape(explained(state))}")]
+    info = frame.info
+    rows = [("State", f"{sign(frame.state)} {escape(explained(frame))}")]
     if info.parent is not None:
         rows.append(("Parent", escape(info.parent)))
-        rows.append(("Publisher", escape(", ".join(state.publishers) or "unnamed")))
+        rows.append(("Publisher", escape(", ".join(frame.publishers) or "unnamed")))
         rows.append(("Rate", "static" if info.static else rate_text(info.rate_hz)))
     if info.newest_ns is not None and not info.static:
-        rows.append(("Age", seconds((now_ns - info.newest_ns) / 1e9)))
+        rows.append(("Age", duration((now_ns - info.newest_ns) / 1e9)))
     if info.children:
-        rows.append(("Children", escape(", ".join(info.children[:20]))))
+        rows.append(("Children", escape(listed(info.children, most=_MOST_CHILDREN))))
     cells = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)
     return f'<dl class="tf-facts">{cells}</dl>'
 
 
-def explained(state: FrameState) -> str:
-    """A status in some words: why it is this one."""
+def explained(frame: ViewFrame) -> str:
+    """A frame's state, and why; a conflict is mentioned beside gone."""
+    conflict = f"conflict: sent by {' and '.join(frame.publishers)}"
+    beside = f"; {conflict}" if len(frame.publishers) > 1 else ""
     return {
-        Status.FRESH: "fresh",
-        Status.STATIC: "static: holds at all times",
-        Status.STALE: f"stale: nothing new for {seconds(state.silent_s)}",
-        Status.GONE: "gone: its publisher has left the bus",
-        Status.CONFLICT: f"conflict: sent by {' and '.join(state.publishers)}",
-        Status.ROOT: "a root: has no parent",
-    }[state.status]
+        "dynamic": "dynamic: its samples come",
+        "static": "static: holds at all times",
+        "stale": f"stale: no sample for {duration(frame.silent_s)}",
+        "gone": f"gone: its publisher has left the bus{beside}",
+        "conflict": conflict,
+        "root": "root: has no parent",
+    }[frame.state]
 
 
 def rate_text(rate_hz: float | None) -> str:
@@ -109,7 +111,7 @@ def rate_text(rate_hz: float | None) -> str:
 
 
 def numbers(title: str, id_: str, text: str) -> str:
-    """A block of numbers with its title, which `tfbusCopy(id)` copies."""
+    """A block of numbers with its title; `tfbusCopy(id)` copies it."""
     return (
         f'<div class="tf-head"><span class="tf-dim">{escape(title)}</span>'
         f'<a class="tf-link" role="button" aria-label="copy {escape(title)}" '
@@ -127,13 +129,13 @@ def pose_in(buffer: Buffer, target: str, source: str, stamp_ns: int | None) -> s
 
 
 def between(buffer: Buffer, target: str, source: str, stamp_ns: int | None) -> tuple[str, str]:
-    """Distance and angle from one frame to another, and tf2_echo's block; or why there is none."""
+    """Distance and angle between two frames, and tf2_echo's block; or "" and the reason."""
     try:
         found = buffer.lookup_transform(target, source, stamp_ns)
     except TransformException as error:
         return "", str(error)
     pose = found.transform
     distance_m = math.dist(pose.xyz, (0.0, 0.0, 0.0))
-    # Of a unit quaternion, which may stand for the long way round: take the short one.
+    # abs() takes the short way round: a unit quaternion may stand for the long one.
     turn_deg = math.degrees(2.0 * math.atan2(math.hypot(pose.qx, pose.qy, pose.qz), abs(pose.qw)))
     return f"{distance_m:.3f} m apart, turned by {turn_deg:.1f}°", tf2_block(found, _DIGITS)

@@ -1,4 +1,4 @@
-"""The controls of time: follow, pause, and a slider back through what the buffer holds."""
+"""The controls of time: follow, pause, and a slider back through the buffer."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,43 +6,43 @@ from typing import Any
 import viser
 
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.view_state import Desk
+from tfbus.view.model.view_state import ViewState
 
 
 class TimePanel:
-    """`newest_ns()` is the time to hold when somebody pauses."""
+    """`newest_ns()` is the time to hold on a pause."""
 
     def __init__(
-        self, gui: viser.GuiApi, desk: Desk, history_s: float, newest_ns: Callable[[], int]
+        self, gui: viser.GuiApi, view: ViewState, history_s: float, newest_ns: Callable[[], int]
     ) -> None:
-        self._desk = desk
+        self._view = view
         self._button = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
-        # viser's handles let their value be set, which mypy does not see.
+        # The value of viser's handles can be set, which mypy does not see.
         self._ago: Any = gui.add_slider(
             "Seconds ago",
             -history_s,
             0.0,
             0.01,
             0.0,
-            hint="Drag to the left to see the past; what is older than the buffer is gone.",
+            hint="Drag to the left to see the past, as far back as --history.",
         )
-        self._shown = desk.playback
+        self._shown = view.playback
 
         @self._button.on_click
         def _(event: Any) -> None:
-            if desk.playback.follows:
-                desk.play(lambda playback: playback.pause(newest_ns()))
+            if view.playback.follows:
+                view.play(lambda playback: playback.pause(newest_ns()))
             else:
-                desk.play(lambda playback: Playback())
+                view.play(lambda playback: Playback())
 
         @self._ago.on_update
         def _(event: Any) -> None:
             if event.client is not None:
-                desk.play(lambda playback: playback.scrub(newest_ns(), -self._ago.value))
+                view.play(lambda playback: playback.scrub(newest_ns(), -self._ago.value))
 
     def refresh(self) -> None:
-        """Show how the time goes."""
-        playback = self._desk.playback
+        """Follow the playback when a browser has changed it."""
+        playback = self._view.playback
         if playback == self._shown:
             return
         self._shown = playback

@@ -1,1 +1,1 @@
-"""What is drawn in three dimensions."""
+"""The shapes in three dimensions."""

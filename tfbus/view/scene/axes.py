@@ -1,5 +1,6 @@
-"""The axes of many frames, drawn as few objects: one for all that are opaque, three for those
-that fade, since viser's batched axes have no opacity of their own.
+"""The axes of many frames as few objects: one for all opaque frames, three for the fading ones.
+
+viser's batched axes have no opacity.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +21,7 @@ NO_POSITIONS = np.zeros((1, 3))
 
 
 class Axes:
-    """Axes of unit length times `size`; a click calls `on_click(name)`."""
+    """Axes of many frames; a click calls `on_click(name)`."""
 
     def __init__(self, scene: viser.SceneApi, on_click: Callable[[str], object]) -> None:
         self._bright: tuple[str, ...] = ()
@@ -55,7 +56,7 @@ class Axes:
     def draw(
         self, names: Sequence[str], xyz: Floats, quat_wxyz: Floats, opacity: Floats, size: float
     ) -> None:
-        """Draw these frames and no others."""
+        """Draw these frames and no others, with axes `size` metres long."""
         faded = opacity < 1.0
         self._bright = tuple(name for name, dim in zip(names, faded, strict=True) if not dim)
         self._faded = tuple(name for name, dim in zip(names, faded, strict=True) if dim)
@@ -66,14 +67,14 @@ class Axes:
             place(handle, xyz[faded], quat_wxyz[faded], size)
 
     def _clicked(self, event: Any) -> str:
-        """The frame that an event is about; "" where it has just gone."""
+        """The frame that was clicked; "" if it has just gone."""
         names = self._bright if event.target is self._axes else self._faded
         at = event.instance_index
         return names[at] if at is not None and at < len(names) else ""
 
 
 def place(handle: Any, xyz: Floats, quat_wxyz: Floats, size: float) -> None:
-    """Move the instances of a batch, each as large as this; without any it is not shown."""
+    """Move the instances of a batch, all of one size; an empty batch is hidden."""
     if len(xyz):
         scales = np.full(len(xyz), size, np.float32)
         if not np.array_equal(handle.batched_scales, scales):

@@ -1,4 +1,4 @@
-"""Where a browser looks from: what of the scene it sees, and where it begins."""
+"""A browser's camera: which part of the scene it sees, and where it starts."""
 
 import math
 import time
@@ -9,19 +9,19 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from tfbus import Transform
+from tfbus.geometry.transform import Transform
 from tfbus.view.model.placement import Floats
 
-# At first one looks from behind, from the side a little, and from above: a unit vector.
+# The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
 
-# What is narrower than this is the window of a telephone.
+# A window that is narrower than this, width by height, is a telephone's.
 _NARROW = 0.75
 
-# The first frames come within this time, or are late.
+# Frames that come later than this do not move the camera.
 _SETTLE_S = 3.0
 
-# viser's own, from top to bottom.
+# viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
 
 
@@ -39,14 +39,14 @@ class Window:
 
     @staticmethod
     def of(camera: Any) -> "Window":
-        """That of a client of viser."""
+        """The window of a client of viser."""
         w, x, y, z = camera.wxyz
         rotation = Transform((0.0, 0.0, 0.0), (x, y, z, w)).as_matrix()[:3, :3]
         size_px = (camera.image_width, camera.image_height)
         return Window(camera.position, rotation, camera.fov, size_px)
 
     def project(self, xyz: Floats) -> tuple[Floats, Floats]:
-        """Pixels (N, 2) from the upper left corner, and how far ahead of the camera, in metres."""
+        """Pixels (N, 2) from the upper left corner, and distances (N,) ahead of the camera in m."""
         seen = (xyz - self.position) @ self.rotation
         depth_m = seen[:, 2]
         focal_px = self.size_px[1] / 2.0 / math.tan(self.fov_rad / 2.0)
@@ -55,7 +55,7 @@ class Window:
         return pixels, depth_m
 
     def sees(self, pixels: Floats, depth_m: Floats) -> NDArray[np.bool_]:
-        """Which of these points are in the picture."""
+        """Which of these points (N,) are in the picture."""
         with np.errstate(invalid="ignore"):
             inside = np.all((pixels >= 0.0) & (pixels <= np.array(self.size_px)), axis=1)
         seen: NDArray[np.bool_] = inside & (depth_m > 0.0)
@@ -63,8 +63,9 @@ class Window:
 
 
 def overview(middle: Floats, radius_m: float, aspect: float = 1.0) -> tuple[Floats, Floats]:
-    """Where to look from, and at what, to see a ball whole: of a window that is much higher than
-    wide, in the upper half, since it has the panel below.
+    """Where to look from, and at which point, to see a ball whole.
+
+    In a window much higher than wide the ball is in the upper half, above the panel.
     """
     distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
     up = np.array((0.0, 0.0, 1.0)) - _FROM[2] * _FROM
@@ -74,7 +75,7 @@ def overview(middle: Floats, radius_m: float, aspect: float = 1.0) -> tuple[Floa
 
 
 class FirstLook:
-    """Lets browsers begin where all of it can be seen; then cameras are left alone."""
+    """Starts browsers where they see everything; later leaves their cameras alone."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
@@ -82,15 +83,15 @@ class FirstLook:
         self._settled_at_s = 0.0
         self._placed: set[int] = set()
 
-    def aim(self, middle: Floats, radius_m: float, has_field: bool, frames: int) -> None:
-        """This is where things are now.
+    def aim(self, middle: Floats, radius_m: float, has_guest: bool, frames: int) -> None:
+        """Take the ball around all that is shown now.
 
-        Who is there already is moved along while the first frames come, and where a field does.
+        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
-        what, before = (has_field, frames), self._seen
-        if not before[1] or has_field > before[0]:
+        what, before = (has_guest, frames), self._seen
+        if not before[1] or has_guest > before[0]:
             self._settled_at_s = now_s + _SETTLE_S
         is_new = what > before and now_s < self._settled_at_s
         self._seen = max(what, before)

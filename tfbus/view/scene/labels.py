@@ -1,6 +1,6 @@
-"""Names of frames in the scene of one browser: those that can be read from where it looks.
+"""Names of frames in the scene of one browser: those that can be read from its camera.
 
-Each name is an object of its own, so that there are few.
+Each name is an object of its own, so there are few.
 """
 
 from collections.abc import Sequence
@@ -10,31 +10,33 @@ from typing import Any
 import numpy as np
 import viser
 
+from tfbus.frames.state import State
+from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.placement import Floats, Placed
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.status import FrameState, Status
 from tfbus.view.scene.camera import Window
+from tfbus.wording import listed
 
-# No more names than these are drawn at once.
+# At most this many names are drawn at once.
 MOST = 40
 
-# So many frames are thought of, the nearest: more would lie behind each other.
+# Of this many frames at most, the nearest: more would lie behind each other.
 _CONSIDERED = 200
 
-# Names nearer to each other than this part of an axis are written as one, of so many names.
+# Frames closer together than this part of an axis share a label, which names at most three.
 _TOGETHER = 0.4
 _MOST_TOGETHER = 3
 
-# A name is above its frame by this part of an axis, and so large in pixels.
+# A name is above its frame by this part of an axis; the rest is in pixels.
 _ABOVE = 0.35
 _LETTER = 6.2
 _MARGIN = 10.0
 _HEIGHT = 18.0
 
-# Longer names are cut in the middle; the tree has them whole.
+# Longer names are cut in the middle; the tree shows them whole.
 _LONGEST = 32
 
-_SAID = (Status.STALE, Status.GONE, Status.CONFLICT)
+_SAID: tuple[State, ...] = ("stale", "gone", "conflict")
 
 
 class Names:
@@ -46,23 +48,23 @@ class Names:
 
     def draw(
         self,
-        states: Sequence[FrameState] | None,
+        frames: Sequence[ViewFrame] | None,
         placed: Placed,
         settings: ViewSettings,
         size: float,
     ) -> None:
-        """Choose which of these frames have names; without `states` only move those there are."""
+        """Choose which of these frames have names; for None, only move the names there are."""
         clients = self._server.get_clients()
         self._labels = {
             number: self._labels.get(number) or Labels(client.scene)
             for number, client in clients.items()
         }
         for number, labels in self._labels.items():
-            if states is None:
+            if frames is None:
                 labels.move(placed, size)
             else:
                 window = Window.of(clients[number].camera)
-                labels.choose(states, placed, settings, size, window)
+                labels.choose(frames, placed, settings, size, window)
 
 
 class Labels:
@@ -75,20 +77,20 @@ class Labels:
 
     def choose(
         self,
-        states: Sequence[FrameState],
+        frames: Sequence[ViewFrame],
         placed: Placed,
         settings: ViewSettings,
         size: float,
         window: Window,
     ) -> None:
-        """Put names beside the frames; where names are off, beside the selected one only."""
-        texts = readable(states, placed.xyz, settings, size, window, frozenset(self._shown))
+        """Write names at the frames; with names off, only at the selected one."""
+        texts = readable(frames, placed.xyz, settings, size, window, frozenset(self._shown))
         for name in self._shown.keys() - texts.keys():
             self._shown.pop(name).remove()
         for name, text in texts.items():
             label = self._shown.get(name)
             if label is None:
-                # A frame's name may have slashes in it, which make trees of viser's objects.
+                # Not by its name, which may have slashes: viser makes trees of them.
                 self._count += 1
                 self._shown[name] = self._scene.add_label(
                     f"/names/{self._count}", text, anchor="bottom-center"
@@ -98,7 +100,7 @@ class Labels:
         self.move(placed, size)
 
     def move(self, placed: Placed, size: float) -> None:
-        """Keep the names above their frames; the name of one that has no place goes."""
+        """Keep the names above their frames; remove those of frames without a place."""
         for name in list(self._shown):
             row = placed.index.get(name)
             if row is None:
@@ -108,24 +110,24 @@ class Labels:
 
 
 def readable(
-    states: Sequence[FrameState],
+    frames: Sequence[ViewFrame],
     xyz: Floats,
     settings: ViewSettings,
     size: float,
     window: Window,
     shown: frozenset[str] = frozenset(),
 ) -> dict[str, str]:
-    """The names to write, by the frames at which: none over another, and none out of sight.
+    """The names to write, by frame: none over another, none out of sight.
 
-    First the selected frame, then those that something is the matter with, then those that are
-    `shown` already, then the nearest.
+    First the selected frame, then those that are stale, gone or in conflict, then those `shown`
+    already, then the nearest.
     """
-    rows = range(len(states)) if settings.names else _selected(states, settings.selected)
+    rows = range(len(frames)) if settings.names else _selected(frames, settings.selected)
     if not rows:
         return {}
     at = np.array(rows, np.intp)
     pixels, depth_m = window.project(xyz[at] + (0.0, 0.0, _ABOVE * size))
-    importance = np.array([_importance(states[row], settings.selected, shown) for row in at])
+    importance = np.array([_importance(frames[row], settings.selected, shown) for row in at])
     order = np.lexsort((depth_m, importance))
     order = order[window.sees(pixels, depth_m)[order]][:_CONSIDERED]
     written: list[_Written] = []
@@ -136,7 +138,7 @@ def readable(
             continue
         rows_here = sorted([*beside.rows, row]) if beside else [row]
         pixel = beside.pixel if beside else pixels[place]
-        box = _box(pixel, _text([states[row] for row in rows_here]))
+        box = _box(pixel, _text([frames[row] for row in rows_here]))
         if any(_overlap(box, one.box) for one in written if one is not beside):
             continue
         if beside:
@@ -144,9 +146,9 @@ def readable(
             beside.box = box
         else:
             written.append(_Written([row], pixel, box))
-    # Names that stand together do so in the order of the tree.
+    # Names in one label are in the order of the tree.
     return {
-        states[one.rows[0]].name: _text([states[row] for row in sorted(one.rows)])
+        frames[one.rows[0]].name: _text([frames[row] for row in sorted(one.rows)])
         for one in written
     }
 
@@ -158,31 +160,28 @@ class _Written:
     box: Floats
 
 
-def _selected(states: Sequence[FrameState], name: str) -> list[int]:
-    return [row for row, state in enumerate(states) if state.name == name]
+def _selected(frames: Sequence[ViewFrame], name: str) -> list[int]:
+    return [row for row, frame in enumerate(frames) if frame.name == name]
 
 
-def _importance(state: FrameState, selected: str, shown: frozenset[str]) -> int:
-    if state.name == selected:
+def _importance(frame: ViewFrame, selected: str, shown: frozenset[str]) -> int:
+    if frame.name == selected:
         return 0
-    if state.status in _SAID:
+    if frame.state in _SAID:
         return 1
-    return 2 if state.name in shown else 3
+    return 2 if frame.name in shown else 3
 
 
 def _are_together(xyz: Floats, one: int, other: int, size: float) -> bool:
     return bool(np.abs(xyz[one] - xyz[other]).max() < size * _TOGETHER)
 
 
-def _text(states: Sequence[FrameState]) -> str:
-    said = [
-        f"{_short(state.name)} ({state.status.value})"
-        if state.status in _SAID
-        else _short(state.name)
-        for state in states[:_MOST_TOGETHER]
+def _text(frames: Sequence[ViewFrame]) -> str:
+    names = [
+        f"{_short(frame.name)} ({frame.state})" if frame.state in _SAID else _short(frame.name)
+        for frame in frames
     ]
-    more = len(states) - _MOST_TOGETHER
-    return ", ".join(said) + (f" and {more} more" if more > 0 else "")
+    return listed(names, most=_MOST_TOGETHER)
 
 
 def _short(name: str) -> str:

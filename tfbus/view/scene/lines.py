@@ -1,4 +1,4 @@
-"""Arrows and trails: one object for all of each, made when there is first something to draw."""
+"""Arrows and trails: one object for all of each, made when the first is drawn."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,13 +17,13 @@ _HEAD_RADIUS = 0.08
 _HEAD_LENGTH = 0.2
 
 
-# Of more frames than these the heads could not be told apart, and lines are drawn ten times as fast
-# where there is no graphics card.
+# The heads of more arrows could not be told apart; without a graphics card lines are drawn ten
+# times as fast.
 MOST_ARROWS = 100
 
 
 class Arrows:
-    """Arrows of frames to their parents; lines where they are many."""
+    """Arrows from frames to their parents; lines if there are more than 100."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene
@@ -31,7 +31,7 @@ class Arrows:
         self._lines: Any = None
 
     def draw(self, points: Floats, colors: NDArray[np.uint8], size: float) -> None:
-        """Draw these, (N, 2, 3) from tail to tip, and no others; `size` is that of axes."""
+        """Draw these, (N, 2, 3) from tail to tip, and no others; `size` is the length of axes."""
         are_many = len(points) > MOST_ARROWS
         _show(self._arrows, len(points) > 0 and not are_many)
         _show(self._lines, are_many)
@@ -67,7 +67,7 @@ class Arrows:
 
 
 class Trails:
-    """Lines along which frames have come."""
+    """Lines along which frames have moved."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         self._scene = scene

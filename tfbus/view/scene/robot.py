@@ -1,4 +1,4 @@
-"""A robot's links in three dimensions, each where its frame is."""
+"""The shapes of a robot's links, each at its frame."""
 
 import logging
 from collections.abc import Collection, Sequence
@@ -10,14 +10,14 @@ import viser
 from tfbus.view.model.placement import Placed
 from tfbus.view.model.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
 
-# Of what has no colour of its own.
+# For shapes without a colour.
 _GREY = (160, 160, 165)
 
 
 class RobotScene:
-    """Draws visuals on the frames of their links; links without a place are not drawn.
+    """Draws visuals at the frames of their links; links without a place are hidden.
 
-    `mistakes` says of each visual that is left out why, as of a mesh that cannot be read.
+    `mistakes` says of each visual that is left out why, such as a mesh that cannot be read.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class RobotScene:
         for number, visual in enumerate(visuals):
             try:
                 _add(scene, f"{self._frames[visual.link].name}/{number}", visual)
-            # Readers of meshes raise whatever their libraries do, ImportError among them.
+            # Mesh readers raise all kinds of errors, ImportError among them.
             except Exception as error:
                 self.mistakes.append(f"A visual of link {visual.link!r} is not shown: {error}")
                 log.warning("%s", self.mistakes[-1])
@@ -76,27 +76,26 @@ def _add(scene: viser.SceneApi, path: str, visual: Visual) -> None:
 
 
 def load_mesh(shape: Mesh) -> Any:
-    """A trimesh.Trimesh of a mesh' file, scaled.
+    """The scaled trimesh.Trimesh of a mesh's file.
 
-    Raises UrdfError where the file is not there, or nothing that is installed reads it, and
-    whatever a reader of meshes raises.
+    Raises UrdfError if the file does not exist or no installed package reads it, and any error of
+    a mesh reader.
     """
     if not shape.file.is_file():
         package = shape.name.removeprefix("package://").partition("/")[0]
         remedy = f"; --package-path names the folder with package {package!r}"
         raise UrdfError(
-            f"there is no file {shape.file}"
-            + (remedy if shape.name.startswith("package://") else "")
+            f"no file {shape.file}" + (remedy if shape.name.startswith("package://") else "")
         )
-    # What it loads has no exact type.
+    # Its functions have no exact types.
     trimesh: Any = import_module("trimesh")
     kind = shape.file.suffix[1:].lower()
     if kind not in trimesh.available_formats():
         remedy = "pip install pycollada" if kind == "dae" else "convert it to STL or GLB"
-        raise UrdfError(f"nothing that is installed reads {shape.file.name}; {remedy}")
+        raise UrdfError(f"no installed package reads {shape.file.name}; {remedy}")
     mesh = trimesh.load(shape.file, force="mesh")
     if kind == "dae":
-        # The one format that says its unit.
+        # The only format that states its unit.
         mesh.apply_scale(trimesh.units.unit_conversion(mesh.units, "meters"))
     mesh.apply_scale(shape.scale)
     return mesh

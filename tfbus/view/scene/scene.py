@@ -13,16 +13,16 @@ from tfbus.view.model.settings import ViewSettings
 from tfbus.view.scene.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
 from tfbus.view.scene.lines import Arrows, Trails
 from tfbus.view.scene.shapes import octahedron
-from tfbus.view.scene.styling import SELECTED, Looks
+from tfbus.view.scene.styling import SELECTED, Styling
 
 # The radius of a mark, in parts of an axis.
 _MARK = 0.14
 
-# Below what lies on the ground.
+# Below anything that lies on the ground.
 _GRID_Z_M = -0.02
 
-# How long axes are, in parts of what is shown, and less of many frames: as if they filled a square,
-# half the way from one to the next. And the least that counts as shown.
+# The length of axes in parts of the scene, and less for many frames: as if they filled a square,
+# half the distance from one to the next. And the least size of a scene.
 _SIZE = 1.0 / 10.0
 _SIZE_OF_MANY = 0.5
 _LEAST_EXTENT_M = 1.0
@@ -32,9 +32,9 @@ _CELLS = 60.0
 
 
 class Scene:
-    """Draws what is placed; a click on a frame calls `on_select(name)`.
+    """Draws placed frames; a click on a frame calls `on_select(name)`.
 
-    `size_m` is how long axes are drawn.
+    `size_m` is the length of the axes.
     """
 
     def __init__(self, scene: viser.SceneApi, on_select: Callable[[str], object]) -> None:
@@ -44,7 +44,7 @@ class Scene:
         self._axes = Axes(scene, on_select)
         self._arrows = Arrows(scene)
         self._trails = Trails(scene)
-        # Its sizes can be set, which mypy does not see.
+        # The sizes of the handle can be set, which mypy does not see.
         self._grid: Any = scene.add_grid(
             "/grid",
             infinite_grid=True,
@@ -61,7 +61,7 @@ class Scene:
             receive_shadow=False,
             visible=False,
         )
-        self._looks = Looks(Frames(), (), ViewSettings())
+        self._styling = Styling(Frames(), (), ViewSettings())
         self._is_dark: bool | None = None
 
     def draw(
@@ -72,13 +72,13 @@ class Scene:
         settings: ViewSettings,
         around_m: float,
     ) -> None:
-        """Show these frames, each as its state is, and nothing else.
+        """Show these frames, styled by their states, and no others.
 
-        `around_m` is how large what else is shown is.
+        `around_m` is the size of the other things in the scene.
         """
-        if not self._looks.are_of(frames, placed.names, settings):
-            self._looks = Looks(frames, placed.names, settings)
-        looks = self._looks
+        if not self._styling.is_of(frames, placed.names, settings):
+            self._styling = Styling(frames, placed.names, settings)
+        styling = self._styling
         self.size_m = size = (
             self._fit(max(placed.extent_m(), around_m), len(placed.names)) * settings.scale
         )
@@ -87,23 +87,23 @@ class Scene:
             placed.names[shown],
             placed.xyz[shown],
             placed.quat_wxyz[shown],
-            looks.opacity[shown],
+            styling.opacity[shown],
             size,
         )
-        self._mark(looks, placed.xyz, size)
-        points, kept = arrow_points(placed.xyz, looks.children, looks.parents)
+        self._mark(styling, placed.xyz, size)
+        points, kept = arrow_points(placed.xyz, styling.children, styling.parents)
         drawn = kept if settings.arrows else np.zeros_like(kept)
-        self._arrows.draw(points[drawn], looks.arrow_colors[drawn], size)
+        self._arrows.draw(points[drawn], styling.arrow_colors[drawn], size)
         self._trails.draw(list(trails.values()))
         self._dress(settings)
 
     def _fit(self, extent_m: float, count: int) -> float:
-        """A length of axes that suits what is shown; it changes only where it has to."""
+        """A length of axes that suits the scene; it changes only when off by a factor of 2."""
         shown_m = max(extent_m, _LEAST_EXTENT_M)
         wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(count, 1)))
         if not wanted / 2.0 < self._size < wanted * 2.0:
             self._size = wanted
-            # A power of ten, so that there are some cells, but not too many to be told apart.
+            # A power of ten gives some cells, but not too many to tell apart.
             cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
             self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
             self._grid.fade_distance = _CELLS * cell_m
@@ -118,8 +118,8 @@ class Scene:
             self._grid.cell_color = (level, level, level)
             self._grid.section_color = (level - 25, level - 25, level - 25)
 
-    def _mark(self, looks: Looks, xyz: Floats, size: float) -> None:
-        rows = looks.marked
-        if len(rows) and not np.array_equal(self._marks.batched_colors, looks.mark_colors):
-            self._marks.batched_colors = looks.mark_colors
+    def _mark(self, styling: Styling, xyz: Floats, size: float) -> None:
+        rows = styling.marked
+        if len(rows) and not np.array_equal(self._marks.batched_colors, styling.mark_colors):
+            self._marks.batched_colors = styling.mark_colors
         place(self._marks, xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)

@@ -1,6 +1,4 @@
-"""Meshes made of triangles: vertices (V, 3) in metres and faces (F, 3), along an axis or around
-the origin.
-"""
+"""Meshes of triangles: vertices (V, 3) in metres and faces (F, 3)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +15,7 @@ def arm(axis: int, length_m: float, radius_m: float) -> Mesh:
 
 
 def octahedron(radius_m: float) -> Mesh:
-    """A mark around the origin."""
+    """An octahedron around the origin."""
     points = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
     corners = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     faces = [_outward(points, face) for face in corners]

@@ -1,0 +1,53 @@
+"""The turtles as a guest on the page of `tfbus view`: their tab, and their field in the scene."""
+
+from collections.abc import Callable, Collection
+
+import viser
+
+from tfbus import Node
+from tfbus.view import Channel, Placed, Region
+
+from .panel import SCRIPT, STYLE, TurtlePanel
+from .scene import WORLD, TurtleScene
+from .turtles import Turtles
+
+
+class TurtleGuest:
+    """A tab that drives the turtles of the simulator on this bus, and their field."""
+
+    title = "Turtles"
+    style = STYLE
+    script = SCRIPT
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def join(
+        self,
+        gui: viser.GuiApi,
+        scene: viser.SceneApi,
+        channel: Channel,
+        is_watched: Callable[[], bool],
+    ) -> None:
+        """Add the controls, inside the tab, and the field."""
+        self._turtles = Turtles(self._node, is_watched)
+        self._panel = TurtlePanel(gui, self._turtles, channel)
+        self._scene = TurtleScene(scene, self._turtles)
+
+    def refresh(self) -> None:
+        """Bring the controls up to date."""
+        self._panel.refresh()
+
+    def draw(self, placed: Placed, fixed_frame: str) -> None:
+        """Move the field and the turtles to where their frames are."""
+        self._scene.draw(placed, fixed_frame)
+
+    @property
+    def frames(self) -> Collection[str]:
+        """The frames of the field and of the turtles."""
+        return (WORLD, *self._turtles.names)
+
+    @property
+    def region(self) -> Region | None:
+        """The field; None while there is no simulator."""
+        return self._scene.region

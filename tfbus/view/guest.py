@@ -1,0 +1,55 @@
+"""What another program may add to the page: a tab of the panel, and shapes in the scene."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from tfbus.view.model.placement import Placed
+from tfbus.view.panels.markup import Channel
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A ball of the scene that is worth seeing whole: `middle` (3,) and radius in metres."""
+
+    middle: NDArray[np.float64]
+    radius_m: float
+
+
+class Guest(Protocol):
+    """A tab with controls, and shapes beside the frames.
+
+    `title` is the name of the tab; `style` and `script` are CSS and JavaScript for its controls.
+    The page calls `join` once, and then `refresh` and `draw` again and again, on one thread.
+    """
+
+    title: str
+    style: str
+    script: str
+
+    def join(
+        self,
+        gui: viser.GuiApi,
+        scene: viser.SceneApi,
+        channel: Channel,
+        is_watched: Callable[[], bool],
+    ) -> None:
+        """Add the controls, inside the tab, and the shapes; `is_watched` is for any thread."""
+
+    def refresh(self) -> None:
+        """Bring the controls up to date."""
+
+    def draw(self, placed: Placed, fixed_frame: str) -> None:
+        """Move the shapes to where the frames are."""
+
+    @property
+    def frames(self) -> Collection[str]:
+        """The frames to place even if their axes are hidden."""
+
+    @property
+    def region(self) -> Region | None:
+        """What a browser styling at first; None while the guest shows nothing."""

@@ -44,7 +44,7 @@ class InAThread:
 
 def waiting(buffer: Buffer) -> bool:
     """Whether somebody waits for the buffer."""
-    return len(buffer._waiters) > 0
+    return len(buffer._store.waiters) > 0
 
 
 def test_a_timeout_is_in_simulated_seconds() -> None:
@@ -60,7 +60,7 @@ def test_a_timeout_is_in_simulated_seconds() -> None:
     error = lookup.result()
     assert isinstance(error, TimeoutException)
     assert isinstance(error.reason, LookupException)
-    assert str(error).startswith("waited 5 s in vain: ")
+    assert str(error).startswith("timed out after 5 s: ")
 
 
 def test_a_lookup_under_a_clock_that_stands_is_woken_by_data() -> None:

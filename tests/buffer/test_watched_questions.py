@@ -91,7 +91,7 @@ def test_a_watcher_that_fails_fails_alone(caplog: pytest.LogCaptureFixture) -> N
     asked = watched(buffer)
     assert not buffer.can_transform("map", "base")
     assert asked == [("map", "base")]
-    assert "a watcher of questions failed" in caplog.text
+    assert "A watcher of questions failed" in caplog.text
 
 
 def test_watching_ends() -> None:
@@ -131,5 +131,5 @@ def test_whoever_fills_the_buffer_may_say_why_a_frame_is_missing() -> None:
         buffer.lookup_transform("map", "arm")
     with pytest.raises(LookupException, match=r"^there is no frame 'tool'; known are"):
         buffer.lookup_transform("map", "tool")
-    with pytest.raises(TimeoutException, match=r"waited 0\.01 s in vain: on its way"):
+    with pytest.raises(TimeoutException, match=r"timed out after 0\.01 s: on its way"):
         buffer.lookup_transform("map", "camera", timeout_s=0.01)

@@ -63,7 +63,7 @@ class Table:
             self.samples = [child.samples for child in children]
 
 
-class Intake:
+class BatchInserter:
     """Takes the rows of batches into a tree; those that cannot be taken are counted in
     `rejected`.
     """
@@ -74,7 +74,7 @@ class Intake:
         # Of each authority what its last batch named.
         self._tables: dict[str, Table] = {}
 
-    def take(self, columns: Columns, static: bool, authority: str) -> int:
+    def insert(self, columns: Columns, static: bool, authority: str) -> int:
         """Take the rows of a batch; how many were taken."""
         table = None if static else self._table(columns, authority)
         taken = at = 0
@@ -84,7 +84,7 @@ class Intake:
                 at = self._append(table, columns, start)
                 taken += at - start
             if at < columns.count:
-                taken += self._insert(columns, at, static, authority)
+                taken += self._insert_row(columns, at, static, authority)
                 at += 1
         return taken
 
@@ -106,7 +106,7 @@ class Intake:
             self._tree.touched += table.children[start:at]
         return at
 
-    def _insert(self, columns: Columns, at: int, static: bool, authority: str) -> bool:
+    def _insert_row(self, columns: Columns, at: int, static: bool, authority: str) -> bool:
         """Take one row; whether it was taken."""
         stamp_ns = packed.stamp_at(columns.stamps, columns.stamps_at + STAMP_SIZE * at)
         pose: Pose = packed.pose_at(columns.poses, columns.poses_at + POSE_SIZE * at)

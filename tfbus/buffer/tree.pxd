@@ -17,7 +17,7 @@ cdef class Tree:
     cdef readonly long long topology, assignments
     cdef public list touched, moved, news
     cdef public set asked
-    cdef public list untold
+    cdef public list unreported
 
     @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
                    beyond=cython.longlong)

@@ -36,7 +36,7 @@ class Tree:
     by another one than before. `touched` and `moved` gather, while somebody
     waits, the histories that got a sample or a parent; `news` gathers, while somebody listens,
     what changed. `asked` gathers, while somebody wants to know, the pairs of target and source
-    that a path was looked for between, and `untold` those of them that he was not told of.
+    that a path was looked for between, and `unreported` those of them that he was not told of.
     """
 
     def __init__(self, cache_ns: int) -> None:
@@ -52,7 +52,7 @@ class Tree:
         self.moved: list[History] | None = None
         self.news: list[Change] | None = None
         self.asked: set[tuple[str, str]] | None = None
-        self.untold: list[tuple[str, str]] = []
+        self.unreported: list[tuple[str, str]] = []
 
     # Looking up
 
@@ -117,7 +117,7 @@ class Tree:
             if len(asked) >= _MOST_ASKED:
                 asked.clear()
             asked.add(pair)
-            self.untold.append(pair)
+            self.unreported.append(pair)
 
     def ask_again(self) -> None:
         """Note each pair anew when it is asked for next."""

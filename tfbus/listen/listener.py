@@ -147,7 +147,7 @@ class TransformListener:
             self._node.forget_buffer(self._describe_buffer)
 
     def _describe_buffer(self) -> dict[str, Any]:
-        short = self.buffer.shortfall
+        short = self.buffer.expired_lookups
         return {
             "cache_time_s": self.buffer.cache_time_s,
             "too_old": short.count,

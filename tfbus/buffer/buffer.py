@@ -3,19 +3,17 @@
 Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tfbus.buffer.change import Change
-from tfbus.buffer.expired_lookups import ExpiredLookups
+from tfbus.buffer.explain import Freshness
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
-from tfbus.buffer.frame import FrameInfo as FrameInfo
-from tfbus.buffer.freshness import Freshness
+from tfbus.buffer.info import Change, ExpiredLookups, Rejections
+from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
-from tfbus.buffer.rejections import Rejections
 from tfbus.buffer.store import Store
 from tfbus.core.outcome import ALL_STATIC, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
@@ -62,7 +60,7 @@ class Buffer:
     ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
-                f"cache_time_s is {cache_time_s!r}; expected seconds, 0 or more"
+                f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
             )
         self.cache_time_s = cache_time_s
         self._store = Store(cache_time_s, sampling, clock)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable
 from html import escape
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.wording import counted
 
 # A static edge has no rate; tf2 writes this, and readers of its dumps know it.

@@ -6,7 +6,7 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from array import array
 
-from tfbus.buffer.rejections import Rejections
+from tfbus.buffer.info import Rejections
 from tfbus.buffer.tree import Tree
 from tfbus.core import packed
 from tfbus.core.kernel import History, Pose

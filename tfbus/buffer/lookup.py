@@ -7,8 +7,7 @@ import threading
 from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import may_come, why_not
-from tfbus.buffer.freshness import Freshness
+from tfbus.buffer.explain import Freshness, may_come, why_not
 from tfbus.buffer.store import Store
 from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling

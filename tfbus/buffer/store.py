@@ -8,11 +8,9 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from tfbus.buffer.change import Change
-from tfbus.buffer.expired_lookups import ExpiredLookups
 from tfbus.buffer.explain import unknown_frame
+from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.insert_many import BatchInserter
-from tfbus.buffer.rejections import Rejections
 from tfbus.buffer.tree import Tree
 from tfbus.buffer.waiting import Question, Waiters
 from tfbus.core.kernel import Path

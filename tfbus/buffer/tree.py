@@ -6,8 +6,7 @@ Nothing here locks: the buffer holds its lock around every call.
 
 from collections.abc import Iterable
 
-from tfbus.buffer.change import Change, Kind
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import Change, FrameInfo, Kind
 from tfbus.core.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
 from tfbus.core.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
 from tfbus.core.sampling import TF2, Sampling

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import duration
 

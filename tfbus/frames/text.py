@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
 from tfbus.wording import counted, duration

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.core.batch_lookup import by_time
 from tfbus.core.sampling import Sampling
-from tfbus.core.time_order import by_time
 from tfbus.errors import (
     ConnectivityException,
     FutureExtrapolationException,

@@ -15,7 +15,7 @@ from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.core.outcome import ALL_STATIC, NO_DATA
+from tfbus.core.kernel import ALL_STATIC, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from tfbus.buffer.tree import Tree, chain
-from tfbus.core.kernel import History
-from tfbus.core.outcome import ALL_STATIC, NO_DATA
+from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,

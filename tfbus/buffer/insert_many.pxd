@@ -27,7 +27,7 @@ cdef class BatchInserter:
     cdef object _rejected
     cdef dict _tables
 
-    @cython.locals(table=Table, taken=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
+    @cython.locals(table=Table, stored=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
     cdef Py_ssize_t insert(self, Columns columns, bint static, str authority) except -1
     @cython.locals(at=Py_ssize_t)
     cdef Py_ssize_t _append(self, Table table, Columns columns, Py_ssize_t start) except -1

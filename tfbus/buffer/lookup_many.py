@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.store import Store
-from tfbus.core.batch_lookup import fill
+from tfbus.core.batch_lookup import by_time, fill
 from tfbus.core.kernel import Path
 from tfbus.core.sampling import Sampling
-from tfbus.core.time_order import by_time
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 

@@ -13,8 +13,7 @@ from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.insert_many import BatchInserter
 from tfbus.buffer.tree import Tree
 from tfbus.buffer.waiting import Question, Waiters
-from tfbus.core.kernel import Path
-from tfbus.core.outcome import LONGEST_NS
+from tfbus.core.kernel import LONGEST_NS, Path
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import LookupException, TransformException
 from tfbus.geometry.transform import TransformStamped

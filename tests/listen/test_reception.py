@@ -8,8 +8,7 @@ import pytest
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.listen.claims import Ruling
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
 
 S = 10**9
 

@@ -19,8 +19,7 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.listen.claims import Ruling
 from tfbus.listen.epochs import Stragglers
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage
+from tfbus.wire.transforms import TransformMessage, TransformReader
 
 # Of the delay of each message so much goes into the mean.
 _SMOOTHING = 0.1
@@ -417,7 +416,7 @@ class StreamReception:
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where there is none."""
         try:
-            return self.reader.decode(payload)
+            return self.reader.read(payload)
         except DecodeError as error:
             self.reject(error)
             return None
@@ -435,11 +434,11 @@ class DynamicReception:
         """Take one message as it comes."""
         stream = self.stream
         try:
-            columns = stream.reader.read(payload)
+            message = stream.reader.read(payload)
         except DecodeError as error:
             stream.reject(error)
             return
-        epoch_ns = columns.epoch_ns
+        columns, epoch_ns = message.rows, message.epoch_ns
         if not stream.admit(epoch_ns, live=True):
             return
         # First of all, so that no lookup waits for the rest.
@@ -447,8 +446,8 @@ class DynamicReception:
         stamp_ns = columns.last_stamp_ns()
         with stream.lock:
             stream.count(columns.count, len(payload))
-            if columns.seq is not None:
-                self._count_missed(epoch_ns, columns.seq)
+            if message.seq is not None:
+                self._count_missed(epoch_ns, message.seq)
             if stamp_ns is not None:
                 delay_s = (stream.now_ns() - stamp_ns) / 1e9
                 former_s = delay_s if stream.delay_s is None else stream.delay_s

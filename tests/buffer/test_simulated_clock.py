@@ -43,7 +43,7 @@ class InAThread:
 
 
 def waiting(buffer: Buffer) -> bool:
-    """Whether somebody waits for the buffer."""
+    """Whether a lookup waits in the buffer."""
     return len(buffer._store.waiters) > 0
 
 
@@ -123,7 +123,7 @@ def test_what_lies_in_the_future_can_be_forgotten() -> None:
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 9)), st.integers(-1, 10), st.lists(st.integers(0, 9)))
 def test_what_was_forgotten_was_never_there(stamps: list[int], after: int, more: list[int]) -> None:
-    """Cleared after a time, a buffer answers as one that was never told of later ones."""
+    """Cleared after a time, a buffer answers as one that never had later samples."""
     cleared, other = Buffer(), Buffer()
     for stamp in stamps:
         cleared.set_transform(at(stamp, stamp**2))

@@ -25,7 +25,7 @@ def moved(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> TransformSt
 
 
 def waiting(buffer: Buffer, count: int = 1) -> None:
-    """Return when so many wait in the buffer."""
+    """Return when `count` lookups wait in the buffer."""
     eventually(lambda: buffer.waiting >= count)
 
 

@@ -130,7 +130,7 @@ def test_no_transform_at_all_is_an_array_too():
     ],
 )
 def test_what_cannot_be_is_refused(make, says):
-    """An array of another shape is refused, and the one that is wanted named; so is a matrix that
+    """An array of another shape is refused, and the expected one named; so is a matrix that
     is no rigid motion.
     """
     with pytest.raises(InvalidArgumentException, match=says):

@@ -1,4 +1,4 @@
-"""The fast way to read a message of transforms: it finds the same, or leaves it to the other."""
+"""Scanning a message of transforms: it reads what decoding reads, or leaves it to decoding."""
 
 import struct
 from typing import Any
@@ -152,7 +152,7 @@ def test_the_order_of_keys_means_nothing() -> None:
 
 
 def test_the_same_names_are_kept_within_bounds() -> None:
-    """The names of frames are kept from one message to the next, so many and no more."""
+    """The names of frames are kept from one message to the next, up to a limit."""
     tables: dict[bytes, tuple[str, ...]] = {}
     for number in range(5_000):
         message = scan_message(packed(frames=["world", f"turtle{number}", "drone"]), tables)

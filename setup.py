@@ -9,16 +9,17 @@ import sys
 
 from setuptools import Extension, find_packages, setup
 
-# Beside each stands a .pxd file that says its C types.
+# A .pxd file beside each has its C types, if it has any.
 KERNEL = (
     "tfbus.core.kernel",
+    "tfbus.geometry.rotations",
     "tfbus.geometry.transform",
     "tfbus.geometry.columns",
+    "tfbus.wire.scan",
     "tfbus.wire.one_message",
     "tfbus.buffer.tree",
     "tfbus.buffer.insert_many",
     "tfbus.core.batch_lookup",
-    "tfbus.core.time_order",
     "tfbus.buffer.store",
     "tfbus.buffer.lookup",
     "tfbus.buffer.lookup_many",
@@ -30,11 +31,10 @@ HOT = (
     "tfbus.core.kernel",
     "tfbus.buffer.insert_many",
     "tfbus.core.batch_lookup",
-    "tfbus.core.time_order",
 )
 
-# The arithmetic of a pose is many small functions, which are to become one, however large; and no
-# part of it asks errno about a square root. Nothing here changes a result.
+# The arithmetic of a pose is many small functions, which the compiler must inline into one, however
+# large; and none of it needs the errno of a square root. Nothing here changes a result.
 ARITHMETIC = [
     "-O3",
     "-fno-math-errno",
@@ -70,7 +70,7 @@ def kernel_extensions() -> list[Extension]:
         },
     )
     for extension in extensions:
-        # A build without a compiler warns and goes on.
+        # A build without a compiler warns and continues.
         extension.optional = True
     return extensions
 

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcast.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer.buffer import Buffer as Buffer
-    from tfbus.buffer.change import Change as Change
-    from tfbus.buffer.frame import FrameInfo as FrameInfo
+    from tfbus.buffer.info import Change as Change
+    from tfbus.buffer.info import FrameInfo as FrameInfo
     from tfbus.bus.settings import NodeSettings as NodeSettings
     from tfbus.command.options import fleet_options as fleet_options
     from tfbus.command.options import node_options as node_options
@@ -62,12 +62,12 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "Buffer": "tfbus.buffer.buffer",
     "BusError": "tfbus.errors",
-    "Change": "tfbus.buffer.change",
+    "Change": "tfbus.buffer.info",
     "ConnectivityException": "tfbus.errors",
     "DecodeError": "tfbus.errors",
     "ExtrapolationException": "tfbus.errors",
     "Fleet": "tfbus.wire.fleet",
-    "FrameInfo": "tfbus.buffer.frame",
+    "FrameInfo": "tfbus.buffer.info",
     "FrameName": "tfbus.command.types",
     "FutureExtrapolationException": "tfbus.errors",
     "GoalHandle": "tfbus.node.action",

@@ -117,12 +117,12 @@ def deep(edges: int) -> Loop:
 
 
 def samples(count: int) -> Loop:
-    """One edge with so many samples, asked at any stamp of them."""
+    """One edge with `count` samples, at any stamp of them."""
     return _lookups(_chain(1, count), 1, lambda lookups: anywhere(lookups, count))
 
 
 def frames(count: int) -> Loop:
-    """Any two of so many frames."""
+    """Any two of `count` frames."""
     buffer = Buffer()
     for sample in range(2):
         for parent, child in tree(count):

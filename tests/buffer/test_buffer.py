@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.change import Change
+from tfbus.buffer.info import Change
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -128,8 +128,8 @@ def test_edges_that_have_no_time_in_common_are_named():
         buffer.lookup_transform("robot", "camera")
     assert str(caught.value) == (
         "no data for 'world' -> 'robot', sent by 'tester': its newest sample is 8.000 s earlier "
-        "than the oldest that is kept of 'camera', so there is no time that both know; wait for "
-        "it, or keep more (cache_time_s)"
+        "than the oldest of 'camera', so they have no common time; wait for newer ones, or keep "
+        "more (cache_time_s)"
     )
     assert (caught.value.newest_ns, caught.value.authority) == (2 * S, "tester")
     buffer.set_transform(moved(10 * S, "world", "robot", 0.0))
@@ -335,7 +335,7 @@ def test_one_sample_answers_for_its_own_time_only():
     """With one sample there is nothing to interpolate: another time is a kind of its own."""
     buffer = filled(moved(100, "world", "robot", 1.0))
     assert x_at(buffer, 100) == 1.0
-    for stamp, remedy in ((99, "1 ns later; ask for a later time"), (101, "wait for another")):
+    for stamp, remedy in ((99, "1 ns later; query a later time"), (101, "wait for another")):
         with pytest.raises(SingleSampleException, match=remedy):
             buffer.lookup_transform("world", "robot", stamp)
 
@@ -343,7 +343,7 @@ def test_one_sample_answers_for_its_own_time_only():
 def test_no_lookup_waits_for_what_lies_before_the_only_sample():
     """Older samples do not come: a lookup that would wait fails at once."""
     buffer = filled(moved(1000 * S, "world", "robot", 1.0))
-    with pytest.raises(SingleSampleException, match=r"995\.000 s later; ask for a later"):
+    with pytest.raises(SingleSampleException, match=r"995\.000 s later; query a later"):
         buffer.lookup_transform("world", "robot", 5 * S, timeout_s=30.0)
 
 

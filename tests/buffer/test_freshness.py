@@ -52,8 +52,8 @@ def test_the_age_of_an_edge_is_that_of_its_newest_sample(buffer: Buffer) -> None
     assert buffer.can_transform("world", "camera")
 
 
-def test_what_is_stale_is_told_with_its_facts(buffer: Buffer) -> None:
-    """The error names the edge, who sent it, how old it is, and what to do."""
+def test_a_stale_lookup_says_which_edge_is_stale(buffer: Buffer) -> None:
+    """The error names the edge, its publisher, its age, and what to do."""
     with pytest.raises(StaleException) as caught:
         buffer.lookup_transform("world", "camera", max_age_s=0.5)
     error = caught.value
@@ -108,7 +108,7 @@ def test_a_new_publisher_brings_a_frame_back(buffer: Buffer) -> None:
 
 
 def test_events_tell_who_is_gone_and_who_is_back(buffer: Buffer) -> None:
-    """Each frame is told of once, when its publisher goes and when it comes back."""
+    """Each frame is reported once when its publisher goes, and once when it comes back."""
     changes: list[Change] = []
     buffer.on_change(changes.append)
     for gone in (True, True, False, False):

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.core.batch_lookup import by_time
 from tfbus.core.sampling import Sampling
-from tfbus.core.time_order import by_time
 from tfbus.errors import (
     ConnectivityException,
     FutureExtrapolationException,
@@ -108,7 +108,7 @@ def test_the_arrays_know_matrices_inverses_and_points():
 
 
 def test_one_stamp_out_of_range_fails_all_of_them():
-    """Unless the caller asks for those that are known, and a mask of which they are."""
+    """Unless the caller asks for the known ones, and a mask of which they are."""
     buffer = arm(1.0)
     stamps = np.array([0, S // 2, S + 1])
     with pytest.raises(FutureExtrapolationException) as caught:

@@ -82,7 +82,7 @@ def test_a_frame_that_was_reparented_once_is_answered_along_one_path_again():
     with pytest.raises(ExtrapolationException):
         buffer.lookup_transform("world", "robot", 100 * MS)
     assert buffer.lookup_transform("world", "robot", 170 * MS).transform.xyz[0] == 170
-    assert buffer._tree.frames["robot"].parents is None
+    assert buffer._store.tree.frames["robot"].parents is None
 
 
 def chain() -> Buffer:

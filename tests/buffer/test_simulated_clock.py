@@ -43,8 +43,8 @@ class InAThread:
 
 
 def waiting(buffer: Buffer) -> bool:
-    """Whether somebody waits for the buffer."""
-    return len(buffer._waiters) > 0
+    """Whether a lookup waits in the buffer."""
+    return len(buffer._store.waiters) > 0
 
 
 def test_a_timeout_is_in_simulated_seconds() -> None:
@@ -60,7 +60,7 @@ def test_a_timeout_is_in_simulated_seconds() -> None:
     error = lookup.result()
     assert isinstance(error, TimeoutException)
     assert isinstance(error.reason, LookupException)
-    assert str(error).startswith("waited 5 s in vain: ")
+    assert str(error).startswith("timed out after 5 s: ")
 
 
 def test_a_lookup_under_a_clock_that_stands_is_woken_by_data() -> None:
@@ -123,7 +123,7 @@ def test_what_lies_in_the_future_can_be_forgotten() -> None:
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 9)), st.integers(-1, 10), st.lists(st.integers(0, 9)))
 def test_what_was_forgotten_was_never_there(stamps: list[int], after: int, more: list[int]) -> None:
-    """Cleared after a time, a buffer answers as one that was never told of later ones."""
+    """Cleared after a time, a buffer answers as one that never had later samples."""
     cleared, other = Buffer(), Buffer()
     for stamp in stamps:
         cleared.set_transform(at(stamp, stamp**2))

@@ -7,6 +7,7 @@ import pytest
 
 from tests.live_bus import eventually, somebody_waits
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.lookup import Lookup as Question
 from tfbus.buffer.waiting import Waiter
 from tfbus.errors import (
     FutureExtrapolationException,
@@ -24,7 +25,7 @@ def moved(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> TransformSt
 
 
 def waiting(buffer: Buffer, count: int = 1) -> None:
-    """Return when so many wait in the buffer."""
+    """Return when `count` lookups wait in the buffer."""
     eventually(lambda: buffer.waiting >= count)
 
 
@@ -132,15 +133,15 @@ def test_only_edges_of_the_path_wake_a_waiter():
         buffer.set_transform(moved(S, "world", child))
     woken: list[int] = []
     waiter = Waiter(lambda: woken.append(1))
-    buffer._waiters.add(waiter)
-    buffer._watch(waiter, (("world", "robot", 5 * S),))
+    buffer._store.waiters.add(waiter)
+    Question(buffer._store, (("world", "robot", 5 * S),)).watch(waiter)
     buffer.set_transform(moved(6 * S, "world", "other"))
     buffer.set_transform(moved(4 * S, "world", "robot"))
     buffer.set_transform(moved(6 * S, "robot", "new"))
     assert woken == []
     buffer.set_transform(moved(5 * S, "world", "robot"))
     assert woken == [1]
-    buffer._waiters.discard(waiter)
+    buffer._store.waiters.discard(waiter)
 
 
 def test_a_new_parent_on_the_path_wakes_a_waiter():

@@ -1,4 +1,4 @@
-"""What is asked of a buffer can be watched, by whoever is to fill it."""
+"""The pairs of frames that are looked up can be watched, to fill the buffer with them."""
 
 import pytest
 
@@ -38,7 +38,7 @@ def test_a_pair_that_cannot_be_answered_is_told_at_once_and_once() -> None:
 
 
 def test_every_kind_of_question_is_told() -> None:
-    """Lookups at two times, of many stamps, of times, paths and velocities are told as well."""
+    """Lookups at two times, of many stamps, of times, paths and velocities are reported as well."""
     buffer = Buffer()
     asked = watched(buffer)
     buffer.can_transform("a", "can")
@@ -73,7 +73,7 @@ def test_a_pair_that_is_answered_is_told_with_the_next_insert() -> None:
     assert asked == [("map", "base")]
 
 
-def test_who_watches_may_fill_the_buffer() -> None:
+def test_a_watcher_may_fill_the_buffer() -> None:
     """The watcher is called without the lock: what it inserts is there for the lookup."""
     buffer = Buffer()
     buffer.watch_questions(lambda target, source: buffer.set_transform(edge(target, source)))
@@ -91,11 +91,11 @@ def test_a_watcher_that_fails_fails_alone(caplog: pytest.LogCaptureFixture) -> N
     asked = watched(buffer)
     assert not buffer.can_transform("map", "base")
     assert asked == [("map", "base")]
-    assert "a watcher of questions failed" in caplog.text
+    assert "A watcher of questions failed" in caplog.text
 
 
 def test_watching_ends() -> None:
-    """Nobody is told any more once the watch has ended; ending it twice is fine."""
+    """The callback is not called once the watch has ended; ending it twice is fine."""
     buffer = Buffer()
     asked: list[Pair] = []
     end = buffer.watch_questions(lambda target, source: asked.append((target, source)))
@@ -107,7 +107,7 @@ def test_watching_ends() -> None:
 
 
 def test_pairs_can_be_told_again() -> None:
-    """After `ask_again` each pair is told once more, if it is asked for once more."""
+    """After `ask_again` each pair is reported once more, at its next lookup."""
     buffer = Buffer()
     buffer.set_transform(edge("map", "base"))
     asked = watched(buffer)
@@ -118,7 +118,7 @@ def test_pairs_can_be_told_again() -> None:
     assert asked == [("map", "base"), ("map", "camera"), ("map", "base")]
 
 
-def test_whoever_fills_the_buffer_may_say_why_a_frame_is_missing() -> None:
+def test_a_watcher_may_say_why_a_frame_is_missing() -> None:
     """The watcher's own error stands for that of a frame that is unknown or not connected."""
     buffer = Buffer()
     buffer.set_transform(edge("map", "base"))
@@ -129,7 +129,7 @@ def test_whoever_fills_the_buffer_may_say_why_a_frame_is_missing() -> None:
         buffer.lookup_transform("map", "camera")
     with pytest.raises(ConnectivityException, match=r"^far away$"):
         buffer.lookup_transform("map", "arm")
-    with pytest.raises(LookupException, match=r"^there is no frame 'tool'; known are"):
+    with pytest.raises(LookupException, match=r"^there is no frame 'tool'; there are"):
         buffer.lookup_transform("map", "tool")
-    with pytest.raises(TimeoutException, match=r"waited 0\.01 s in vain: on its way"):
+    with pytest.raises(TimeoutException, match=r"timed out after 0\.01 s: on its way"):
         buffer.lookup_transform("map", "camera", timeout_s=0.01)

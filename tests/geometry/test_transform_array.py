@@ -110,9 +110,12 @@ def test_no_transform_at_all_is_an_array_too():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: TransformArray.exp([1.0] * 6), r"twists have shape \(6,\); \(N, 6\) is wanted"),
-        (lambda: TransformArray.from_matrix(np.eye(4)), r"shape \(4, 4\); \(N, 4, 4\) is wanted"),
-        (lambda: TransformArray.from_matrix([np.eye(4), -np.eye(4)]), "the last row of a rigid"),
+        (lambda: TransformArray.exp([1.0] * 6), r"twists: expected shape \(N, 6\), got \(6,\)"),
+        (
+            lambda: TransformArray.from_matrix(np.eye(4)),
+            r"expected shape \(N, 4, 4\), got \(4, 4\)",
+        ),
+        (lambda: TransformArray.from_matrix([np.eye(4), -np.eye(4)]), "the last row of the matrix"),
         (lambda: TransformArray.from_matrix([np.full((4, 4), np.nan)]), "last row"),
         (lambda: TransformArray.from_matrix([moved_infinitely]), "finite"),
         (lambda: TransformArray.from_rpy([(0, 0, 0), (0, np.nan, 0)]), "finite"),
@@ -122,12 +125,12 @@ def test_no_transform_at_all_is_an_array_too():
         ),
         (
             lambda: TransformArray.from_rpy([(0, 0, 0)], xyz=[(0, 0, 0)] * 2),
-            r"xyz has shape \(2, 3\)",
+            r"got \(2, 3\)",
         ),
     ],
 )
 def test_what_cannot_be_is_refused(make, says):
-    """An array of another shape is refused, and the one that is wanted named; so is a matrix that
+    """An array of another shape is refused, and the expected one named; so is a matrix that
     is no rigid motion.
     """
     with pytest.raises(InvalidArgumentException, match=says):

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformReader
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
 S = 10**9

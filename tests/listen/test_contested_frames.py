@@ -9,8 +9,7 @@ from tfbus.listen.claims import Rule
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
 
 
 def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:

@@ -8,8 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
 
 S = 10**9
 CHILDREN = st.frozensets(st.sampled_from(["a", "b", "c", "d"]))

@@ -10,7 +10,7 @@ from tfbus.listen.reception import DynamicReception, StaticReception, StreamRece
 from tfbus.listen.registry import Registry
 from tfbus.listen.watch import StreamState
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformReader
 
 
 class Met:

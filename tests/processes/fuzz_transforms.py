@@ -23,10 +23,14 @@ import msgpack
 
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns, find_columns
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
+from tfbus.wire.scan import scan_message
+from tfbus.wire.transforms import (
+    TransformMessage,
+    TransformReader,
+    decode_transforms,
+    encode_transforms,
+)
 
 S = 10**9
 # What is sent to one buffer before it is examined as a whole, and another takes its place.
@@ -244,15 +248,15 @@ class Target:
 
     def _reason(self, payload: bytes) -> str | None:
         """Why it is refused, None where it is read; and the fast way agrees."""
-        columns = find_columns(payload, {})
+        found = scan_message(payload, {})
         try:
             message = decode_transforms(payload)
         except DecodeError as error:
-            assert columns is None, "the fast way reads what is to be refused"
+            assert found is None, "the fast way reads what is to be refused"
             return str(error)
-        if columns is not None:
+        if found is not None:
             self.fast += 1
-            _check_equal(columns, message)
+            _check_equal(found, message)
         return None
 
     def examine(self) -> None:
@@ -281,9 +285,9 @@ class Target:
         return [*frames, self.buffer.lookup_transform("sane_root", "sane_tool", S)]
 
 
-def _check_equal(columns: Columns, message: TransformMessage) -> None:
-    batch, found = message.batch, columns.as_batch()
-    assert (columns.epoch_ns, columns.seq) == (message.epoch_ns, message.seq)
+def _check_equal(scanned: TransformMessage, message: TransformMessage) -> None:
+    batch, found = message.batch, scanned.batch
+    assert (scanned.epoch_ns, scanned.seq) == (message.epoch_ns, message.seq)
     assert found.frames == batch.frames
     for one, other in (
         (found.edges, batch.edges),

@@ -54,7 +54,7 @@ def test_timeouts_are_in_simulated_seconds(bus: Bus) -> None:
     buffer = Buffer(clock=node.clock)
     assert node.wait_for_clock(DEADLINE_S)
     began_ns, began_s = node.now_ns(), time.monotonic()
-    with pytest.raises(TimeoutException, match="waited 100 s in vain"):
+    with pytest.raises(TimeoutException, match="timed out after 100 s"):
         buffer.lookup_transform("map", "nowhere", timeout_s=100.0)
     assert node.now_ns() - began_ns >= 100 * SECOND
     assert time.monotonic() - began_s < 50.0

@@ -1,4 +1,4 @@
-"""The fast way to read a message of transforms: it finds the same, or leaves it to the other."""
+"""Scanning a message of transforms: it reads what decoding reads, or leaves it to decoding."""
 
 import struct
 from typing import Any
@@ -10,32 +10,35 @@ from hypothesis import strategies as st
 
 from tests.wire.test_transforms import EPOCH_NS, SAMPLE, messages, poses, rows
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
-from tfbus.geometry.columns import Columns, find_columns
-from tfbus.wire.transform_reader import TransformReader
-from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
+from tfbus.geometry.columns import Columns
+from tfbus.wire.scan import scan_message
+from tfbus.wire.transforms import (
+    TransformMessage,
+    TransformReader,
+    decode_transforms,
+    encode_transforms,
+)
 
-Told = tuple[int, int | None, tuple[str, ...], bytes, bytes, bytes]
+Contents = tuple[int, int | None, tuple[str, ...], bytes, bytes, bytes]
 
 
 frames_of_edges = st.sampled_from([("world", "turtle1"), ("turtle1", "drone"), ("a", "world")])
 
 
-def told_by_arrays(payload: bytes) -> Told | None:
-    """All that `decode_transforms` tells of a message, to the last bit; None where it refuses."""
+def decoded(payload: bytes) -> Contents | None:
+    """What `decode_transforms` reads in a payload; None where it refuses it."""
     try:
         message = decode_transforms(payload)
     except DecodeError:
         return None
+    return contents(message)
+
+
+def contents(message: TransformMessage) -> Contents:
+    """All that a message says, to the last bit."""
     batch = message.batch
     columns = (batch.edges.tobytes(), batch.stamps_ns.tobytes(), batch.poses.tobytes())
     return message.epoch_ns, message.seq, batch.frames, *columns
-
-
-def told_by_columns(columns: Columns) -> Told:
-    """The same of columns."""
-    batch = columns.as_batch()
-    arrays = (batch.edges.tobytes(), batch.stamps_ns.tobytes(), batch.poses.tobytes())
-    return columns.epoch_ns, columns.seq, columns.frames, *arrays
 
 
 def packed(**changed: Any) -> bytes:
@@ -48,10 +51,10 @@ def packed(**changed: Any) -> bytes:
 def test_what_tfbus_writes_is_found(message: TransformMessage) -> None:
     """Every message that tfbus writes is read the fast way, to the same bits."""
     payload = encode_transforms(message)
-    columns = find_columns(payload, {})
-    assert columns is not None
-    assert told_by_columns(columns) == told_by_arrays(payload)
-    assert rows(columns.as_batch()) == rows(message.batch)
+    found = scan_message(payload, {})
+    assert found is not None
+    assert contents(found) == decoded(payload)
+    assert rows(found.batch) == rows(message.batch)
 
 
 @given(messages(), st.data())
@@ -69,21 +72,21 @@ def test_what_is_found_in_spoilt_bytes_is_what_they_say(
             data.draw(st.binary(max_size=12) | st.just(bytes(spoilt[at : at + length]) * 2))
             or b"\x00"
         )
-    columns = find_columns(bytes(spoilt), {})
-    if columns is not None:
-        assert told_by_columns(columns) == told_by_arrays(bytes(spoilt))
+    found = scan_message(bytes(spoilt), {})
+    if found is not None:
+        assert contents(found) == decoded(bytes(spoilt))
 
 
 @given(st.binary(max_size=200))
 def test_random_bytes_are_found_nothing_in(payload: bytes) -> None:
     """Random bytes are no message by the fast way, unless the other way reads it too."""
-    columns = find_columns(payload, {})
-    assert columns is None or told_by_columns(columns) == told_by_arrays(payload)
+    message = scan_message(payload, {})
+    assert message is None or contents(message) == decoded(payload)
 
 
 def test_a_message_that_was_cut_off_is_left_to_the_other_way() -> None:
     """A message that ends too early is not found, wherever it ends."""
-    assert not any(find_columns(SAMPLE[:length], {}) for length in range(len(SAMPLE)))
+    assert not any(scan_message(SAMPLE[:length], {}) for length in range(len(SAMPLE)))
 
 
 @pytest.mark.parametrize(
@@ -115,7 +118,7 @@ def test_a_message_that_was_cut_off_is_left_to_the_other_way() -> None:
 )
 def test_what_is_unusual_is_left_to_the_other_way(payload: bytes) -> None:
     """A message with anything unusual in it is not found; the other way reads or refuses it."""
-    assert find_columns(payload, {}) is None
+    assert scan_message(payload, {}) is None
 
 
 @pytest.mark.parametrize(
@@ -135,31 +138,31 @@ def test_what_is_unusual_is_left_to_the_other_way(payload: bytes) -> None:
 )
 def test_lengths_of_every_size_are_read(payload: bytes) -> None:
     """Texts, lists and columns of any length are found."""
-    columns = find_columns(payload, {})
-    assert columns is not None
-    assert told_by_columns(columns) == told_by_arrays(payload)
+    message = scan_message(payload, {})
+    assert message is not None
+    assert contents(message) == decoded(payload)
 
 
 def test_the_order_of_keys_means_nothing() -> None:
     """A message with its keys in another order is found as well."""
     payload = msgpack.packb(dict(reversed(msgpack.unpackb(SAMPLE).items())))
-    columns = find_columns(payload, {})
-    assert columns is not None
-    assert told_by_columns(columns) == told_by_arrays(SAMPLE)
+    message = scan_message(payload, {})
+    assert message is not None
+    assert contents(message) == decoded(SAMPLE)
 
 
 def test_the_same_names_are_kept_within_bounds() -> None:
-    """The names of frames are kept from one message to the next, so many and no more."""
+    """The names of frames are kept from one message to the next, up to a limit."""
     tables: dict[bytes, tuple[str, ...]] = {}
     for number in range(5_000):
-        columns = find_columns(packed(frames=["world", f"turtle{number}", "drone"]), tables)
-        assert columns is not None
-        assert columns.frames[1] == f"turtle{number}"
+        message = scan_message(packed(frames=["world", f"turtle{number}", "drone"]), tables)
+        assert message is not None
+        assert message.rows.frames[1] == f"turtle{number}"
     assert len(tables) < 2_000
-    again = find_columns(packed(frames=["world", "turtle4999", "drone"]), tables)
+    again = scan_message(packed(frames=["world", "turtle4999", "drone"]), tables)
     assert again is not None
-    assert again.frames is columns.frames
-    find_columns(packed(frames=["world", "turtle1", "d" * 70_000]), tables)
+    assert again.rows.frames is message.rows.frames
+    scan_message(packed(frames=["world", "turtle1", "d" * 70_000]), tables)
     assert max(map(len, tables)) < 20_000
 
 
@@ -167,8 +170,8 @@ def test_names_that_are_no_text_are_not_kept() -> None:
     """What is refused once is refused again."""
     tables: dict[bytes, tuple[str, ...]] = {}
     spoilt = SAMPLE.replace(b"world", b"worl\xff")
-    assert find_columns(spoilt, tables) is None
-    assert find_columns(spoilt, tables) is None
+    assert scan_message(spoilt, tables) is None
+    assert scan_message(spoilt, tables) is None
     assert not tables
 
 
@@ -184,10 +187,10 @@ def test_a_reader_refuses_as_decoding_does() -> None:
 
 def test_a_reader_reads_what_a_later_version_adds_to() -> None:
     """A message with keys that we do not know is read without them."""
-    columns = TransformReader().read(packed(covariance=b"...", seq=5))
-    assert columns.seq == 5
-    assert columns.epoch_ns == EPOCH_NS
-    assert told_by_columns(columns) == told_by_arrays(packed(seq=5))
+    message = TransformReader().read(packed(covariance=b"...", seq=5))
+    assert message.seq == 5
+    assert message.epoch_ns == EPOCH_NS
+    assert contents(message) == decoded(packed(seq=5))
 
 
 @given(st.lists(poses, min_size=1, max_size=5), st.booleans())
@@ -203,8 +206,8 @@ def test_a_buffer_takes_columns_as_it_takes_a_batch(
     )
     one, other = Buffer(), Buffer()
     taken = one.set_transforms(decode_transforms(payload).batch, static=static, authority="sim")
-    columns = TransformReader().read(payload)
-    assert other.set_transforms(columns, static=static, authority="sim") == taken
+    message = TransformReader().read(payload)
+    assert other.set_transforms(message.rows, static=static, authority="sim") == taken
     assert other.rejected == one.rejected
     assert other.all_frames() == one.all_frames()
 
@@ -212,8 +215,8 @@ def test_a_buffer_takes_columns_as_it_takes_a_batch(
 def test_the_last_stamp_is_that_of_the_last_row() -> None:
     """Columns tell the stamp of their last row, and None where they have none."""
     reader = TransformReader()
-    assert reader.read(packed(stamps=struct.pack("<2q", -5, 7))).last_stamp_ns() == 7
-    assert reader.read(packed(edges=b"", stamps=b"", poses=b"")).last_stamp_ns() is None
+    assert reader.read(packed(stamps=struct.pack("<2q", -5, 7))).rows.last_stamp_ns() == 7
+    assert reader.read(packed(edges=b"", stamps=b"", poses=b"")).rows.last_stamp_ns() is None
 
 
 @given(st.lists(st.tuples(frames_of_edges, st.integers(-(10**18), 10**18)), max_size=6))
@@ -227,5 +230,5 @@ def test_transforms_become_the_same_columns_as_a_batch(
     ]
     made = Columns.of_transforms(transforms)
     batch = TransformBatch.from_transforms(transforms)
-    assert told_by_columns(made) == told_by_columns(Columns.of_batch(batch))
+    assert contents(TransformMessage(made, 0)) == contents(TransformMessage(batch, 0))
     assert made.stamps_ns().tolist() == batch.stamps_ns.tolist()

@@ -159,8 +159,8 @@ def test_a_missing_key_is_refused(missing: str) -> None:
         ("edges", b"\0" * 12, "'edges' is not bytes in rows of 8"),
         ("stamps", b"\0" * 9, "'stamps' is not bytes in rows of 8"),
         ("poses", b"\0" * 55, "'poses' is not bytes in rows of 56"),
-        ("poses", b"\0" * 56, "poses has shape (1, 7); (2, 7) is wanted, as there are 2 stamps"),
-        ("stamps", b"", "edges has shape (2, 2); (0, 2) is wanted, as there are 0 stamps"),
+        ("poses", b"\0" * 56, "poses: expected shape (2, 7), as there are 2 stamps, got (1, 7)"),
+        ("stamps", b"", "edges: expected shape (0, 2), as there are 0 stamps, got (2, 2)"),
         ("frames", ["world"], "an edge names frame 2, but there are only 1 frames"),
         (
             "edges",

@@ -3,9 +3,8 @@
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
-from tfbus.wire.transforms import decode_transforms, encode_transforms
+from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Key and payload of a message; or None and the name of a frame that was removed then.
 Entry = tuple[str | None, bytes]
@@ -83,7 +82,9 @@ def _without(payload: bytes, removed: set[bytes]) -> bytes:
         return payload
     message = decode_transforms(payload)
     batch = message.batch.without(named)
-    return encode_transforms(replace(message, batch=batch)) if len(batch) else b""
+    if not len(batch):
+        return b""
+    return encode_transforms(TransformMessage(batch, message.epoch_ns, message.seq))
 
 
 def _ns(seconds: float) -> int:

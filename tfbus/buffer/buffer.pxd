@@ -1,7 +1,13 @@
-from tfbus.buffer.lookup_many cimport Filling
+from tfbus.buffer.lookup cimport Lookup
+from tfbus.buffer.store cimport Store
 from tfbus.core.kernel cimport Path
+from tfbus.geometry.columns cimport Columns
 
+cdef object TF2
 cdef long long ALL_STATIC, NO_DATA
 
-cdef class Buffer(Filling):
-    pass
+cdef class Buffer:
+    cdef readonly double cache_time_s
+    cdef readonly object sampling
+    cdef readonly Store _store
+    cdef object __weakref__

@@ -1,64 +1,234 @@
 """The buffer: the last seconds of every frame, and the transform between any two at any time.
 
-One of the modules that are compiled where there is a C compiler (`buffer.pxd` says the C types).
+Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tfbus.buffer.explain import Freshness
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
-from tfbus.buffer.frame import FrameInfo as FrameInfo
-from tfbus.buffer.freshness import Freshness
-from tfbus.buffer.lookup_many import Filling
-from tfbus.core.outcome import ALL_STATIC, NO_DATA
-from tfbus.core.sampling import Sampling
+from tfbus.buffer.info import Change, ExpiredLookups, Rejections
+from tfbus.buffer.info import FrameInfo as FrameInfo
+from tfbus.buffer.lookup import Lookup
+from tfbus.buffer.lookup_many import lookup_many
+from tfbus.buffer.store import Store
+from tfbus.core.kernel import ALL_STATIC, NO_DATA
+from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray, rotate
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
+from tfbus.runtime.clock import SYSTEM_CLOCK
 
 try:
     import cython
 except ImportError:
     from tfbus.core import cython_stub as cython
 
-# Whether this kernel is compiled, or interpreted.
+# Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
 
 
-class Buffer(Filling):
+class Buffer:
     """The transforms of the last `cache_time_s` seconds, by their own stamps.
 
-    What is set becomes an edge from parent to child; a lookup follows the edges between two
+    `set_transform` stores an edge from parent to child; a lookup follows the edges between two
     frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
     unless `sampling` says otherwise.
 
     Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
-    `rejected` counts the rows of batches that could not be taken, by their reason; `shortfall`
-    the lookups that it was too short for.
+    `clock` returns the time, in nanoseconds since the Unix epoch, and decides the age of samples.
+    Where it is simulated (`node.clock`), timeouts count its seconds, and real ones otherwise. A
+    TransformListener gives the buffer its node's clock, unless it has another.
 
-    `clock` says what time it is, in nanoseconds since the Unix epoch, where the age of a sample
-    matters. Where it is simulated (`node.clock`), timeouts count its seconds, and real ones
-    otherwise. A TransformListener gives the buffer its node's clock, unless it has another.
+    Raises InvalidArgumentException for a `cache_time_s` below 0.
     """
+
+    def __init__(
+        self,
+        cache_time_s: float = 10.0,
+        *,
+        sampling: Sampling = TF2,
+        clock: Callable[[], int] = SYSTEM_CLOCK,
+    ) -> None:
+        if not cache_time_s >= 0.0:
+            raise InvalidArgumentException(
+                f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
+            )
+        self.cache_time_s = cache_time_s
+        self._store = Store(cache_time_s, sampling, clock)
+        self.sampling = self._store.sampling
+
+    @property
+    def clock(self) -> Callable[[], int]:
+        """Returns the time in nanoseconds since the Unix epoch; can be set."""
+        return self._store.clock
+
+    @clock.setter
+    def clock(self, clock: Callable[[], int]) -> None:
+        self._store.clock = clock
+
+    @property
+    def rejected(self) -> Rejections:
+        """Counts the rows of batches that were not stored, by reason."""
+        return self._store.rejected
+
+    @property
+    def expired_lookups(self) -> ExpiredLookups:
+        """Counts lookups older than the cache."""
+        return self._store.expired_lookups
+
+    @property
+    def waiting(self) -> int:
+        """How many lookups wait in it now."""
+        return len(self._store.waiters)
+
+    # Filling it
+
+    def set_transform(
+        self, transform: TransformStamped, *, static: bool = False, authority: str = ""
+    ) -> bool:
+        """Store one transform; a static one holds at all times.
+
+        False where it is older than the newest of its child frame by more than the cache time.
+        One that repeats a stamp replaces the former; where it differs, that is a conflict, which
+        is counted and passed to `on_change`. Raises InvalidArgumentException for a frame that is
+        its own parent, LoopException for an edge that would close a loop; then nothing has changed.
+        """
+        with self._store.lock:
+            stored = self._store.insert(transform, static, authority)
+        tree = self._store.tree
+        if tree.touched or tree.news or tree.unreported:
+            self._store.notify()
+        return stored
+
+    def set_transforms(
+        self, batch: TransformBatch | Columns, *, static: bool = False, authority: str = ""
+    ) -> int:
+        """Store the rows of a batch; how many were stored.
+
+        A row that cannot be stored harms none of the others: it is counted in `rejected`, by its
+        reason.
+        """
+        columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
+        with self._store.lock:
+            stored = self._store.inserter.insert(columns, static, authority)
+        tree = self._store.tree
+        if tree.touched or tree.news or tree.unreported:
+            self._store.notify()
+        return stored
+
+    def clear(self, *, after_ns: int | None = None) -> None:
+        """Forget all samples, or those later than `after_ns`; static transforms stay, and so do
+        the names of all frames.
+
+        A frame whose parent has changed within the cache time, and that has samples later than
+        `after_ns`, loses its earlier ones, too.
+        """
+        with self._store.lock:
+            if after_ns is None:
+                self._store.tree.clear()
+            else:
+                self._store.tree.clear_after(after_ns)
+        self._store.waiters.wake_all()
 
     def remove(self, frame: str) -> None:
         """Forget a frame's place in its parent, static or not, and its history.
 
-        Frames below it stay, and it stays as their root. Raises LookupException where it is not
-        known.
+        Frames below it stay, and it stays as their root. Raises LookupException for an unknown
+        frame.
         """
-        with self._lock:
-            known = self._tree.remove(frame)
+        with self._store.lock:
+            known = self._store.tree.remove(frame)
         if not known:
-            raise self._unknown(frame)
-        self._waiters.wake_all()
-        if self._tree.news:
-            self._announce()
+            raise self._store.unknown_frame(frame)
+        self._store.waiters.wake_all()
+        if self._store.tree.news:
+            self._store.notify()
+
+    # What a listener learns about publishers
+
+    def sent_by(self, authority: str) -> dict[str, int]:
+        """The frames whose last transform this authority sent, and how many samples of each are
+        held, of a static one 0.
+        """
+        with self._store.lock:
+            return self._store.tree.sent_by(authority)
+
+    def forget(self, authority: str, frames: Iterable[str] | None = None) -> None:
+        """Forget the samples of the frames that this authority sent last, because it restarted;
+        static transforms stay. With `frames` only of these.
+        """
+        with self._store.lock:
+            self._store.tree.forget(authority, frames)
+        self._store.waiters.wake_all()
+
+    def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
+        """Note that the publisher of those of the frames that it sent last is gone, or back."""
+        with self._store.lock:
+            self._store.tree.mark_gone(frames, gone, authority)
+        self._store.notify()
+
+    def remove_sent(self, frames: Iterable[str], authority: str) -> None:
+        """Remove those of the frames that this authority sent last, as `remove` does."""
+        with self._store.lock:
+            for frame in frames:
+                self._store.tree.remove_sent(frame, authority)
+        self._store.waiters.wake_all()
+        self._store.notify()
+
+    def expect_past(self, authority: str) -> Callable[[], None]:
+        """Let lookups with a timeout wait for times before the first sample of a frame that this
+        authority sent last; call what it returns when the past has arrived.
+        """
+        return self._store.expect_past(authority)
+
+    # Notifying
+
+    def on_change(self, listener: Callable[[Change], None]) -> Callable[[], None]:
+        """Call the listener with each change from now on; call what it returns to end that.
+
+        It is called in the thread that inserts, without the lock, one change after another; it
+        may use the buffer. What it raises is logged.
+        """
+        return self._store.on_change(listener)
+
+    def tell(self, change: Change) -> None:
+        """Pass a change that was noticed elsewhere to the listeners of `on_change`."""
+        with self._store.lock:
+            if self._store.tree.news is not None:
+                self._store.tree.news.append(change)
+        self._store.notify()
+
+    def watch_questions(
+        self,
+        callback: Callable[[str, str], object],
+        explain: Callable[[str, str], TransformException | None] = lambda target, source: None,
+    ) -> Callable[[], None]:
+        """Call `callback(target, source)` once for each pair of frames that is looked up from now
+        on; call what it returns to end that.
+
+        It is called without the lock, in the thread that looks up and before it waits. A pair that
+        can be answered at once is reported at the next insert, or the next lookup that cannot be
+        answered; so other lookups stay as fast. Where frames are unknown or not connected,
+        `explain(target, source)` may return a better error.
+        """
+        return self._store.watch_questions(callback, explain)
+
+    def ask_again(self) -> None:
+        """Call those who watch questions once more for each pair, at its next lookup; for lookups
+        that wait that is now.
+        """
+        with self._store.lock:
+            self._store.tree.ask_again()
+        self._store.waiters.wake_all()
 
     # Looking up
 
@@ -76,38 +246,36 @@ class Buffer(Filling):
         """The transform that takes data in `source_frame` into `target_frame`.
 
         So: the pose of the source seen from the target, at the stamp; None is the latest time
-        that every edge between the two has come to. Of static edges alone that is 0.
+        for which every edge between the two has data, which is 0 if all of them are static.
 
-        Waits for at most `timeout_s` seconds for what may still come. Raises
-        InvalidArgumentException for a name that cannot be, LookupException for one that is not
-        known, ConnectivityException where no path joins them, a kind of ExtrapolationException
-        where the time is outside of what is known; and TimeoutException after waiting, with the
-        reason in it.
+        Waits at most `timeout_s` seconds for data that may still arrive. Raises
+        InvalidArgumentException for a malformed name, LookupException for an unknown frame,
+        ConnectivityException where no path joins the two, a kind of ExtrapolationException where
+        the stamp is outside the samples; and TimeoutException after waiting, with the reason.
 
-        With `max_age_s` the newest sample of each edge that moves is to be no older, and with
-        `living` the publisher of each edge is to be there: StaleException where it is not so.
+        With `max_age_s` the newest sample of each dynamic edge must be no older, and with `living`
+        no edge's publisher may be gone; otherwise StaleException.
         """
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
-        if max_age_s is not None or living:
-            fresh = Freshness(max_age_s, living)
-            question = (target_frame, source_frame, stamp_ns)
-            return self._wait((question,), timeout_s, sampling, fresh)[0]
-        try:
-            with self._lock:
-                answer = self._tree.answer(
-                    target_frame,
-                    source_frame,
-                    stamp_ns,
-                    self.sampling if sampling is None else sampling,
-                )
-        except OverflowError:
-            check_stamp(stamp_ns)
-            raise
-        if answer is None:
-            question = (target_frame, source_frame, stamp_ns)
-            answer = self._wait((question,), timeout_s, sampling)[0]
-        return answer
+        if max_age_s is None and not living:
+            # Nearly every lookup ends here, so nothing is made for it but its answer.
+            try:
+                with self._store.lock:
+                    answer = self._store.tree.answer(
+                        target_frame,
+                        source_frame,
+                        stamp_ns,
+                        self.sampling if sampling is None else sampling,
+                    )
+            except OverflowError:
+                check_stamp(stamp_ns)
+                raise
+            if answer is not None:
+                return answer
+        question = (target_frame, source_frame, stamp_ns)
+        fresh = _freshness(max_age_s, living)
+        return Lookup(self._store, (question,), sampling, fresh).wait(timeout_s)[0]
 
     def lookup_transform_full(
         self,
@@ -122,14 +290,14 @@ class Buffer(Filling):
     ) -> TransformStamped:
         """The source as it was at one time, seen from the target at another.
 
-        `fixed_frame` is one that does not move in between. The answer has the target's stamp.
+        `fixed_frame` is one that stands still in between. The answer has the target's stamp.
         Waits and raises as `lookup_transform`.
         """
         questions = (
             (fixed_frame, source_frame, _stamp(source_stamp_ns)),
             (target_frame, fixed_frame, _stamp(target_stamp_ns)),
         )
-        return _joined(self._wait(questions, timeout_s, sampling))
+        return _joined(Lookup(self._store, questions, sampling).wait(timeout_s))
 
     def can_transform(
         self,
@@ -145,10 +313,11 @@ class Buffer(Filling):
         """Whether `lookup_transform` with the same arguments answers."""
         question = (target_frame, source_frame, _stamp(stamp_ns))
         fresh = _freshness(max_age_s, living)
+        lookup = Lookup(self._store, (question,), sampling, fresh)
         if timeout_s <= 0.0:
-            return self._ask((question,), sampling, fresh) is not None
+            return lookup.answers() is not None
         try:
-            self._wait((question,), timeout_s, sampling, fresh)
+            lookup.wait(timeout_s)
         except TransformException:
             return False
         return True
@@ -166,12 +335,12 @@ class Buffer(Filling):
     ) -> TransformStamped:
         """The answer of `lookup_transform` as soon as there is one, for asyncio.
 
-        Raises TimeoutException after `timeout_s` (None: never), and at once what waiting cannot
-        mend. Cancel it as any task.
+        Raises TimeoutException after `timeout_s` (None: never), and other errors at once where
+        waiting does not help. Cancel it like any task.
         """
         question = (target_frame, source_frame, _stamp(stamp_ns))
-        fresh = _freshness(max_age_s, living)
-        return (await self._wait_async((question,), timeout_s, sampling, fresh))[0]
+        lookup = Lookup(self._store, (question,), sampling, _freshness(max_age_s, living))
+        return (await lookup.wait_async(timeout_s))[0]
 
     async def wait_for_transform_full(
         self,
@@ -189,18 +358,18 @@ class Buffer(Filling):
             (fixed_frame, source_frame, _stamp(source_stamp_ns)),
             (target_frame, fixed_frame, _stamp(target_stamp_ns)),
         )
-        return _joined(await self._wait_async(questions, timeout_s, sampling))
+        return _joined(await Lookup(self._store, questions, sampling).wait_async(timeout_s))
 
     def latest_common_time(self, target_frame: str, source_frame: str) -> int | None:
-        """The latest stamp that every edge between the two frames has come to.
+        """The latest stamp for which every edge between the two frames has data.
 
         None where all of them are static. Raises as `lookup_transform`.
         """
-        with self._lock:
-            path = self._tree.path(target_frame, source_frame)
+        with self._store.lock:
+            path = self._store.tree.path(target_frame, source_frame)
             latest = NO_DATA if path is None else path.latest()
         if latest == NO_DATA:
-            raise self._why_not((target_frame, source_frame, None), None)
+            raise Lookup(self._store, ((target_frame, source_frame, None),)).error()
         return None if latest == ALL_STATIC else latest
 
     # Looking up many
@@ -215,14 +384,16 @@ class Buffer(Filling):
     ) -> TransformArray:
         """The transforms at N stamps: `xyz` (N, 3) in metres and `quat_xyzw` (N, 4).
 
-        Raises as `lookup_transform` where one of the stamps cannot be answered. The lock is let
-        go now and then, so writers need not wait for all of it.
+        Raises as `lookup_transform` where one of the stamps cannot be answered. The lock is
+        released after every 256 stamps, so writers wait for microseconds only.
         """
         stamps = _stamps(stamps_ns)
-        answers, known = self._fill(target_frame, source_frame, stamps, sampling)
+        answers, known = self.lookup_known_transforms(
+            target_frame, source_frame, stamps, sampling=sampling
+        )
         if not known.all():
             first = int(stamps[np.argmin(known)])
-            raise self._why_not((target_frame, source_frame, first), sampling)
+            raise Lookup(self._store, ((target_frame, source_frame, first),), sampling).error()
         return answers
 
     def lookup_known_transforms(
@@ -235,10 +406,17 @@ class Buffer(Filling):
     ) -> tuple[TransformArray, NDArray[np.bool_]]:
         """The transforms at those of N stamps that can be answered, and which they are.
 
-        The mask (N,) is False, and the rows are NaN, where the time is out of range. Raises
-        LookupException or ConnectivityException where no stamp could be answered whatever it is.
+        The mask (N,) is False, and the rows are NaN, where the stamp is out of range. Raises
+        LookupException for an unknown frame, ConnectivityException where no path joins the two at
+        any of the stamps.
         """
-        return self._fill(target_frame, source_frame, _stamps(stamps_ns), sampling)
+        return lookup_many(
+            self._store,
+            target_frame,
+            source_frame,
+            _stamps(stamps_ns),
+            self.sampling if sampling is None else sampling,
+        )
 
     def transform_points(
         self,
@@ -253,14 +431,14 @@ class Buffer(Filling):
     ) -> NDArray[np.float64]:
         """Points (N, 3) of the source frame, taken into the target frame.
 
-        `stamps_ns` is one time, or one for each point (N,); None is the latest. With a
+        `stamps_ns` is one stamp, or one for each point (N,); None is the latest. With a
         `fixed_frame` all points go into the target as it was at `target_stamp_ns` (None: the
-        latest): so a lidar's scan, each point of which has its own time, is undistorted. Raises
-        as `lookup_transform`.
+        latest), which undistorts a lidar's scan, whose points have a stamp each. Raises as
+        `lookup_transform`.
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidArgumentException(f"points have shape {array.shape}; (N, 3) is wanted")
+            raise InvalidArgumentException(f"points: expected shape (N, 3), got {array.shape}")
         if fixed_frame is not None:
             into = self.lookup_transform(
                 target_frame, fixed_frame, target_stamp_ns, sampling=sampling
@@ -280,13 +458,13 @@ class Buffer(Filling):
         stamps = _stamps(stamps_ns)
         if len(stamps) != len(array):
             raise InvalidArgumentException(
-                f"there are {len(array)} points but {len(stamps)} stamps; each needs its own"
+                f"{len(array)} points but {len(stamps)} stamps: each point needs one"
             )
         xyz, quat_xyzw = self.lookup_transforms(
             target_frame, source_frame, stamps, sampling=sampling
         )
-        moved: NDArray[np.float64] = rotate(quat_xyzw, array) + xyz
-        return moved
+        transformed: NDArray[np.float64] = rotate(quat_xyzw, array) + xyz
+        return transformed
 
     def lookup_twist(
         self,
@@ -297,22 +475,21 @@ class Buffer(Filling):
         observation_frame: str | None = None,
         window_s: float = 0.1,
     ) -> TwistStamped:
-        """How `frame` moves against `reference_frame`: linear in m/s, angular in rad/s.
+        """The velocity of `frame` against `reference_frame`: linear in m/s, angular in rad/s.
 
-        Both are written in the axes of `observation_frame`, which is the reference unless it is
-        given, as it stands at that time. Estimated from the samples of a window of `window_s`
-        around the stamp, moved to where there are samples; None is the latest common time. Exact
-        where the motion in the window is a line, a circle or a screw at constant speed. Raises as
-        `lookup_transform`.
+        Both are written in the axes that `observation_frame` (the reference unless given) has at
+        that time. Estimated from the samples in a window of `window_s` around the stamp, shifted
+        to where there are samples; None is the latest common time. Exact where the motion in the
+        window is a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
         """
         observer = reference_frame if observation_frame is None else observation_frame
         now = self.lookup_transform(reference_frame, frame, stamp_ns)
         axes = self.lookup_transform(observer, reference_frame, now.stamp_ns).transform
-        with self._lock:
-            path = self._tree.path(reference_frame, frame)
-            moving = [] if path is None else [h for h in path.edges() if not h.static]
-            spans = [history.stamp_span() for history in moving]
-        if not moving:
+        with self._store.lock:
+            path = self._store.tree.path(reference_frame, frame)
+            dynamic = [] if path is None else [h for h in path.edges() if not h.static]
+            spans = [history.stamp_span() for history in dynamic]
+        if not dynamic:
             still = np.zeros(3)
             stamp = now.stamp_ns
             return TwistStamped(stamp, observer, frame, reference_frame, still, still, stamp, stamp)
@@ -323,8 +500,8 @@ class Buffer(Filling):
         start = max(end - width, oldest)
         if end <= start:
             raise _too_few_for_twist(frame, reference_frame, now.stamp_ns, window_s)
-        with self._lock:
-            sampled = [stamp for h in moving for stamp in h.stamps_from(start, end)]
+        with self._store.lock:
+            sampled = [stamp for h in dynamic for stamp in h.stamps_from(start, end)]
         stamps = pick_stamps(sampled, start, end)
         xyz, quat_xyzw = self.lookup_transforms(reference_frame, frame, stamps)
         poses = [Transform(x, q) for x, q in zip(xyz, quat_xyzw, strict=True)]
@@ -344,16 +521,16 @@ class Buffer(Filling):
     # Looking around
 
     def frames(self) -> list[str]:
-        """The names of all known frames, sorted."""
-        with self._lock:
-            return sorted(self._tree.frames)
+        """The names of all frames, sorted."""
+        with self._store.lock:
+            return sorted(self._store.tree.frames)
 
     def frame(self, name: str) -> FrameInfo:
-        """What is known of one frame. Raises LookupException where it is not known."""
-        with self._lock:
-            info = self._tree.info(name)
+        """What the buffer knows of one frame. Raises LookupException where it is unknown."""
+        with self._store.lock:
+            info = self._store.tree.info(name)
         if info is None:
-            raise self._unknown(name)
+            raise self._store.unknown_frame(name)
         return info
 
     def path(self, target_frame: str, source_frame: str) -> list[str]:
@@ -361,17 +538,17 @@ class Buffer(Filling):
 
         Raises LookupException or ConnectivityException.
         """
-        with self._lock:
-            path = self._tree.path(target_frame, source_frame)
+        with self._store.lock:
+            path = self._store.tree.path(target_frame, source_frame)
             names = [] if path is None else path.names()
         if not names:
-            raise self._why_not((target_frame, source_frame, None), None)
+            raise Lookup(self._store, ((target_frame, source_frame, None),)).error()
         return names
 
     def all_frames(self) -> list[FrameInfo]:
-        """What is known of every frame, sorted by name."""
-        with self._lock:
-            return self._tree.infos()
+        """What the buffer knows of every frame, sorted by name."""
+        with self._store.lock:
+            return self._store.tree.infos()
 
     def all_frames_as_yaml(self) -> str:
         """Every edge as YAML, in the form of tf2's `allFramesAsYAML`."""
@@ -389,7 +566,7 @@ class Buffer(Filling):
         return as_svg(self.all_frames())
 
     def __repr__(self) -> str:
-        return f"<Buffer of {len(self._tree.frames)} frames over {self.cache_time_s:g} s>"
+        return f"<Buffer of {len(self._store.tree.frames)} frames over {self.cache_time_s:g} s>"
 
 
 def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
@@ -416,7 +593,7 @@ def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or (stamps.size and not np.issubdtype(stamps.dtype, np.integer)):
         raise InvalidArgumentException(
-            f"stamps are {stamps.dtype} of shape {stamps.shape}; integers (N,) are wanted"
+            f"stamps: expected integers of shape (N,), got {stamps.dtype} of {stamps.shape}"
         )
     return np.ascontiguousarray(stamps, dtype=np.int64)
 
@@ -425,7 +602,7 @@ def _too_few_for_twist(
     frame: str, reference_frame: str, stamp_ns: int, window_s: float
 ) -> TransformException:
     return ExtrapolationException(
-        f"{frame!r} against {reference_frame!r} has no two times within {window_s:g} s to "
-        "tell a velocity from; widen window_s, or wait",
+        f"no velocity of {frame!r} against {reference_frame!r}: fewer than two samples within "
+        f"{window_s:g} s; widen window_s, or wait",
         requested_ns=stamp_ns,
     )

@@ -1,12 +1,11 @@
 """Why a lookup has no answer: the error for it, with the facts and the remedy in one sentence."""
 
-import difflib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import islice
 
 from tfbus.buffer.tree import Tree, chain
-from tfbus.core.kernel import History
-from tfbus.core.outcome import ALL_STATIC, NO_DATA
+from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -17,16 +16,59 @@ from tfbus.errors import (
     NoDataException,
     PastExtrapolationException,
     SingleSampleException,
+    StaleException,
     TimeoutException,
     TransformException,
 )
+from tfbus.wording import listed, near_names
 
-# Comparing names takes microseconds each; of a great many only the likely ones are compared.
+# Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
 
 
+@dataclass(frozen=True)
+class Freshness:
+    """What a lookup demands of every edge on its path.
+
+    `max_age_s` is how old its newest sample may be, by the buffer's clock (None: any age); a
+    static edge has no age. With `living` its publisher must not be gone, a static one's neither.
+    """
+
+    max_age_s: float | None = None
+    living: bool = False
+
+    def __post_init__(self) -> None:
+        if self.max_age_s is not None and not self.max_age_s >= 0.0:
+            raise InvalidArgumentException(
+                f"max_age_s is {self.max_age_s!r}; it is a number of seconds, 0 or more"
+            )
+
+    def why_stale(
+        self, tree: Tree, pairs: Iterable[tuple[str, str]], now_ns: int
+    ) -> StaleException | None:
+        """The error where an edge between a pair of frames is stale; None where none is.
+
+        A publisher that is gone comes before an old sample: it is why the sample is old.
+        """
+        paths = [tree.path(target_frame, source_frame) for target_frame, source_frame in pairs]
+        edges = [edge for path in paths if path is not None for edge in path.edges()]
+        gone = next((edge for edge in edges if edge.gone), None)
+        if self.living and gone is not None:
+            return _stale(gone, _age_s(gone, now_ns), "its publisher is gone; start it again")
+        if self.max_age_s is None:
+            return None
+        aged = [(age_s, edge) for edge in edges if (age_s := _age_s(edge, now_ns)) is not None]
+        age_s, oldest = max(aged, key=lambda pair: pair[0], default=(0.0, None))
+        if oldest is None or age_s <= self.max_age_s:
+            return None
+        allowed = f"max_age_s allows {self.max_age_s:g} s"
+        if oldest.gone:
+            return _stale(oldest, age_s, f"{allowed}, and its publisher is gone; start it again")
+        return _stale(oldest, age_s, f"{allowed}; wait for the next (timeout_s), or allow more")
+
+
 def may_come(error: TransformException) -> bool:
-    """Whether waiting may mend it: a frame, a link or newer samples can come, older ones not."""
+    """Whether waiting may help: frames, edges and newer samples may arrive, older samples not."""
     if isinstance(error, PastExtrapolationException | InvalidArgumentException | TimeoutException):
         return False
     if isinstance(error, SingleSampleException):
@@ -35,7 +77,7 @@ def may_come(error: TransformException) -> bool:
 
 
 def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
-    """The error for a name that is not known, with the known names that look like it."""
+    """The error for an unknown frame, with the known names that look like it."""
     names = sorted(known)
     compared = names
     if len(names) > _MOST_COMPARED:
@@ -45,12 +87,11 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
             if abs(len(name) - len(frame)) < 3 and (name[0], name[-1]) == (frame[0], frame[-1])
         )
         compared = list(islice(alike, _MOST_COMPARED))
-    nearest = tuple(difflib.get_close_matches(frame, compared, n=3))
+    nearest = near_names(frame, compared)
     if nearest:
         hint = f"did you mean {' or '.join(map(repr, nearest))}?"
     elif names:
-        shown = ", ".join(map(repr, names[:8]))
-        hint = f"known are {shown}" + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        hint = f"there are: {listed(names)}"
     else:
         hint = "no frame is known so far"
     return LookupException(f"there is no frame {frame!r}; {hint}", frame=frame, nearest=nearest)
@@ -59,9 +100,9 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
 def why_not(
     tree: Tree, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
 ) -> TransformException | None:
-    """The error for a lookup between two known frames; None where nothing is in its way now.
+    """The error for a lookup between two known frames; None where it would succeed now.
 
-    It names no edge that is not on the path.
+    It names edges of the path only.
     """
     path = tree.path(target_frame, source_frame)
     if path is None:
@@ -70,13 +111,13 @@ def why_not(
     if stamp_ns is None and path.is_mixed() and path.latest() not in (ALL_STATIC, NO_DATA):
         stamp_ns = path.latest()
     if stamp_ns is not None and path.is_mixed():
-        # The way was another then: only what cut it short counts.
+        # The path was another then: only the edges where it broke off count.
         ends = [tree.walk_end(frame, stamp_ns, sampling) for frame in (source_frame, target_frame)]
         edges = [end for end in ends if end.parent is not None]
     errors = [_no_data(history, stamp_ns, sampling) for history in edges]
     missing = [error for error in errors if error is not None]
     if missing:
-        # What cannot come any more says more than what may.
+        # What waiting cannot help says more than what it may.
         return next((error for error in missing if not may_come(error)), missing[0])
     if stamp_ns is not None and path.is_mixed():
         return ConnectivityException(
@@ -89,7 +130,7 @@ def why_not(
 
 
 def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
-    """For the latest time: an edge that ended before the history of another one begins."""
+    """For the latest time: an edge whose samples end before those of another one begin."""
     spans = [(history, history.stamp_span()) for history in edges if not history.static]
     known = [(span, history) for history, span in spans if span is not None]
     if not known:
@@ -99,9 +140,8 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
     if oldest <= newest:
         return None
     away = (
-        f"its newest sample is {_far(newest - oldest)} than the oldest that is kept of "
-        f"{ahead.name!r}, so there is no time that both know; wait for it, or keep more "
-        "(cache_time_s)"
+        f"its newest sample is {_far(newest - oldest)} than the oldest of {ahead.name!r}, so they "
+        "have no common time; wait for newer ones, or keep more (cache_time_s)"
     )
     return _error(ExtrapolationException, late, None, away)
 
@@ -137,22 +177,22 @@ def _no_data(
     if beyond <= 0:
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
     if history.count() == 1:
-        remedy = "wait for another" if stamp_ns > newest else "ask for a later time"
+        remedy = "wait for another" if stamp_ns > newest else "query a later time"
         away = f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
         return _error(SingleSampleException, history, stamp_ns, away)
     if stamp_ns < oldest:
-        away = f"its oldest sample is {_far(oldest - stamp_ns)}; ask for a later time"
+        away = f"its oldest sample is {_far(oldest - stamp_ns)}; query a later time"
         return _error(PastExtrapolationException, history, stamp_ns, away)
     wait_s = _retry_after_s(history.count(), oldest, newest, stamp_ns)
     away = (
         f"its newest sample is {_far(newest - stamp_ns)}; wait about {wait_s:.3g} s (timeout_s), "
-        "or ask for the latest (stamp_ns=None)"
+        "or query the latest (stamp_ns=None)"
     )
     return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
 
 
 def _too_far(history: History, stamp_ns: int) -> ExtrapolationException | None:
-    """For nearest samples: a gap around the time that is wider than the tolerance."""
+    """For `nearest`: no sample within the tolerance, between two that are farther away."""
     return _error(
         ExtrapolationException,
         history,
@@ -185,10 +225,29 @@ def _error(
 
 
 def _retry_after_s(count: int, oldest: int, newest: int, stamp_ns: int) -> float:
-    """Until the first sample that is not older than the stamp, if they go on as evenly."""
+    """Until the first sample that is not older than the stamp, at the average period."""
     period_ns = (newest - oldest) / (count - 1)
     periods = -((newest - stamp_ns) // period_ns)
     return periods * period_ns / 1e9
+
+
+def _age_s(edge: History, now_ns: int) -> float | None:
+    span = None if edge.static else edge.stamp_span()
+    return None if span is None else (now_ns - span[1]) / 1e9
+
+
+def _stale(edge: History, age_s: float | None, why: str) -> StaleException:
+    parent = edge.parent.name if edge.parent is not None else ""
+    sent = f", sent by {edge.authority!r}," if edge.authority else ""
+    what = "static" if age_s is None else f"{age_s:.3f} s old"
+    return StaleException(
+        f"{parent!r} -> {edge.name!r}{sent} is {what}: {why}",
+        frame_id=parent,
+        child_frame_id=edge.name,
+        authority=edge.authority,
+        age_s=age_s,
+        gone=edge.gone,
+    )
 
 
 def _when(stamp_ns: int) -> str:

@@ -1,14 +1,14 @@
-"""Frames as text and as a drawing, for people and for tools that read what tf2 writes."""
+"""Frames as text, a graph and a drawing, for people and for tools that read tf2's dumps."""
 
 import re
 import time
 from collections.abc import Iterable
 from html import escape
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.wording import counted
 
-# A static edge has no rate; tf2 writes this, and readers of its dumps know it.
+# The rate that tf2 writes for static edges, which have none.
 _TF2_STATIC_RATE = 10000.0
 
 # Names that YAML 1.1 reads as something else.

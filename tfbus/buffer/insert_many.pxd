@@ -22,18 +22,18 @@ cdef class Table:
     cdef _set_samples(self, list children)
 
 @cython.final
-cdef class Intake:
+cdef class BatchInserter:
     cdef Tree _tree
     cdef object _rejected
     cdef dict _tables
 
-    @cython.locals(table=Table, taken=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
-    cdef Py_ssize_t take(self, Columns columns, bint static, str authority) except -1
+    @cython.locals(table=Table, stored=Py_ssize_t, at=Py_ssize_t, start=Py_ssize_t)
+    cdef Py_ssize_t insert(self, Columns columns, bint static, str authority) except -1
     @cython.locals(at=Py_ssize_t)
     cdef Py_ssize_t _append(self, Table table, Columns columns, Py_ssize_t start) except -1
     @cython.locals(stamp_ns=cython.longlong, pose=pose_t, edge=edge_t, parent=str, child=str,
                    error=double)
-    cdef bint _insert(
+    cdef bint _insert_row(
         self, Columns columns, Py_ssize_t at, bint static, str authority) except -1
     cdef bint _holds(self, Table table) noexcept
     @cython.locals(table=Table, size=Py_ssize_t)

@@ -1,16 +1,15 @@
-"""The rows of a batch, taken into the tree.
+"""Inserts the rows of batches into the tree.
 
-One of the modules that are compiled where there is a C compiler (`intake.pxd` says the C types).
-Nothing here locks: the buffer holds its lock around every call.
+Compiled where there is a C compiler (`insert_many.pxd` has the C types). Nothing here locks: the
+buffer holds its lock around every call.
 """
 
 from array import array
 
-from tfbus.buffer.rejections import Rejections
+from tfbus.buffer.info import Rejections
 from tfbus.buffer.tree import Tree
 from tfbus.core import packed
-from tfbus.core.kernel import History, Pose
-from tfbus.core.outcome import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT, History, Pose
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.columns import Columns
@@ -24,17 +23,17 @@ if not cython.compiled:
     # Compiled, they are functions of C.
     from tfbus.core.kernel import append_rows, off_unit, unit
 
-# Of so many authorities the edges of the last batch are kept; of fewer rows it is not worth it.
+# Authorities whose last batch has its edges kept, and the fewest rows for which that pays.
 _MOST_TABLES = 1024
 _LEAST_ROWS = 4
 
 
 class Table:
-    """The edges of the rows of a batch, found once for all batches of an authority that name the
-    same ones: `children` are the histories, row by row, and `samples` what is appended to.
+    """The edges of the rows of a batch, found once for all batches of an authority with the same
+    ones: `children` are the histories, row by row, and `samples` theirs.
 
-    All of them were sent last by this authority, from the parents that the batch names. That
-    holds while `topology` and `assignments` are those of the tree.
+    This authority sent all of them last, with the parents that the batch names. That holds while
+    `topology` and `assignments` are those of the tree.
     """
 
     def __init__(
@@ -63,34 +62,34 @@ class Table:
             self.samples = [child.samples for child in children]
 
 
-class Intake:
-    """Takes the rows of batches into a tree; those that cannot be taken are counted in
+class BatchInserter:
+    """Inserts the rows of batches into a tree; those that cannot be stored are counted in
     `rejected`.
     """
 
     def __init__(self, tree: Tree, rejected: Rejections) -> None:
         self._tree = tree
         self._rejected = rejected
-        # Of each authority what its last batch named.
+        # By authority the edges of its last batch.
         self._tables: dict[str, Table] = {}
 
-    def take(self, columns: Columns, static: bool, authority: str) -> int:
-        """Take the rows of a batch; how many were taken."""
+    def insert(self, columns: Columns, static: bool, authority: str) -> int:
+        """Store the rows of a batch; how many were stored."""
         table = None if static else self._table(columns, authority)
-        taken = at = 0
+        stored = at = 0
         while at < columns.count:
             if table is not None and self._holds(table):
                 start = at
                 at = self._append(table, columns, start)
-                taken += at - start
+                stored += at - start
             if at < columns.count:
-                taken += self._insert(columns, at, static, authority)
+                stored += self._insert_row(columns, at, static, authority)
                 at += 1
-        return taken
+        return stored
 
     def _append(self, table: Table, columns: Columns, start: int) -> int:
-        """Take rows from `start` on, as long as each is newer than the others of its edge and
-        nothing changes but that: the row at which it is not so, or the count of all.
+        """Append rows from `start` on, up to the first that needs more than that; its index, or the
+        count of all.
         """
         at = append_rows(
             table.samples,
@@ -106,14 +105,14 @@ class Intake:
             self._tree.touched += table.children[start:at]
         return at
 
-    def _insert(self, columns: Columns, at: int, static: bool, authority: str) -> bool:
-        """Take one row; whether it was taken."""
+    def _insert_row(self, columns: Columns, at: int, static: bool, authority: str) -> bool:
+        """Store one row; whether it was stored."""
         stamp_ns = packed.stamp_at(columns.stamps, columns.stamps_at + STAMP_SIZE * at)
         pose: Pose = packed.pose_at(columns.poses, columns.poses_at + POSE_SIZE * at)
         edge = packed.edge_at(columns.edges, columns.edges_at + EDGE_SIZE * at)
         parent, child = columns.frames[edge[0]], columns.frames[edge[1]]
         error = off_unit(pose)
-        # What is not a number is no less than anything.
+        # NaN compares unequal to itself.
         if error != error:
             self._rejected.add(f"{child!r}: a number is not finite")
         elif not (error > -QUATERNION_TOLERANCE and error < QUATERNION_TOLERANCE):
@@ -133,8 +132,8 @@ class Intake:
         return table.topology == self._tree.topology and table.assignments == self._tree.assignments
 
     def _table(self, columns: Columns, authority: str) -> Table | None:
-        """The edges of a batch; None where not all of them are known as they are named, or one
-        of them was sent by another.
+        """The edges of a batch; None where one of them is not in the tree as named, or has another
+        publisher.
         """
         size = EDGE_SIZE * columns.count
         table = self._tables.get(authority)

@@ -1,5 +1,16 @@
+cimport cython
 from tfbus.buffer.store cimport Store
 
-cdef class Answering(Store):
-    cpdef _watch(self, waiter, questions, fresh=*)
-    cpdef _why_stale(self, questions, fresh)
+@cython.final
+cdef class Lookup:
+    cdef Store _store
+    cdef tuple _questions
+    cdef object _sampling, _fresh
+
+    cpdef list answers(self)
+    cpdef watch(self, waiter)
+    cpdef error(self)
+    cdef list _answers(self, tuple questions, fresh)
+    cdef _why_stale(self)
+    @cython.locals(store=Store)
+    cdef _why_not(self, tuple question)

@@ -1,21 +1,19 @@
-"""Asking a buffer, waiting for what is not there yet, and saying why there is no answer.
+"""One lookup: its answers now, or as soon as they come, or why there are none.
 
-One of the modules that are compiled where there is a C compiler (`answering.pxd` says the C types).
+Compiled where there is a C compiler (`lookup.pxd` has the C types).
 """
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import may_come, unknown_frame, why_not
-from tfbus.buffer.freshness import Freshness
+from tfbus.buffer.explain import Freshness, may_come, why_not
 from tfbus.buffer.store import Store
 from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
-    LookupException,
     PastExtrapolationException,
     SingleSampleException,
     StaleException,
@@ -26,233 +24,186 @@ from tfbus.geometry.transform import TransformStamped, check_frame_id, check_sta
 from tfbus.runtime.clock import Limit, limit_by
 
 
-class Answering(Store):
-    """A store that is asked questions, at once or with patience."""
+class Lookup:
+    """Questions to a store that are answered from one state of it, all or none.
 
-    # At once
+    Two questions are those of a lookup through a fixed frame: first from the source to that frame,
+    then from there to the target.
+    """
 
-    def _ask(
+    def __init__(
         self,
-        questions: Sequence[Question],
-        sampling: Sampling | None,
+        store: Store,
+        questions: tuple[Question, ...],
+        sampling: Sampling | None = None,
         fresh: Freshness | None = None,
-    ) -> list[TransformStamped] | None:
-        """The answers, of one state of the buffer; None where one is missing or not fresh."""
-        answers = self._answers(questions, sampling, fresh)
-        if self._tree.untold:
-            self._tell_questions()
+    ) -> None:
+        self._store = store
+        self._questions = questions
+        self._sampling = store.sampling if sampling is None else sampling
+        self._fresh = fresh
+
+    def answers(self) -> list[TransformStamped] | None:
+        """The answers of this moment; None where one is missing or not fresh."""
+        answers = self._answers(self._questions, self._fresh)
+        if self._store.tree.unreported:
+            self._store.report_questions()
         return answers
 
-    def _answers(
-        self,
-        questions: Sequence[Question],
-        sampling: Sampling | None,
-        fresh: Freshness | None,
-    ) -> list[TransformStamped] | None:
-        answers = []
-        with self._lock:
-            for target_frame, source_frame, stamp_ns in questions:
-                answer = self._tree.answer(
-                    target_frame,
-                    source_frame,
-                    stamp_ns,
-                    self.sampling if sampling is None else sampling,
-                )
-                if answer is None:
-                    return None
-                answers.append(answer)
-            if fresh is not None and self._why_stale(questions, fresh) is not None:
-                return None
-        return answers
-
-    def _why_stale(self, questions: Sequence[Question], fresh: Freshness) -> StaleException | None:
-        """With the lock held: why the answers to the questions are not fresh enough."""
-        pairs = [question[:2] for question in questions]
-        return fresh.why_stale(self._tree, pairs, self.clock())
-
-    # With patience
-
-    def _wait(
-        self,
-        questions: Sequence[Question],
-        timeout_s: float,
-        sampling: Sampling | None,
-        fresh: Freshness | None = None,
-    ) -> list[TransformStamped]:
-        answers = self._ask(questions, sampling, fresh)
+    def wait(self, timeout_s: float) -> list[TransformStamped]:
+        """The answers, as soon as there are some. Raises why there are none: at once where waiting
+        does not help, and TimeoutException after `timeout_s`.
+        """
+        answers = self.answers()
         if answers is not None:
             return answers
         if timeout_s <= 0.0:
-            raise self._why_none(questions, sampling, fresh)
+            raise self.error()
         changed = threading.Event()
         waiter = Waiter(changed.set)
-        self._waiters.add(waiter)
+        self._store.waiters.add(waiter)
         try:
-            with limit_by(self.clock, timeout_s, changed.set) as limit:
+            with limit_by(self._store.clock, timeout_s, changed.set) as limit:
                 while True:
                     changed.clear()
-                    answers = self._ask_once(waiter, limit, timeout_s, questions, sampling, fresh)
+                    answers = self._answers_or_watch(waiter, limit, timeout_s)
                     if answers is not None:
                         return answers
                     changed.wait(limit.left_s)
         finally:
-            self._waiters.discard(waiter)
+            self._store.waiters.discard(waiter)
 
-    async def _wait_async(
-        self,
-        questions: Sequence[Question],
-        timeout_s: float | None,
-        sampling: Sampling | None,
-        fresh: Freshness | None = None,
-    ) -> list[TransformStamped]:
-        answers = self._ask(questions, sampling, fresh)
+    async def wait_async(self, timeout_s: float | None) -> list[TransformStamped]:
+        """As `wait`, for asyncio; with None for ever."""
+        answers = self.answers()
         if answers is not None:
             return answers
-        import asyncio  # which takes long, and most processes have no use for
+        import asyncio  # slow to import, and most processes do not need it
 
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
 
         def wake() -> None:
-            # The loop may be closed already, and nobody there to be woken.
+            # The loop may be closed already, with nothing left to wake.
             with suppress(RuntimeError):
                 loop.call_soon_threadsafe(changed.set)
 
         waiter = Waiter(wake)
-        self._waiters.add(waiter)
+        self._store.waiters.add(waiter)
         try:
-            with limit_by(self.clock, timeout_s, wake) as limit:
+            with limit_by(self._store.clock, timeout_s, wake) as limit:
                 while True:
                     changed.clear()
-                    answers = self._ask_once(
-                        waiter, limit, timeout_s or 0.0, questions, sampling, fresh
-                    )
+                    answers = self._answers_or_watch(waiter, limit, timeout_s or 0.0)
                     if answers is not None:
                         return answers
                     with suppress(TimeoutError):
                         async with asyncio.timeout(limit.left_s):
                             await changed.wait()
         finally:
-            self._waiters.discard(waiter)
+            self._store.waiters.discard(waiter)
 
-    def _ask_once(
-        self,
-        waiter: Waiter,
-        limit: Limit,
-        timeout_s: float,
-        questions: Sequence[Question],
-        sampling: Sampling | None,
-        fresh: Freshness | None,
+    def watch(self, waiter: Waiter) -> None:
+        """Wake the waiter when the answers may have changed."""
+        questions: Iterable[Question] = self._questions
+        if self._fresh is not None:
+            # Any sample of an edge may make it fresh, whatever stamp is asked for.
+            questions = [(target, source, None) for target, source, _ in questions]
+        with self._store.lock:
+            self._store.waiters.watch(waiter, questions)
+
+    def error(self) -> TransformException:
+        """Why there are no answers, or no fresh ones: the error of the first question without."""
+        if self._store.tree.unreported:
+            self._store.report_questions()
+        # All names first, as tf2 does: a time is of no use to a frame that is unknown.
+        for what, frame in self._names():
+            check_frame_id(frame, what)
+            if frame not in self._store.tree.frames:
+                unknown = self._store.unknown_frame(frame)
+                return self._store.explained(unknown, self._questions)
+        for question in self._questions[:-1]:
+            if self._answers((question,), None) is None:
+                return self._why_not(question)
+        if self._fresh is not None and self._answers(self._questions, None) is not None:
+            with self._store.lock:
+                stale = self._why_stale()
+            if stale is not None:
+                return stale
+        return self._why_not(self._questions[-1])
+
+    def _answers(
+        self, questions: tuple[Question, ...], fresh: Freshness | None
     ) -> list[TransformStamped] | None:
-        """The answers; None where it is worth waiting until the waiter is woken, which it will be
-        from now on. Raises what waiting cannot mend, and when the time is up.
+        answers = []
+        with self._store.lock:
+            for target_frame, source_frame, stamp_ns in questions:
+                answer = self._store.tree.answer(
+                    target_frame, source_frame, stamp_ns, self._sampling
+                )
+                if answer is None:
+                    return None
+                answers.append(answer)
+            if fresh is not None and self._why_stale() is not None:
+                return None
+        return answers
+
+    def _answers_or_watch(
+        self, waiter: Waiter, limit: Limit, timeout_s: float
+    ) -> list[TransformStamped] | None:
+        """The answers; None where the waiter will be woken when it is worth asking again. Raises
+        what waiting does not help, and TimeoutException when the time is up.
         """
-        with self._lock:
+        with self._store.lock:
             # Those that end from here on wake the waiter once more.
-            expected = frozenset(self._expected_pasts)
+            expected = frozenset(self._store.expected_pasts)
         if waiter.past_of in expected and not limit.passed:
             # It comes in parts: between the oldest and the newest there may still be a gap.
             return None
-        self._watch(waiter, questions, fresh)
-        answers = self._ask(questions, sampling, fresh)
+        self.watch(waiter)
+        answers = self.answers()
         if answers is not None:
             return answers
-        reason = self._why_none(questions, sampling, fresh)
+        reason = self.error()
         if not may_come(reason):
             waiter.past_of = _past_of(reason)
             if waiter.past_of not in expected:
                 raise reason
         if limit.passed:
             raise TimeoutException(
-                f"waited {timeout_s:g} s in vain: {reason}", reason=reason
+                f"timed out after {timeout_s:g} s: {reason}", reason=reason
             ) from reason
         return None
 
-    def _watch(
-        self, waiter: Waiter, questions: Sequence[Question], fresh: Freshness | None = None
-    ) -> None:
-        if fresh is not None:
-            # Any sample of an edge may make it fresh, whatever stamp is asked for.
-            questions = [(target, source, None) for target, source, _ in questions]
-        with self._lock:
-            self._waiters.watch(waiter, questions)
+    def _names(self) -> list[tuple[str, str]]:
+        """What each frame is called in an error, and its name."""
+        first, last = self._questions[0], self._questions[-1]
+        names = [("target_frame", last[0]), ("source_frame", first[1])]
+        return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
 
-    # Why there is none
+    def _why_stale(self) -> StaleException | None:
+        """With the lock held: why the answers are not fresh enough."""
+        store = self._store
+        assert self._fresh is not None
+        pairs = [question[:2] for question in self._questions]
+        return self._fresh.why_stale(store.tree, pairs, store.clock())
 
-    def _why_none(
-        self,
-        questions: Sequence[Question],
-        sampling: Sampling | None,
-        fresh: Freshness | None = None,
-    ) -> TransformException:
-        """The error for the first of the questions that has no answer, or no fresh one."""
-        # All names first, as tf2 does: a time is of no use to a frame that is not known.
-        names = {"target_frame": questions[-1][0], "source_frame": questions[0][1]}
-        if len(questions) > 1:
-            names["fixed_frame"] = questions[0][0]
-        error = self._misnamed(names)
-        if error is not None:
-            return self._explained(error, questions)
-        for question in questions[:-1]:
-            if self._ask((question,), sampling) is None:
-                return self._why_not(question, sampling)
-        if fresh is not None and self._ask(questions, sampling) is not None:
-            with self._lock:
-                stale = self._why_stale(questions, fresh)
-            if stale is not None:
-                return stale
-        return self._why_not(questions[-1], sampling)
-
-    def _why_not(self, question: Question, sampling: Sampling | None) -> TransformException:
+    def _why_not(self, question: Question) -> TransformException:
+        """The error of a question between two known frames."""
         target_frame, source_frame, stamp_ns = question
-        if self._tree.untold:
-            self._tell_questions()
-        misnamed = self._misnamed({"target_frame": target_frame, "source_frame": source_frame})
-        if misnamed is not None:
-            return self._explained(misnamed, (question,))
         if stamp_ns is not None:
             check_stamp(stamp_ns)
-        with self._lock:
-            error = why_not(
-                self._tree,
-                target_frame,
-                source_frame,
-                stamp_ns,
-                self.sampling if sampling is None else sampling,
-            )
-        self.shortfall.note(error, self.cache_time_s)
+        store = self._store
+        with store.lock:
+            error = why_not(store.tree, target_frame, source_frame, stamp_ns, self._sampling)
+        store.expired_lookups.note(error)
         if isinstance(error, ConnectivityException):
-            error = self._explained(error, (question,))
+            return store.explained(error, (question,))
         return error or ExtrapolationException(
-            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, and can be "
-            "now: ask again",
+            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be "
+            "now: query it again",
             requested_ns=stamp_ns,
         )
-
-    def _explained(
-        self, error: TransformException, questions: Iterable[Question]
-    ) -> TransformException:
-        """The error, or the one that a reader of what is asked for has in its place."""
-        if self._readers and isinstance(error, LookupException | ConnectivityException):
-            for target_frame, source_frame, _ in questions:
-                if self._ask_path(target_frame, source_frame) is None:
-                    for _, explain in self._readers:
-                        better = explain(target_frame, source_frame)
-                        if better is not None:
-                            return better
-        return error
-
-    def _misnamed(self, names: dict[str, str]) -> TransformException | None:
-        for what, frame in names.items():
-            check_frame_id(frame, what)
-            if frame not in self._tree.frames:
-                return self._unknown(frame)
-        return None
-
-    def _unknown(self, frame: str) -> TransformException:
-        with self._lock:
-            names = list(self._tree.frames)
-        return unknown_frame(frame, names)
 
 
 def _past_of(reason: TransformException) -> str | None:

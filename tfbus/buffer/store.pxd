@@ -1,6 +1,5 @@
 cimport cython
-from tfbus.geometry.columns cimport Columns
-from tfbus.buffer.insert_many cimport Intake
+from tfbus.buffer.insert_many cimport BatchInserter
 from tfbus.core.kernel cimport Path
 from tfbus.geometry.transform cimport TransformStamped
 from tfbus.buffer.tree cimport Tree
@@ -8,18 +7,17 @@ from tfbus.buffer.tree cimport Tree
 cdef object TF2
 cdef long long LONGEST_NS
 
+@cython.final
 cdef class Store:
-    cdef readonly double cache_time_s
-    cdef readonly object sampling, rejected, shortfall
-    cdef readonly Tree _tree
-    cdef Intake _intake
-    cdef cython.pymutex _lock
-    cdef readonly object _waiters
+    cdef cython.pymutex lock
+    cdef readonly Tree tree
+    cdef BatchInserter inserter
+    cdef readonly object sampling, rejected, expired_lookups, waiters
     cdef public object clock
-    cdef list _listeners, _readers
-    cdef readonly dict _expected_pasts
-    cdef object __weakref__
+    cdef readonly dict expected_pasts
+    cdef list _listeners, _watchers
 
-    cdef bint _insert_one(
-        self, TransformStamped transform, bint static, str authority) except -1
-    cdef Path _ask_path(self, target_frame, source_frame)
+    cdef bint insert(self, TransformStamped transform, bint static, str authority) except -1
+    cdef Path path(self, target_frame, source_frame)
+    cpdef notify(self)
+    cpdef report_questions(self)

@@ -17,7 +17,7 @@ cdef class Tree:
     cdef readonly long long topology, assignments
     cdef public list touched, moved, news
     cdef public set asked
-    cdef public list untold
+    cdef public list unreported
 
     @cython.locals(path=Path, stamp=cython.longlong, latest=cython.longlong,
                    beyond=cython.longlong)
@@ -69,7 +69,7 @@ cdef class Tree:
     cpdef bint remove_sent(self, str frame, str authority) except -1
     @cython.locals(history=History)
     cdef list _children(self, History parent)
-    cdef _tell(self, str kind, History child, History parent, str authority, long long stamp_ns)
+    cdef _report(self, str kind, History child, History parent, str authority, long long stamp_ns)
 
 @cython.locals(target=cython.size_t, source=cython.size_t)
 cdef Py_ssize_t _slot(target_frame, source_frame) noexcept

@@ -1,15 +1,26 @@
-"""The tree of frames: who hangs below whom, and the way between any two.
+"""The tree of frames: each with its parent, and the path between any two.
 
-One of the modules that are compiled where there is a C compiler (`tree.pxd` says the C types).
-Nothing here locks: the buffer holds its lock around every call.
+Compiled where there is a C compiler (`tree.pxd` has the C types). Nothing here locks: the buffer
+holds its lock around every call.
 """
 
 from collections.abc import Iterable
 
-from tfbus.buffer.change import Change, Kind
-from tfbus.buffer.frame import FrameInfo
-from tfbus.core.kernel import IDENTITY, History, Path, Pose, compose, invert, normalised, seek_as
-from tfbus.core.outcome import ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
+from tfbus.buffer.info import Change, FrameInfo, Kind
+from tfbus.core.kernel import (
+    ALL_STATIC,
+    CONFLICT,
+    IDENTITY,
+    NO_DATA,
+    TOO_OLD,
+    History,
+    Path,
+    Pose,
+    compose,
+    invert,
+    normalised,
+    seek_as,
+)
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import InvalidArgumentException, LoopException
 from tfbus.geometry.transform import TransformStamped, check_frame_id, make_stamped
@@ -19,32 +30,32 @@ try:
 except ImportError:
     from tfbus.core import cython_stub as cython
 
-# Paths are found again in a microsecond; so many of one target are worth keeping.
+# Paths kept for one target; another one is found again in a microsecond.
 _MOST_PATHS = 1024
-# Of so many pairs it is remembered that they were asked for.
+# Pairs of frames remembered as looked up.
 _MOST_ASKED = 100_000
 
-# So many paths are found by the very texts that they were asked for by; a power of two.
+# Paths kept by the very texts that they were looked up by; a power of two.
 _RECENT = 64
 
 
 class Tree:
     """All frames by name, each with its history.
 
-    `topology` counts the changes after which a path that was found may be another: a frame that
-    had been there got a parent, or another parent; `assignments` counts how often a frame was sent
-    by another one than before. `touched` and `moved` gather, while somebody
-    waits, the histories that got a sample or a parent; `news` gathers, while somebody listens,
-    what changed. `asked` gathers, while somebody wants to know, the pairs of target and source
-    that a path was looked for between, and `untold` those of them that he was not told of.
+    `topology` counts the changes that may change known paths: an existing frame got a parent, or
+    another one; `assignments` counts how often a frame got another publisher. `touched` and
+    `moved` collect, while there are waiters, the histories that got a sample or a parent; `news`
+    collects changes while there are listeners. `asked` collects, while there are watchers, the
+    pairs of target and source that were looked up, and `unreported` those that they were not
+    called with yet.
     """
 
     def __init__(self, cache_ns: int) -> None:
         self.cache_ns = cache_ns
         self.frames: dict[str, History] = {}
-        # Of each authority the frames whose last transform it sent.
+        # By authority the frames whose last transform it sent.
         self.senders: dict[str, dict[str, History]] = {}
-        # Paths found of late, by where the texts stand in memory that they were asked for by.
+        # Recent paths, by the addresses of the texts that they were looked up by.
         self.recent: list[Path | None] = [None] * _RECENT
         self.topology = 0
         self.assignments = 0
@@ -52,14 +63,14 @@ class Tree:
         self.moved: list[History] | None = None
         self.news: list[Change] | None = None
         self.asked: set[tuple[str, str]] | None = None
-        self.untold: list[tuple[str, str]] = []
+        self.unreported: list[tuple[str, str]] = []
 
     # Looking up
 
     def answer(
         self, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
     ) -> TransformStamped | None:
-        """The transform, `stamp_ns` None being the latest common time; None: there is none."""
+        """The transform at a stamp, or with None at the latest common time; None without one."""
         path = self.path(target_frame, source_frame)
         if path is None:
             return self._answer_by_walk(target_frame, source_frame, stamp_ns, sampling)
@@ -80,10 +91,10 @@ class Tree:
         return make_stamped(stamp, path.target.name, path.source.name, path.pose, beyond)
 
     def path(self, target_frame: str, source_frame: str) -> Path | None:
-        """The path as the tree is now; None where a frame is unknown or nothing joins them."""
+        """The path as the tree is now; None where a frame is unknown or no path joins the two."""
         slot = 0
         if cython.compiled:
-            # A program mostly asks with the same few texts, which need not be compared then.
+            # A program mostly uses the same few texts, which need not be compared then.
             slot = _slot(target_frame, source_frame)
             path = self.recent[slot]
             if (
@@ -117,10 +128,10 @@ class Tree:
             if len(asked) >= _MOST_ASKED:
                 asked.clear()
             asked.add(pair)
-            self.untold.append(pair)
+            self.unreported.append(pair)
 
     def ask_again(self) -> None:
-        """Note each pair anew when it is asked for next."""
+        """Note each pair again at its next lookup."""
         if self.asked is not None:
             self.asked.clear()
             self.topology += 1
@@ -129,7 +140,7 @@ class Tree:
         above_target, above_source = chain(target), chain(source)
         if above_target[-1] is not above_source[-1]:
             return None
-        # Both end at the same root: what they share at that end is not on the way.
+        # Both end at the same root: what they share at that end is not on the path.
         shared = 1
         least = min(len(above_target), len(above_source))
         while shared < least and above_target[-1 - shared] is above_source[-1 - shared]:
@@ -143,7 +154,7 @@ class Tree:
     def _answer_by_walk(
         self, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
     ) -> TransformStamped | None:
-        """The way as it was at that time, by the parents that the samples had then."""
+        """The answer along the path of that time, by the parents that the samples had then."""
         target, source = self.frames.get(target_frame), self.frames.get(source_frame)
         if target is None or source is None or stamp_ns is None:
             return None
@@ -157,20 +168,20 @@ class Tree:
         return None
 
     def walk_end(self, frame: str, stamp_ns: int, sampling: Sampling) -> History:
-        """The root above a known frame at that time, or the edge without data in the way."""
+        """The root above a known frame at that time, or the first edge without data."""
         end: History = self._walk(self.frames[frame], stamp_ns, sampling)[-1][0]
         return end
 
     def _walk(
         self, history: History, stamp_ns: int, sampling: Sampling
     ) -> list[tuple[History, Pose, int]]:
-        """The frame and those above it at that time, each with the pose of the first in it, and
-        how far that was extrapolated.
+        """The frame and those above it at that time, each with the pose of the first in it, and how
+        far that was extrapolated.
         """
         pose = IDENTITY
         beyond = 0
         walked = [(history, pose, beyond)]
-        # Parents of different times could make a circle, but no way is longer than all frames.
+        # Parents of different times could form a loop, but no path is longer than all frames.
         while history.parent is not None and len(walked) <= len(self.frames):
             if not seek_as(history, stamp_ns, sampling):
                 break
@@ -186,7 +197,7 @@ class Tree:
     # Looking around
 
     def info(self, frame: str) -> FrameInfo | None:
-        """What is known of one frame; None where it is not known."""
+        """What the tree knows of one frame; None for an unknown one."""
         history = self.frames.get(frame)
         if history is None:
             return None
@@ -194,7 +205,7 @@ class Tree:
         return describe(history, children)
 
     def infos(self) -> list[FrameInfo]:
-        """What is known of every frame, sorted by name."""
+        """What the tree knows of every frame, sorted by name."""
         children: dict[str, list[str]] = {frame: [] for frame in self.frames}
         for frame in sorted(self.frames):
             history = self.frames[frame]
@@ -213,7 +224,7 @@ class Tree:
         static: bool,
         authority: str,
     ) -> bool:
-        """Take one sample; False where it is too old to be kept.
+        """Store one sample; False where it is too old.
 
         Raises InvalidArgumentException and LoopException; then nothing has changed.
         """
@@ -224,20 +235,20 @@ class Tree:
             parent = child.parent
         if static:
             if not child.samples.is_static and child.count():
-                self._tell("became static", child, parent, authority, stamp_ns)
-            outcome = child.fix(stamp_ns, pose, parent)
+                self._report("became static", child, parent, authority, stamp_ns)
+            outcome = child.set_static(stamp_ns, pose, parent)
         else:
             was_static = child.samples.is_static
             outcome = child.insert(stamp_ns, pose, parent, self.cache_ns)
             if outcome == TOO_OLD:
-                self._tell("too old", child, parent, authority, stamp_ns)
+                self._report("too old", child, parent, authority, stamp_ns)
                 return False
             if was_static:
-                self._tell("became dynamic", child, parent, authority, stamp_ns)
-                # Its newest sample may be of another parent than the static pose was.
+                self._report("became dynamic", child, parent, authority, stamp_ns)
+                # Its newest sample may have another parent than the static pose had.
                 self.topology += 1
         if outcome == CONFLICT:
-            self._tell("conflict", child, parent, authority, stamp_ns)
+            self._report("conflict", child, parent, authority, stamp_ns)
         if child.authority != authority:
             self._assign(child, authority, stamp_ns)
         if self.touched is not None:
@@ -245,7 +256,7 @@ class Tree:
         return True
 
     def _assign(self, child: History, authority: str, stamp_ns: int) -> None:
-        """Note that another one sends this frame now, which therefore is not gone."""
+        """Note the new publisher of a frame, which therefore is not gone."""
         former = self.senders.get(child.authority)
         if former is not None:
             former.pop(child.name, None)
@@ -261,21 +272,21 @@ class Tree:
         if child.gone != gone:
             child.gone = gone
             kind: Kind = "publisher gone" if gone else "publisher back"
-            self._tell(kind, child, child.parent, authority, stamp_ns)
+            self._report(kind, child, child.parent, authority, stamp_ns)
             if self.moved is not None:
-                # It matters to those who wait for a living publisher.
+                # Lookups may wait for a living publisher.
                 self.moved.append(child)
 
     def _join(
         self, parent_frame: str, child_frame: str, stamp_ns: int, static: bool, authority: str
     ) -> tuple[History, History]:
-        """The histories of a child and of a parent that is not, or not yet, the one above it."""
+        """The histories of a child and of a parent other than the one above it now."""
         check_frame_id(parent_frame, "frame_id")
         check_frame_id(child_frame, "child_frame_id")
         if parent_frame == child_frame:
             raise InvalidArgumentException(
                 f"frame {child_frame!r} cannot be its own parent: frame_id and child_frame_id "
-                "are to differ"
+                "must differ"
             )
         child, parent = self.frames.get(child_frame), self.frames.get(parent_frame)
         if child is None:
@@ -291,7 +302,7 @@ class Tree:
             if after is not None:
                 self._refuse_loop(after, child, authority)
             if child.parent is not None:
-                self._tell("reparented", child, after, authority, stamp_ns)
+                self._report("reparented", child, after, authority, stamp_ns)
             self.topology += 1
             if self.moved is not None:
                 self.moved.append(child)
@@ -302,7 +313,7 @@ class Tree:
     def _add(self, frame: str, authority: str, stamp_ns: int) -> History:
         history = History(frame)
         self.frames[frame] = history
-        self._tell("added", history, None, authority, stamp_ns)
+        self._report("added", history, None, authority, stamp_ns)
         if self.touched is not None:
             self.touched.append(history)
         return history
@@ -314,7 +325,7 @@ class Tree:
         closing = above[: above.index(child)]
         for history in closing:
             if history.count() == 0:
-                # Its samples were cleared: it holds nothing together any more.
+                # Its samples were cleared, so it joins nothing.
                 history.parent = None
                 self.topology += 1
                 return
@@ -340,8 +351,8 @@ class Tree:
             history.forget_after(stamp_ns)
 
     def sent_by(self, authority: str) -> dict[str, int]:
-        """The frames that an authority sent last, and how many samples of each are held, those
-        of static transforms not counted.
+        """The frames that an authority sent last, and how many samples of each are held, of a
+        static one 0.
         """
         return {
             name: 0 if history.static else history.count()
@@ -349,8 +360,8 @@ class Tree:
         }
 
     def forget(self, authority: str, frames: Iterable[str] | None) -> None:
-        """Forget the samples of what an authority sent last, of all of it or of these frames;
-        static poses stay.
+        """Forget the samples of the frames that an authority sent last, or of these of them; static
+        poses stay.
         """
         sent = self.senders.get(authority, {})
         for frame in sent if frames is None else frames:
@@ -367,14 +378,14 @@ class Tree:
                 self._set_gone(history, gone, authority, 0)
 
     def remove(self, frame: str) -> bool:
-        """Forget a frame's place in its parent, and the frame where nothing hangs below it.
+        """Forget a frame's place in its parent, and the frame itself if it has no children.
 
-        False where it is not known.
+        False for an unknown frame.
         """
         history = self.frames.get(frame)
         if history is None:
             return False
-        self._tell("removed", history, history.parent, history.authority, 0)
+        self._report("removed", history, history.parent, history.authority, 0)
         history.forget()
         history.gone = False
         self._assign(history, "", 0)
@@ -384,13 +395,13 @@ class Tree:
         return True
 
     def remove_sent(self, frame: str, authority: str) -> bool:
-        """Remove a frame where this authority sent it last; whether it was so."""
+        """Remove a frame if this authority sent it last; whether it did."""
         return frame in self.senders.get(authority, {}) and self.remove(frame)
 
     def _children(self, parent: History) -> list[History]:
         return [history for history in self.frames.values() if history.parent is parent]
 
-    def _tell(
+    def _report(
         self, kind: Kind, child: History, parent: History | None, authority: str, stamp_ns: int
     ) -> None:
         if self.news is not None:
@@ -409,14 +420,14 @@ class Tree:
 
 
 def _slot(target_frame: str, source_frame: str) -> int:
-    """Compiled: a place in `recent`, by where the two texts stand in memory."""
+    """Compiled: a place in `recent`, by the addresses of the two texts."""
     target = cython.cast(cython.size_t, cython.cast(cython.p_void, target_frame))
     source = cython.cast(cython.size_t, cython.cast(cython.p_void, source_frame))
     return (target // 16 + source // 16 * 5) % _RECENT  # type: ignore[no-any-return]  # C's own
 
 
 def describe(history: History, children: list[str]) -> FrameInfo:
-    """What is known of a frame, as a value to keep."""
+    """What the tree knows of a frame."""
     span = history.stamp_span()
     count = history.count()
     rate_hz = None

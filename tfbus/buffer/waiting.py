@@ -1,7 +1,7 @@
-"""Waiting for a transform: who waits for which edges, and whom a new sample wakes.
+"""Waiting for a transform: which waiters a new sample wakes.
 
-A waiter is woken when the edges of its path have come to its time, or have left it behind, or
-when a frame of the path gets another parent. So thousands of waiters cost an insert nothing but
+A waiter is woken when the edges of its path have samples up to its time, or none that old any
+longer, or when a frame of the path gets another parent. So thousands of waiters cost an insert only
 a look at the first alarm of the edge.
 """
 
@@ -11,8 +11,7 @@ import threading
 from collections.abc import Callable, Iterable
 
 from tfbus.buffer.tree import Tree, chain
-from tfbus.core.kernel import History
-from tfbus.core.outcome import NO_DATA
+from tfbus.core.kernel import NO_DATA, History
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.
 Question = tuple[str, str, int | None]
@@ -23,9 +22,9 @@ _FIRST_PURGE = 64
 
 
 class Waiter:
-    """Somebody who waits: `wake` is called from the thread that inserts, and returns at once.
+    """A lookup that waits: `wake` is called from the thread that inserts, and returns at once.
 
-    `past_of` is the authority whose past it waits for, None where that is not what is missing.
+    `past_of` is the authority whose past it waits for, None where it waits for something else.
     """
 
     __slots__ = ("gone", "past_of", "wake")
@@ -37,7 +36,7 @@ class Waiter:
 
 
 class _Queue:
-    """Waiters in the order of the stamps that they wait for."""
+    """Waiters by the stamps that they wait for, earliest first."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, Waiter]] = []
@@ -52,7 +51,7 @@ class _Queue:
         heapq.heappush(self._heap, (stamp_ns, next(self._tickets), waiter))
 
     def pop_until(self, stamp_ns: int) -> list[Waiter]:
-        """Those whose stamp is at most this one."""
+        """Remove and return those whose stamp is at most this one."""
         due = []
         while self._heap and self._heap[0][0] <= stamp_ns:
             due.append(heapq.heappop(self._heap)[2])
@@ -69,19 +68,20 @@ class Alarms:
 
 
 class Waiters:
-    """All waiters of a buffer. It has a lock of its own, and never holds it while waking."""
+    """All waiters of a buffer; has a lock of its own, which it never holds while waking."""
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
         self._lock = threading.Lock()
         self._places: dict[Waiter, list[set[Waiter]]] = {}
-        self._strangers: dict[str, set[Waiter]] = {}
+        # By frames that are not in the tree yet.
+        self._unknown: dict[str, set[Waiter]] = {}
 
     def __len__(self) -> int:
         return len(self._places)
 
     def add(self, waiter: Waiter) -> None:
-        """From now on the tree keeps note of what it gets."""
+        """Add a waiter; from now on the tree notes what it stores."""
         with self._lock:
             self._places[waiter] = []
             if self._tree.touched is None:
@@ -93,15 +93,15 @@ class Waiters:
             waiter.gone = True
             for place in self._places.pop(waiter):
                 place.discard(waiter)
-            self._strangers = {name: those for name, those in self._strangers.items() if those}
+            self._unknown = {name: those for name, those in self._unknown.items() if those}
             if not self._places:
                 self._tree.touched = self._tree.moved = None
 
     def watch(self, waiter: Waiter, questions: Iterable[Question]) -> None:
         """Wake it when the answers to the questions may have changed.
 
-        Called with the buffer's lock held. Ask again after this and before waiting: what came
-        before is not told.
+        Called with the buffer's lock held. Look up again after this and before waiting: earlier
+        changes do not wake it.
         """
         with self._lock:
             for target_frame, source_frame, stamp_ns in questions:
@@ -110,13 +110,13 @@ class Waiters:
     def notify(
         self, touched: Iterable[tuple[History, Span | None]], moved: Iterable[History]
     ) -> None:
-        """Wake those to whom it matters that these frames got a sample, and now have this span of
-        stamps, or that they got a parent.
+        """Wake the waiters of frames that got a sample, and now have this span of stamps, and of
+        frames that got a parent.
         """
         woken: list[Waiter] = []
         with self._lock:
             for history, span in touched:
-                woken += self._strangers.pop(history.name, ())
+                woken += self._unknown.pop(history.name, ())
                 alarms = history.alarms
                 if isinstance(alarms, Alarms) and span is not None:
                     woken += alarms.arriving.pop_until(span[1])
@@ -129,10 +129,10 @@ class Waiters:
                 waiter.wake()
 
     def wake_all(self) -> None:
-        """Wake everybody: much has changed."""
+        """Wake all waiters."""
         with self._lock:
-            everybody = list(self._places)
-        for waiter in everybody:
+            waiters = list(self._places)
+        for waiter in waiters:
             waiter.wake()
 
     def _watch_one(
@@ -141,7 +141,7 @@ class Waiters:
         ends = [self._tree.frames.get(frame) for frame in (target_frame, source_frame)]
         for frame, end in zip((target_frame, source_frame), ends, strict=True):
             if end is None:
-                self._place(waiter, self._strangers.setdefault(frame, set()))
+                self._place(waiter, self._unknown.setdefault(frame, set()))
         known = [end for end in ends if end is not None]
         if len(known) < 2:
             return

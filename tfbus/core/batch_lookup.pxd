@@ -1,9 +1,9 @@
 cimport cython
 cimport libc.math as math
 from tfbus.core.kernel cimport (
-    Path, blend_screw, invert, locate, pose_at, pose_t, sample, samples_ptr, samples_t)
+    Path, invert, locate, pose_at, pose_t, sample, samples_ptr, samples_t, sclerp)
 
-cdef Py_ssize_t _ROWS
+cdef Py_ssize_t _ROWS, _LEAST_ORDERED, _MOST_ORDERED, _ROWS_OF_BUCKET, _MOST_BUCKETS
 cdef double _SERIES_BELOW, _NOTHING
 cdef long long NO_DATA
 
@@ -69,3 +69,13 @@ cdef void _invert(block_t* block, Py_ssize_t count) noexcept nogil
 cdef void _write(
     block_t* block, Py_ssize_t count, double[::1] xyz, double[::1] quat,
     unsigned char[::1] known) noexcept nogil
+
+@cython.locals(count=Py_ssize_t)
+cpdef by_time(stamps)
+@cython.locals(i=Py_ssize_t)
+cdef bint _are_sorted(const long long[::1] stamps) noexcept nogil
+@cython.locals(i=Py_ssize_t, at=Py_ssize_t, bucket=Py_ssize_t, last=Py_ssize_t, pace=double,
+               way=double)
+cdef void _distribute(
+    const long long[::1] stamps, double least, double most, int[::1] starts,
+    unsigned short[::1] buckets, int[::1] rows) noexcept

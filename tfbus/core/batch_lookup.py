@@ -1,19 +1,23 @@
 # cython: boundscheck=False, wraparound=False
-"""Lookups of many stamps along one path, edge by edge.
+"""Lookups of many stamps along one path, edge by edge, in about the order of their times.
 
-One of the modules that are compiled where there is a C compiler (`sweep.pxd` says the C types).
-Nothing here locks: the buffer holds its lock around every call.
+Compiled where there is a C compiler (`batch_lookup.pxd` has the C types). Nothing here locks: the
+buffer holds its lock around every call of `fill`.
 
-A block of rows takes each edge in turn. What two samples have in common for all times between
-them is computed once while the stamps stay between them, and the processor can work at several
-rows at a time, none of which waits for another.
+A block of rows takes each edge in turn. What all times between two samples share is computed once
+while the stamps stay between them, and the processor works at several rows at a time, since none
+waits for another. So rows are put into the order of their times first; a few out of order cost
+little, and the order may be rough. How rough depends on how evenly the times are spread.
 """
 
 import math
 from collections.abc import MutableSequence, Sequence
+from typing import Any
 
-from tfbus.core.kernel import Path, Pose, Samples, blend_screw, invert
-from tfbus.core.outcome import NO_DATA
+import numpy as np
+from numpy.typing import NDArray
+
+from tfbus.core.kernel import NO_DATA, Path, Pose, Samples, invert, sclerp
 
 try:
     import cython
@@ -24,20 +28,28 @@ if not cython.compiled:
     # Compiled, they are functions of C.
     from tfbus.core.kernel import locate, pose_at, sample
 
-# Rows of a block: what is known of so many fits into the processor's nearest cache.
+# Rows of a block: their numbers fit into the processor's nearest cache.
 _ROWS = 64
-# As in `blend`: below this four terms of the series of slerp's weights are exact to 1e-14.
+# As in `lerp_slerp`: below this four terms of the series of slerp's weights are exact to 1e-14.
 _SERIES_BELOW = 1e-3
-# Of a row that has no pose; whatever is computed with it is the same.
+# The numbers of a row without a pose; what is computed from them is NaN, too.
 _NOTHING = float("nan")
+
+# Ordering fewer rows gains too little; the numbers of more would not fit 32 bits.
+_LEAST_ORDERED = 1024
+_MOST_ORDERED = 2**31 - 1
+# Rows of a bucket, on average; more buckets would not fit into the nearest cache.
+_ROWS_OF_BUCKET = 8
+_MOST_BUCKETS = 4096
+
+_AS_THEY_ARE = np.empty(0, dtype=np.int32)
 
 
 class Block:
-    """What is known of some rows while their poses are put together; compiled, a struct of C.
+    """Some rows while their poses are composed; compiled, a struct of C.
 
-    `stamps_ns` are their times, and `row` is where they go. x y z qx qy qz qw is the pose so far,
-    and with `step_` before it what is to follow: the pose of one more edge. `known` is 0 where
-    there is none.
+    `stamps_ns` are their times, and `row` their rows in the answer. x y z qx qy qz qw is the pose
+    so far, and with `step_` before it the pose of the next edge. `known` is 0 where there is none.
     """
 
     def __init__(self) -> None:
@@ -64,10 +76,9 @@ def fill(
     known: MutableSequence[int],
     screw: bool,
 ) -> None:
-    """The poses at the stamps of rows [start, stop), written into their rows of `xyz` (three
-    numbers each) and `quat` (four): those of `path.follow`, and not a number where it has none;
-    there `known` is 0. Where there are `rows`, row `rows[i]` is the i-th: [start, stop) then counts
-    in that order.
+    """Write the poses at the stamps of rows [start, stop) into `xyz` (three numbers a row) and
+    `quat` (four): those of `path.follow`, and NaN where it has none; there `known` is 0. With
+    `rows` from `by_time`, row `rows[i]` is the i-th of [start, stop).
     """
     if cython.compiled:  # noqa: SIM108  # in C the two are of different types
         block = cython.address(space)  # type: ignore[name-defined]  # noqa: F821  # a struct of C
@@ -109,7 +120,7 @@ def _begin(
 
 
 def _step(block: Block, samples: Samples, count: int) -> None:
-    """The pose of an edge for each row, as `blend` has it."""
+    """The pose of an edge for each row, as `lerp_slerp` has it."""
     before = after = NO_DATA
     ax = ay = az = apx = apy = apz = apw = 0.0
     bx = by = bz = bpx = bpy = bpz = bpw = 0.0
@@ -155,7 +166,7 @@ def _step(block: Block, samples: Samples, count: int) -> None:
 
 
 def _weight(short: float, square: float) -> float:
-    """As in `blend`, whose series it is."""
+    """As in `lerp_slerp`, whose series it is."""
     third = 1.0 + short * (9.0 - square) * (1.0 / 21.0)
     second = 1.0 + short * (4.0 - square) * (1.0 / 10.0) * third
     return 1.0 + short * (1.0 - square) * (1.0 / 3.0) * second
@@ -171,11 +182,11 @@ def _step_screw(block: Block, samples: Samples, count: int) -> None:
             _set_step(block, j, pose_at(samples, 0.0))
         else:
             a, b = sample(samples, samples.here), sample(samples, samples.following)
-            _set_step(block, j, blend_screw(a, b, ratio))
+            _set_step(block, j, sclerp(a, b, ratio))
 
 
 def _missing(block: Block, j: int) -> Pose:
-    """Note that a row has no pose."""
+    """The pose of a row without one, which is noted."""
     block.known[j] = 0
     return _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING
 
@@ -187,7 +198,7 @@ def _set_step(block: Block, j: int, pose: Pose) -> None:
 
 
 def _take(block: Block, count: int) -> None:
-    """The first step is the pose so far."""
+    """Start with the first step."""
     for j in range(count):
         block.x[j] = block.step_x[j]
         block.y[j] = block.step_y[j]
@@ -218,7 +229,7 @@ def _compose(block: Block, count: int) -> None:
 
 
 def _invert(block: Block, count: int) -> None:
-    """The way back."""
+    """Invert the poses so far."""
     for j in range(count):
         pose: Pose = (
             block.x[j],
@@ -241,7 +252,7 @@ def _write(
     quat: MutableSequence[float],
     known: MutableSequence[int],
 ) -> None:
-    """What has been found, with the rounding of many products taken off the norm again."""
+    """Write the poses, their norms corrected for rounding as `normalised` does."""
     for j in range(count):
         i = block.row[j]
         known[i] = block.known[j]
@@ -254,3 +265,55 @@ def _write(
         quat[4 * i + 1] = qy * scale
         quat[4 * i + 2] = qz * scale
         quat[4 * i + 3] = qw * scale
+
+
+def by_time(stamps: NDArray[np.int64]) -> NDArray[np.int32]:
+    """The rows of the stamps (N,) in about the order of these; empty where they are in order, or
+    too few to gain by it.
+    """
+    count = len(stamps)
+    if not _LEAST_ORDERED <= count <= _MOST_ORDERED or _are_sorted(stamps.data):
+        return _AS_THEY_ARE
+    if not cython.compiled:
+        return np.argsort(stamps, kind="stable").astype(np.int32)
+    rows = np.empty(count, dtype=np.int32)
+    buckets = np.empty(count, dtype=np.uint16)
+    starts = np.zeros(min(count // _ROWS_OF_BUCKET, _MOST_BUCKETS) + 1, dtype=np.int32)
+    _distribute(stamps.data, stamps.min(), stamps.max(), starts.data, buckets.data, rows.data)
+    return rows
+
+
+def _are_sorted(stamps: Any) -> bool:
+    for i in range(1, len(stamps)):  # noqa: SIM110  # as C has it
+        if stamps[i] < stamps[i - 1]:
+            return False
+    return True
+
+
+def _distribute(
+    stamps: Any, least: float, most: float, starts: Any, buckets: Any, rows: Any
+) -> None:
+    """Write the rows of stamps from `least` to `most`, by a counting sort into buckets of equal
+    length. `starts` are zeros, one more than buckets; `buckets` is room for those of the stamps.
+    """
+    with cython.nogil:
+        last = len(starts) - 2
+        pace = last / (most - least)
+        for i in range(len(stamps)):
+            way = (stamps[i] - least) * pace
+            # Rounding may exceed the last bucket; it is NaN where the two are one double; and a
+            # thread may write into the stamps meanwhile.
+            if way > last:
+                way = last
+            elif not way >= 0.0:
+                way = 0.0
+            bucket = cython.cast(cython.Py_ssize_t, way)
+            buckets[i] = bucket
+            starts[bucket + 1] += 1
+        for bucket in range(1, len(starts)):
+            starts[bucket] += starts[bucket - 1]
+        for i in range(len(stamps)):
+            bucket = buckets[i]
+            at = starts[bucket]
+            starts[bucket] = at + 1
+            rows[at] = i

@@ -11,10 +11,10 @@ _Type = TypeVar("_Type", bound=type)
 
 
 def cclass(decorated: _Type) -> _Type:
-    """A class stays a class."""
+    """Nothing to do for a class of Python."""
     return decorated
 
 
 def freelist(size: int) -> Callable[[_Type], _Type]:
-    """Python keeps free memory by itself."""
+    """Nothing to do: Python keeps free memory itself."""
     return cclass

@@ -15,7 +15,7 @@ cpdef pose_t compose(pose_t a, pose_t b) noexcept nogil
 @cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double, tx=double, ty=double, tz=double)
 cpdef pose_t invert(pose_t a) noexcept nogil
 
-cpdef pose_t between(pose_t a, pose_t b) noexcept nogil
+cpdef pose_t relative(pose_t a, pose_t b) noexcept nogil
 
 @cython.locals(x=double, y=double, z=double, qx=double, qy=double, qz=double, qw=double, scale=double)
 cpdef pose_t normalised(pose_t a) noexcept nogil
@@ -29,14 +29,14 @@ cdef double off_unit(pose_t pose) noexcept nogil
 cdef pose_t unit(pose_t pose, double error) noexcept nogil
 
 @cython.locals(ax=double, ay=double, az=double, apx=double, apy=double, apz=double, apw=double, bx=double, by=double, bz=double, bpx=double, bpy=double, bpz=double, bpw=double, cosine=double, sign=double, rest=double, short=double, u=double, v=double, angle=double, scale=double)
-cpdef pose_t blend(pose_t a, pose_t b, double ratio) noexcept nogil
+cpdef pose_t lerp_slerp(pose_t a, pose_t b, double ratio) noexcept nogil
 
 @cython.locals(third=double, second=double)
 cdef double _weight(double short, double square) noexcept nogil
 
 @cython.locals(vx=double, vy=double, vz=double, wx=double, wy=double, wz=double)
 @cython.locals(step=pose_t)
-cpdef pose_t blend_screw(pose_t a, pose_t b, double ratio) noexcept nogil
+cpdef pose_t sclerp(pose_t a, pose_t b, double ratio) noexcept nogil
 
 @cython.locals(square=double, angle=double, a=double, b=double, s=double, ax=double, ay=double, az=double)
 cpdef pose_t exp_twist(double vx, double vy, double vz, double wx, double wy, double wz) noexcept nogil
@@ -58,7 +58,7 @@ cdef struct samples_t:
     double pace
     bint is_static
     bint mixed
-    pose_t fixed
+    pose_t static_pose
 
 ctypedef samples_t* samples_ptr
 ctypedef long long* stamps_ptr
@@ -73,8 +73,8 @@ cdef double OUTSIDE, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 cdef Py_ssize_t slot(samples_t* samples, Py_ssize_t at) noexcept nogil
 @cython.locals(before=cython.longlong, after=cython.longlong, elapsed=double, period=double)
 cdef double locate(samples_t* samples, long long stamp_ns) noexcept nogil
-cdef void put(samples_t* samples, Py_ssize_t at) noexcept nogil
-cdef void leave(samples_t* samples) noexcept nogil
+cdef void set_cursor(samples_t* samples, Py_ssize_t at) noexcept nogil
+cdef void invalidate(samples_t* samples) noexcept nogil
 @cython.locals(stamps=stamps_ptr, low=Py_ssize_t, high=Py_ssize_t, start=Py_ssize_t,
                guess=Py_ssize_t, tried=Py_ssize_t, step=Py_ssize_t, middle=Py_ssize_t,
                last=cython.longlong, way=double)
@@ -92,7 +92,7 @@ cdef Py_ssize_t append_rows(
 cdef void push(
     samples_t* samples, long long stamp_ns, pose_t pose, long long cache_ns) noexcept nogil
 @cython.locals(stamps=stamps_ptr)
-cdef void drop(samples_t* samples, long long oldest_ns) noexcept nogil
+cdef void expire(samples_t* samples, long long oldest_ns) noexcept nogil
 @cython.locals(poses=poses_ptr, k=Py_ssize_t, x=double, y=double, z=double, qx=double, qy=double,
                qz=double, qw=double)
 cdef void write(
@@ -106,7 +106,7 @@ cdef class History:
     cdef samples_t* samples
     cdef readonly str name
     cdef readonly History parent
-    cdef long long fixed_stamp
+    cdef long long static_stamp
     cdef long long[::1] stamps
     cdef double[::1] poses
     cdef readonly list parents
@@ -132,7 +132,7 @@ cdef class History:
     cdef bint _is_change(self) noexcept
 
     cdef bint append(self, long long stamp_ns, pose_t pose, long long cache_ns) noexcept
-    cdef int fix(self, long long stamp_ns, pose_t pose, History parent) except -1
+    cdef int set_static(self, long long stamp_ns, pose_t pose, History parent) except -1
     @cython.locals(samples=samples_ptr, newest=cython.longlong)
     cdef int insert(
         self, long long stamp_ns, pose_t pose, History parent, long long cache_ns) except -1
@@ -146,12 +146,12 @@ cdef class History:
     cdef int _insert_late(self, long long stamp_ns, pose_t pose, History parent) except -1
     @cython.locals(known=History, place=Py_ssize_t)
     cdef int _replace(self, Py_ssize_t at, pose_t pose, History parent) except -1
-    cdef bint _is_fixed_at(self, pose_t pose, History parent)
-    cdef _unfix(self)
+    cdef bint _is_static_at(self, pose_t pose, History parent)
+    cdef _unset_static(self)
     cdef long long _newest_sample(self) noexcept
     cdef void _set_newest(self) noexcept
     cdef _change_parent(self, History parent)
-    cdef _mix(self, long long until_ns)
+    cdef _track_parents(self, long long until_ns)
     cdef _set_parents(self, list parents)
     @cython.locals(samples=samples_ptr, alive=Py_ssize_t)
     cdef _make_room(self)
@@ -186,5 +186,5 @@ cdef class Path:
     cdef long long follow_as(self, long long stamp_ns, sampling) except *
 
 @cython.locals(history=History, pose=pose_t)
-cdef pose_t _climb(list histories, bint screw) except *
+cdef pose_t _chain_pose(list histories, bint screw) except *
 cpdef bint seek_as(History history, long long stamp_ns, sampling) except -1

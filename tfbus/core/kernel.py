@@ -1,10 +1,10 @@
 # cython: boundscheck=False, wraparound=False
 """The kernel: the arithmetic of poses, their history on one edge, and paths of edges.
 
-It is one module because what runs in it millions of times a second is to be compiled as one.
-The same source runs compiled, where there was a C compiler when it was installed, and else
-interpreted; `kernel.pxd` beside it says the C types. Nothing here locks: the buffer holds its
-lock around every call.
+It is one module so that the C compiler can inline one part into the next: it runs millions of
+times a second. The same source runs compiled, if there was a C compiler when it was installed, or
+interpreted; `kernel.pxd` has the C types. Nothing here locks: the buffer holds its lock around
+every call.
 
 A pose is seven numbers x y z qx qy qz qw, a plain tuple (compiled: a struct), and takes points of
 a child frame into its parent.
@@ -15,17 +15,6 @@ from array import array
 from collections.abc import MutableSequence, Sequence
 
 from tfbus.core import packed
-from tfbus.core.outcome import (
-    ALL_STATIC,
-    CONFLICT,
-    KEPT,
-    LONGEST_NS,
-    NO_DATA,
-    QUATERNION_TOLERANCE,
-    REPEATED,
-    TOO_OLD,
-    UNIT_TO_THE_LAST_BIT,
-)
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.core.sampling import Sampling
 
@@ -36,20 +25,48 @@ except ImportError:
 
 Pose = tuple[float, float, float, float, float, float, float]
 
+# What `History` answers about a sample.
+KEPT = 0
+TOO_OLD = 1
+REPEATED = 2
+CONFLICT = 3
+
+# Latest stamps of static edges, and of edges without samples; no sample has such a stamp.
+ALL_STATIC = 2**63 - 1
+NO_DATA = -ALL_STATIC - 1
+
+# The farthest a stamp may be from 1970, and the longest cache: differences fit 64 bits.
+LONGEST_NS = 2**62
+
+# tf2's tolerance (its "TF_DENORMALIZED_QUATERNION"): the squared norm is within 0.01 of one.
+QUATERNION_TOLERANCE = 0.01
+# The squared norm of a quaternion that was normalised before is as near to one.
+UNIT_TO_THE_LAST_BIT = 4.5e-16
+
+if cython.compiled:
+    # `kernel.pxd` makes them numbers of C, which other modules could not import.
+    globals().update(
+        KEPT=KEPT,
+        TOO_OLD=TOO_OLD,
+        REPEATED=REPEATED,
+        CONFLICT=CONFLICT,
+        NO_DATA=NO_DATA,
+        ALL_STATIC=ALL_STATIC,
+        LONGEST_NS=LONGEST_NS,
+        QUATERNION_TOLERANCE=QUATERNION_TOLERANCE,
+        UNIT_TO_THE_LAST_BIT=UNIT_TO_THE_LAST_BIT,
+    )
+
+
+# Pose arithmetic
+
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 # Below this distance of the cosine from one (rotations of 5 degrees between the samples) four
 # terms of the series of slerp's weights are exact to 1e-14, and four times as fast.
 _SERIES_BELOW = 1e-3
-# Where sines of so small an angle would lose digits.
+# Below this angle quotients of sines would lose digits.
 _SMALL_ANGLE = 1e-3
-
-# Said by `locate` of a time that is not between samples.
-OUTSIDE = -1.0
-
-_FIRST_CAPACITY = 4
-_NO_STAMPS = array("q")
-_NO_POSES = array("d")
 
 
 def compose(a: Pose, b: Pose) -> Pose:
@@ -88,39 +105,37 @@ def invert(a: Pose) -> Pose:
     )
 
 
-def between(a: Pose, b: Pose) -> Pose:
+def relative(a: Pose, b: Pose) -> Pose:
     """The motion from `a` to `b`, seen from `a`: the inverse of `a`, composed with `b`."""
     return compose(invert(a), b)
 
 
 def normalised(a: Pose) -> Pose:
-    """With the rounding of many products taken off the norm again, by one step of Newton's."""
+    """The pose with the norm of its quaternion corrected for rounding, by one Newton step."""
     x, y, z, qx, qy, qz, qw = a
     scale = 1.5 - 0.5 * (qx * qx + qy * qy + qz * qz + qw * qw)
     return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale
 
 
 def off_unit(pose: Pose) -> float:
-    """How far the quaternion's squared norm is off one; not a number where one of the seven is
-    not finite.
-    """
+    """How far the quaternion's squared norm is off one; NaN where a number is not finite."""
     x, y, z, qx, qy, qz, qw = pose
     total = x + y + z
     square = qx * qx + qy * qy + qz * qz + qw * qw
-    # Of numbers that are not finite a difference to themselves is not 0.
+    # A number that is not finite, minus itself, is NaN.
     return (square - square) + (total - total) + (square - 1.0)
 
 
 def unit(pose: Pose, error: float) -> Pose:
-    """The pose with its quaternion normalised, whose squared norm is so far off one."""
+    """The pose with its quaternion normalised; `error` is what `off_unit` says of it."""
     x, y, z, qx, qy, qz, qw = pose
     scale = 1.0 / math.sqrt(1.0 + error)
     return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale
 
 
-def blend(a: Pose, b: Pose, ratio: float) -> Pose:
-    """From `a` (ratio 0) to `b` (1) as tf2 does: translation straight, rotation by slerp the
-    short way round.
+def lerp_slerp(a: Pose, b: Pose, ratio: float) -> Pose:
+    """From `a` (ratio 0) to `b` (1) as tf2 does: translation on a straight line, rotation by slerp
+    the short way round.
     """
     ax, ay, az, apx, apy, apz, apw = a
     bx, by, bz, bpx, bpy, bpz, bpw = b
@@ -160,9 +175,9 @@ def _weight(short: float, square: float) -> float:
     return 1.0 + short * (1.0 - square) * (1.0 / 3.0) * second
 
 
-def blend_screw(a: Pose, b: Pose, ratio: float) -> Pose:
-    """Along the screw from `a` (ratio 0) to `b` (1), at even speed; beyond 1 it goes on so."""
-    vx, vy, vz, wx, wy, wz = log_pose(between(a, b))
+def sclerp(a: Pose, b: Pose, ratio: float) -> Pose:
+    """Along the screw from `a` (ratio 0) to `b` (1), at constant speed, also beyond the two."""
+    vx, vy, vz, wx, wy, wz = log_pose(relative(a, b))
     step = exp_twist(vx * ratio, vy * ratio, vz * ratio, wx * ratio, wy * ratio, wz * ratio)
     return normalised(compose(a, step))
 
@@ -227,26 +242,36 @@ def log_pose(p: Pose) -> tuple[float, float, float, float, float, float]:
     )
 
 
+# Edge history
+
+# What `locate` answers for a time that is not between samples.
+OUTSIDE = -1.0
+
+_FIRST_CAPACITY = 4
+_NO_STAMPS = array("q")
+_NO_POSES = array("d")
+
+
 class Samples:
-    """What a lookup reads of one edge; where the kernel is compiled, it is a struct of C.
+    """What a lookup reads of one edge; compiled, a struct of C.
 
-    `stamps` and `poses` (seven numbers a sample) are rings of `capacity` slots: nothing moves where
-    old samples leave at the head and new ones come at the tail. The sorted samples have the places
-    [head, tail), and `slot` says where a place is. `newest` is the last stamp, NO_DATA without one.
+    `stamps` and `poses` (seven numbers a sample) are rings of `capacity` slots: nothing moves when
+    old samples expire at the head and new ones arrive at the tail. The sorted samples have the
+    places [head, tail), and `slot` maps a place to its slot. `newest` is the last stamp, NO_DATA
+    without one.
 
-    A static edge has the pose `fixed` at all times, and `newest` is ALL_STATIC; samples of when it
-    was not are kept. `mixed` is whether the samples have several parents.
+    A static edge has `static_pose` at all times, and `newest` is ALL_STATIC; its samples from
+    before it became static are kept. `mixed` is whether the samples have several parents.
 
-    The cursor is where the time that was asked last is found: `here` is the slot of the sample
-    before it and `following` that of the one after it, and `before` and `after` are their stamps,
-    between which there is no search. `pace` is about how many samples come in a nanosecond.
+    The cursor is at the time of the last lookup: `here` is the slot of the sample before it and
+    `following` that of the one after it, and `before` and `after` are their stamps, between which
+    there is no search. `pace` is about how many samples come in a nanosecond.
     """
 
     __slots__ = (
         "after",
         "before",
         "capacity",
-        "fixed",
         "following",
         "head",
         "here",
@@ -256,6 +281,7 @@ class Samples:
         "pace",
         "poses",
         "stamps",
+        "static_pose",
         "tail",
     )
 
@@ -272,17 +298,17 @@ class Samples:
     pace: float
     is_static: bool
     mixed: bool
-    fixed: Pose
+    static_pose: Pose
 
 
 def slot(samples: Samples, at: int) -> int:
-    """Where in the columns the sample of a place is."""
+    """The slot of a place."""
     return at if at < samples.capacity else at - samples.capacity
 
 
 def locate(samples: Samples, stamp_ns: int) -> float:
-    """Put the cursor on the last sample that is not later than a time; how far on from there
-    towards the next one it is, from 0 to 1, or OUTSIDE where samples are not on both sides of it.
+    """Set the cursor to the last sample that is not later than a time; the ratio, 0 to 1, of the
+    way to the next one, or OUTSIDE where there are no samples on both sides.
     """
     if samples.is_static:
         return 0.0
@@ -292,39 +318,39 @@ def locate(samples: Samples, stamp_ns: int) -> float:
             if stamp_ns > samples.newest or samples.head == samples.tail:
                 return OUTSIDE
             samples.here = slot(samples, samples.tail - 1)
-            leave(samples)
+            invalidate(samples)
             return 0.0
         if stamp_ns < samples.stamps[slot(samples, samples.head)]:
             return OUTSIDE
-        put(samples, find(samples, stamp_ns))
+        set_cursor(samples, find(samples, stamp_ns))
         before, after = samples.before, samples.after
     elapsed, period = stamp_ns - before, after - before
     return elapsed / period
 
 
-def put(samples: Samples, at: int) -> None:
-    """Put the cursor on a place that is not the last."""
+def set_cursor(samples: Samples, at: int) -> None:
+    """Set the cursor to a place that is not the last."""
     samples.here, samples.following = slot(samples, at), slot(samples, at + 1)
     samples.before = samples.stamps[samples.here]
     samples.after = samples.stamps[samples.following]
 
 
-def leave(samples: Samples) -> None:
-    """Let the next time be searched for."""
+def invalidate(samples: Samples) -> None:
+    """Invalidate the cursor: the next lookup searches."""
     samples.after = NO_DATA
 
 
 def find(samples: Samples, stamp_ns: int) -> int:
     """The last sample that is not later than a time between the oldest and the newest.
 
-    Samples mostly come evenly: guess where it would be then, and search around there. The pace to
-    guess by is taken anew where the guess was wrong, so that else nobody waits for a division.
+    Samples mostly come evenly: guess the place from the pace, and search around it. The pace is
+    computed again only after a wrong guess, as its division takes long.
     """
     stamps = samples.stamps
     low, high, start = samples.head, samples.tail - 1, 0
     last = samples.newest
     if high >= samples.capacity:
-        # It goes on at the first slot: before that, or from there on.
+        # The ring wraps: search before the first slot, or from there on.
         if low < samples.capacity and stamp_ns < stamps[0]:
             high, last = samples.capacity, stamps[0]
         else:
@@ -363,19 +389,19 @@ def find(samples: Samples, stamp_ns: int) -> int:
 
 
 def pose_at(samples: Samples, ratio: float) -> Pose:
-    """The pose at the cursor, and so far on towards the next sample."""
+    """The pose at a ratio of the way from the cursor to the next sample."""
     if samples.is_static:
-        return samples.fixed
+        return samples.static_pose
     if ratio == 0.0:
         return sample(samples, samples.here)
-    return blend(sample(samples, samples.here), sample(samples, samples.following), ratio)
+    return lerp_slerp(sample(samples, samples.here), sample(samples, samples.following), ratio)
 
 
 def screw_at(samples: Samples, ratio: float) -> Pose:
-    """As `pose_at`, along the screw; a ratio outside of 0 to 1 goes on beyond the two samples."""
+    """As `pose_at`, along the screw; a ratio outside of 0 to 1 extrapolates."""
     if samples.is_static or ratio == 0.0:
         return pose_at(samples, ratio)
-    return blend_screw(sample(samples, samples.here), sample(samples, samples.following), ratio)
+    return sclerp(sample(samples, samples.here), sample(samples, samples.following), ratio)
 
 
 def sample(samples: Samples, place: int) -> Pose:
@@ -394,15 +420,15 @@ def sample(samples: Samples, place: int) -> Pose:
 
 
 def append(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
-    """Take a sample that is newer than all others, and let go of those that are too old then.
+    """Store a sample that is newer than all others, and expire old ones.
 
-    False where it is not newer, or where there is more to do.
+    False, and nothing stored, where it is not newer, or where `History.insert` has more to do.
     """
-    # The stamp of a static edge is newer than all.
+    # The `newest` of a static edge is later than any stamp.
     if stamp_ns <= samples.newest or samples.mixed:
         return False
     if samples.tail - samples.head == samples.capacity:
-        drop(samples, stamp_ns - cache_ns)
+        expire(samples, stamp_ns - cache_ns)
     if samples.tail - samples.head == samples.capacity or samples.head >= samples.capacity:
         return False
     push(samples, stamp_ns, pose, cache_ns)
@@ -419,11 +445,11 @@ def append_rows(
     count: int,
     cache_ns: int,
 ) -> int:
-    """Append to each edge its row, from `start` on, as long as each is newer than the others of its
-    edge and can be taken (finite, of norm one, within LONGEST_NS): the row at which it is not so,
-    or the count of all.
+    """Append to each edge its row, from `start` on, up to the first that is not newer than the
+    others of its edge or not valid (finite, norm one, within LONGEST_NS); the index of that row,
+    or `count`.
 
-    The rows are bytes from `stamps_at` and `poses_at` on, as a message has them.
+    The rows are bytes from `stamps_at` and `poses_at` on, as in a message.
     """
     for at in range(start, count):
         stamp_ns = packed.stamp_at(stamps, stamps_at + STAMP_SIZE * at)
@@ -441,28 +467,28 @@ def append_rows(
 
 
 def push(samples: Samples, stamp_ns: int, pose: Pose, cache_ns: int) -> None:
-    """Add a sample where there is room, and let go of those that are too old then."""
+    """Add a sample where there is room, and expire old ones."""
     write(samples, slot(samples, samples.tail), stamp_ns, pose)
     samples.tail += 1
     samples.newest = stamp_ns
     if cython.compiled:
-        # Many edges take turns, so that the next slot has long left the processor's near caches:
-        # without this, half the time of an insert is the wait for it.
+        # With many edges the next slot is no longer in the processor's near caches: without this,
+        # half the time of an insert is the wait for it.
         packed.fetch_pose(samples.poses, 7 * slot(samples, samples.tail))
-    drop(samples, stamp_ns - cache_ns)
+    expire(samples, stamp_ns - cache_ns)
 
 
-def drop(samples: Samples, oldest_ns: int) -> None:
-    """Let go of the samples of before a time."""
+def expire(samples: Samples, oldest_ns: int) -> None:
+    """Remove the samples from before a time."""
     stamps = samples.stamps
     while samples.head < samples.tail and stamps[slot(samples, samples.head)] < oldest_ns:
         samples.head += 1
     if samples.before < oldest_ns:
-        leave(samples)
+        invalidate(samples)
 
 
 def write(samples: Samples, place: int, stamp_ns: int, pose: Pose) -> None:
-    """Overwrite what is in one slot."""
+    """Write a sample into a slot."""
     x, y, z, qx, qy, qz, qw = pose
     samples.stamps[place] = stamp_ns
     poses = samples.poses
@@ -477,20 +503,19 @@ def write(samples: Samples, place: int, stamp_ns: int, pose: Pose) -> None:
 
 
 def shift(samples: Samples, at: int) -> None:
-    """Move the samples from a place on to the next ones, as there is room behind the last."""
+    """Move the samples from a place on by one; there is room behind the last."""
     for i in range(samples.tail, at, -1):
         place = slot(samples, i - 1)
         write(samples, slot(samples, i), samples.stamps[place], sample(samples, place))
 
 
 class History:
-    """A frame's place in its parent over time: the edge above it.
+    """A frame's pose in its parent over time: the edge above it.
 
-    `samples` is what there is to read. `parents` is None while all samples have the one
-    `parent`; so that history survives a change of parent, it is then a list of each slot's, until
-    the samples up to `mixed_until` have left.
+    `parents` is None while all samples have the one `parent`. After a change of parent it is a
+    list, the parent of each slot, until the samples up to `mixed_until` have expired.
 
-    Reading is two steps: `seek` puts the cursor on a time, `pose` reads there.
+    Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
     """
 
     def __init__(self, name: str) -> None:
@@ -502,15 +527,15 @@ class History:
         else:
             self.samples = Samples()
         self.samples.is_static = False
-        self.samples.fixed = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        self.fixed_stamp = 0
+        self.samples.static_pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        self.static_stamp = 0
         self.authority = ""
         self.gone = False
         self.conflicts = 0
         self.refused = 0
         self.paths: dict[str, Path] = {}
         self.alarms: object = None
-        # Where the cursor is between two samples, and how far beyond the samples the time is.
+        # The cursor's ratio between two samples, and how far the time is outside of the samples.
         self.ratio = 0.0
         self.beyond = 0
         self.mixed_until = NO_DATA
@@ -520,11 +545,11 @@ class History:
 
     @property
     def static(self) -> bool:
-        """Whether it has one pose at all times."""
+        """Whether the edge has one pose at all times."""
         return bool(self.samples.is_static)
 
     def seek(self, stamp_ns: int) -> bool:
-        """Put the cursor on a time; False where there is no sample on both sides of it."""
+        """Set the cursor to a time; False where there are no samples on both sides of it."""
         self.ratio = locate(self.samples, stamp_ns)
         if self.ratio > 0.0 and self._is_change():
             # Between two parents tf2 stays at the older sample.
@@ -532,7 +557,7 @@ class History:
         return self.ratio >= 0.0
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
-        """Put the cursor on the nearest sample; False where it is not within the tolerance."""
+        """Set the cursor to the nearest sample; False where it is not within the tolerance."""
         samples = self.samples
         if samples.is_static:
             return True
@@ -547,13 +572,13 @@ class History:
             if stamp_ns - self._stamp(at) > self._stamp(at + 1) - stamp_ns:
                 at += 1
         samples.here = slot(samples, at)
-        leave(samples)
+        invalidate(samples)
         self.ratio = 0.0
         near = self._stamp(at)
         return stamp_ns - tolerance_ns <= near and near <= stamp_ns + tolerance_ns
 
     def seek_beyond(self, stamp_ns: int, extrapolation_ns: int) -> bool:
-        """Put the cursor on a time up to so far outside of the samples."""
+        """Set the cursor to a time at most `extrapolation_ns` outside of the samples."""
         self.beyond = 0
         if self.seek(stamp_ns):
             return True
@@ -561,7 +586,7 @@ class History:
         if samples.tail - samples.head < 2:
             return False
         oldest = self._stamp(samples.head)
-        # So compared that no difference leaves 64 bits.
+        # Compared in this way, no difference exceeds 64 bits.
         if stamp_ns > samples.newest:
             if stamp_ns - extrapolation_ns > samples.newest:
                 return False
@@ -570,7 +595,7 @@ class History:
             if stamp_ns + extrapolation_ns < oldest:
                 return False
             at, beyond = samples.head, oldest - stamp_ns
-        put(samples, at)
+        set_cursor(samples, at)
         if self._is_change():
             return False
         self.beyond = beyond
@@ -591,7 +616,7 @@ class History:
         return self.parents[self.samples.here]
 
     def count(self) -> int:
-        """How many samples are held; a static frame has one that holds at all times."""
+        """How many samples are held; a static frame counts as one."""
         return 1 if self.samples.is_static else self.samples.tail - self.samples.head
 
     def stamps_from(self, start_ns: int, end_ns: int) -> list[int]:
@@ -602,9 +627,9 @@ class History:
         return [stamp for stamp in stamps if start_ns <= stamp <= end_ns]
 
     def stamp_span(self) -> tuple[int, int] | None:
-        """Oldest and newest stamp; of a static frame its own; None without a sample."""
+        """Oldest and newest stamp; of a static frame its own stamp twice; None without a sample."""
         if self.samples.is_static:
-            return self.fixed_stamp, self.fixed_stamp
+            return self.static_stamp, self.static_stamp
         if self.samples.head == self.samples.tail:
             return None
         return self._stamp(self.samples.head), self.samples.newest
@@ -625,29 +650,29 @@ class History:
 
     # Writing
 
-    def fix(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
-        """Hold this pose at all times."""
+    def set_static(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
+        """Hold this pose at all times: KEPT, REPEATED or CONFLICT, as `insert`."""
         outcome = KEPT
-        if self.samples.is_static and self.fixed_stamp == stamp_ns:
-            outcome = REPEATED if self._is_fixed_at(pose, parent) else CONFLICT
+        if self.samples.is_static and self.static_stamp == stamp_ns:
+            outcome = REPEATED if self._is_static_at(pose, parent) else CONFLICT
         self.samples.is_static = True
         self.samples.newest = ALL_STATIC
-        self.samples.fixed = pose
-        self.fixed_stamp = stamp_ns
+        self.samples.static_pose = pose
+        self.static_stamp = stamp_ns
         self._change_parent(parent)
         return outcome
 
     def append(self, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
-        """Take a sample of the same parent that is newer than all others; False where it is not,
-        or where there is more to do, which `insert` does.
+        """Store a sample of the same parent that is newer than all others; False, and nothing
+        stored, where it is not, or where `insert` has more to do.
         """
         return append(self.samples, stamp_ns, pose, cache_ns)
 
     def insert(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
-        """Take a sample: KEPT; TOO_OLD, and not kept; REPEATED, one that is known already; or
-        CONFLICT, which replaces a different one of the same stamp.
+        """Store a sample: KEPT; TOO_OLD, and not stored; REPEATED, equal to the one of its stamp;
+        or CONFLICT, it replaced a different one of its stamp.
 
-        A static frame is one no longer, but for a sample that is too old.
+        A static frame becomes dynamic, unless the sample is too old.
         """
         samples = self.samples
         if parent is self.parent and self.append(stamp_ns, pose, cache_ns):
@@ -657,10 +682,10 @@ class History:
             self.refused += 1
             return TOO_OLD
         if samples.is_static:
-            self._unfix()
+            self._unset_static()
         if stamp_ns <= newest:
             return self._insert_late(stamp_ns, pose, parent)
-        drop(samples, stamp_ns - cache_ns)
+        expire(samples, stamp_ns - cache_ns)
         self._make_room()
         if parent is not self.parent:
             self._change_parent(parent)
@@ -673,34 +698,33 @@ class History:
         return KEPT
 
     def parent_after(self, stamp_ns: int, parent: "History", static: bool) -> "History | None":
-        """The parent that this frame will have once a sample of this parent is in."""
+        """The parent that this frame will have once a sample of this parent is stored."""
         if static or stamp_ns >= self._newest_sample():
             return parent
         return self._parent_of(self.samples.tail - 1)
 
     def forget(self) -> None:
-        """Drop all that is known, the parent too."""
+        """Remove the samples, the static pose and the parent."""
         self.samples.is_static = False
         self.forget_samples()
         self.parent = None
         self.paths.clear()
 
     def forget_samples(self) -> None:
-        """Drop all samples; a static pose stays."""
+        """Remove all samples; a static pose stays."""
         samples = self.samples
         samples.head = samples.tail = samples.here = samples.following = 0
         samples.before = NO_DATA
         samples.pace = 0.0
-        leave(samples)
+        invalidate(samples)
         self._set_parents(None)
         self._set_columns(_NO_STAMPS, _NO_POSES, 0)
         self._set_newest()
 
     def forget_after(self, stamp_ns: int) -> None:
-        """Drop the samples later than a time; a static pose stays.
+        """Remove the samples later than a time; a static pose stays.
 
-        All of them where the parent has changed: a former parent might hang below this frame by
-        now.
+        All samples where the parent has changed: a former parent may be below this frame by now.
         """
         tail = self.samples.tail
         while tail > self.samples.head and self._stamp(tail - 1) > stamp_ns:
@@ -711,7 +735,7 @@ class History:
             self.forget_samples()
         else:
             self.samples.tail = tail
-            leave(self.samples)
+            invalidate(self.samples)
             self._set_newest()
 
     def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
@@ -728,7 +752,7 @@ class History:
         self._make_room()
         at = samples.tail - behind
         if parent is not self.parent:
-            self._mix(stamp_ns)
+            self._track_parents(stamp_ns)
         if self.parents is not None:
             for i in range(samples.tail, at, -1):
                 self.parents[slot(samples, i)] = self.parents[slot(samples, i - 1)]
@@ -736,7 +760,7 @@ class History:
         shift(samples, at)
         write(samples, slot(samples, at), stamp_ns, pose)
         samples.tail += 1
-        leave(samples)
+        invalidate(samples)
         return KEPT
 
     def _replace(self, at: int, pose: Pose, parent: "History") -> int:
@@ -745,7 +769,7 @@ class History:
             return REPEATED
         self.conflicts += 1
         if known is not parent:
-            self._mix(self._stamp(at))
+            self._track_parents(self._stamp(at))
             if self.parents is not None:
                 self.parents[place] = parent
             if at == self.samples.tail - 1:
@@ -753,20 +777,20 @@ class History:
         write(self.samples, place, self._stamp(at), pose)
         return CONFLICT
 
-    def _is_fixed_at(self, pose: Pose, parent: "History") -> bool:
-        same = self.parent is parent and self.samples.fixed == pose
+    def _is_static_at(self, pose: Pose, parent: "History") -> bool:
+        same = self.parent is parent and self.samples.static_pose == pose
         if not same:
             self.conflicts += 1
         return same
 
-    def _unfix(self) -> None:
-        """Hold the static pose no longer."""
+    def _unset_static(self) -> None:
+        """Make the frame dynamic again."""
         self.samples.is_static = False
         self._set_newest()
         self.parent = self._parent_of(self.samples.tail - 1)
 
     def _newest_sample(self) -> int:
-        """The stamp of the newest sample, whatever static pose hides it; NO_DATA without one."""
+        """The stamp of the newest sample, even under a static pose; NO_DATA without one."""
         tail = self.samples.tail
         return self._stamp(tail - 1) if tail > self.samples.head else NO_DATA
 
@@ -775,11 +799,11 @@ class History:
 
     def _change_parent(self, parent: "History") -> None:
         if parent is not self.parent and self.samples.tail > self.samples.head:
-            self._mix(self._newest_sample())
+            self._track_parents(self._newest_sample())
         self.parent = parent
 
-    def _mix(self, until_ns: int) -> None:
-        """From now on note the parent of each sample: until this time they may be different."""
+    def _track_parents(self, until_ns: int) -> None:
+        """Keep the parent of each sample, as they may differ up to this time."""
         if self.parents is None:
             self._set_parents([self.parent] * self.samples.capacity)
         self.mixed_until = max(self.mixed_until, until_ns)
@@ -791,10 +815,9 @@ class History:
             self.mixed_until = NO_DATA
 
     def _make_room(self) -> None:
-        """See to it that there is a slot for one more sample, and that the head is at a slot.
+        """Ensure a slot for one more sample, and a head below `capacity`.
 
-        Columns get larger by a sixth where all of their slots are alive, and smaller where it is
-        less than a quarter.
+        Columns grow by a sixth when all slots are in use, and shrink when less than a quarter is.
         """
         samples = self.samples
         alive = samples.tail - samples.head
@@ -807,7 +830,7 @@ class History:
             samples.tail -= samples.capacity
 
     def _move(self, capacity: int) -> None:
-        """To columns of so many slots."""
+        """Copy the samples into columns of another capacity."""
         samples = self.samples
         head, alive = slot(samples, samples.head), samples.tail - samples.head
         first = min(alive, samples.capacity - head)
@@ -823,7 +846,7 @@ class History:
             kept = [*parents[head : head + first], *parents[: alive - first]]
             self.parents = [*kept, *[self.parent] * (capacity - alive)]
         samples.head, samples.tail = 0, alive
-        leave(samples)
+        invalidate(samples)
 
     def _set_columns(
         self, stamps: MutableSequence[int], poses: MutableSequence[float], capacity: int
@@ -839,12 +862,15 @@ class History:
             self.samples.poses = poses
 
 
+# Path
+
+
 class Path:
     """From a source frame up to the common ancestor, and from there down to a target frame.
 
-    `up` are the histories whose poses lead up from the source, the source's own first; `down`
-    those that lead up from the target. `topology` is the state of the tree that the path was
-    found in. `pose` is what `follow` has found.
+    `up` are the edges from the source to the ancestor, the source's own first; `down` those from
+    the target to the ancestor. `topology` is that of the tree in which the path was found. `pose`
+    is the result of `follow`.
     """
 
     def __init__(
@@ -860,11 +886,11 @@ class Path:
         self.up = up
         self.down = down
         self.topology = topology
-        # The texts that it was asked for by last.
+        # The very texts that it was looked up by last.
         self.asked_target = self.asked_source = ""
         self.pose = IDENTITY
-        # What is read, from the common ancestor down to the target in the first `turn` steps, then
-        # down to the source: so a product need not wait for all of the one before it.
+        # The order of reading: from the common ancestor down to the target in the first `turn`
+        # steps, then down to the source. So a product need not wait for all of the one before it.
         self.turn = len(down)
         self.count = len(up) + len(down)
         self._set_steps([*down[::-1], *up[::-1]])
@@ -892,15 +918,15 @@ class Path:
         return [*up, top.name if top is not None else "", *down]
 
     def is_mixed(self) -> bool:
-        """Whether an edge has had several parents, so that the way depends on the time."""
+        """Whether an edge has had several parents, so that the path depends on the time."""
         mixed = False
         for i in range(self.count):
             mixed |= self.steps[i].mixed
         return mixed
 
     def latest(self) -> int:
-        """The newest stamp that all edges have come to; ALL_STATIC; or NO_DATA where an edge is
-        empty. Of a frame from itself its own newest, as tf2 has it.
+        """The newest stamp for which all edges have data; ALL_STATIC; or NO_DATA where an edge is
+        empty. From a frame to itself it is the frame's own newest, as in tf2.
         """
         if self.count == 0:
             newest = self.source.samples.newest
@@ -913,9 +939,8 @@ class Path:
         return latest
 
     def follow(self, stamp_ns: int, screw: bool) -> bool:
-        """Find the pose of the source in the target at a time; False where one edge does not
-        reach it, or where the way at that time may have been another one, because an edge has
-        had several parents.
+        """Set `pose` to that of the source in the target at a time; False where an edge has no data
+        then, or where the path may have been another one, as an edge has had several parents.
         """
         pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
         for i in range(self.count):
@@ -933,8 +958,8 @@ class Path:
         return True
 
     def follow_as(self, stamp_ns: int, sampling: Sampling) -> int:
-        """As `follow`, but as the sampling allows: how far the farthest edge had to go beyond its
-        samples; -1 where `follow` would be False.
+        """As `follow`, with a sampling: the farthest extrapolation of an edge in nanoseconds; -1
+        where `follow` would answer False.
         """
         beyond = 0
         for history in self.edges():
@@ -942,13 +967,13 @@ class Path:
                 return -1
             beyond = max(beyond, history.beyond)
         screw = sampling.interpolation == "screw"
-        back = invert(_climb(self.down, screw))
-        self.pose = normalised(compose(back, _climb(self.up, screw)))
+        back = invert(_chain_pose(self.down, screw))
+        self.pose = normalised(compose(back, _chain_pose(self.up, screw)))
         return beyond
 
 
-def _climb(histories: list[History], screw: bool) -> Pose:
-    """The pose of the first frame in the parent of the last, at the cursors."""
+def _chain_pose(histories: list[History], screw: bool) -> Pose:
+    """The pose of the first frame in the parent of the last, at their cursors."""
     pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     for history in histories:
         pose = compose(history.pose(screw), pose)
@@ -956,7 +981,7 @@ def _climb(histories: list[History], screw: bool) -> Pose:
 
 
 def seek_as(history: History, stamp_ns: int, sampling: Sampling) -> bool:
-    """Put the cursor of an edge on a time, as the sampling allows."""
+    """Set the cursor of an edge to a time, as the sampling allows; False where it does not."""
     if sampling.interpolation == "nearest":
         return history.seek_nearest(stamp_ns, round(sampling.tolerance_s * 1e9))
     return history.seek_beyond(stamp_ns, round(sampling.extrapolation_s * 1e9))

@@ -1,4 +1,5 @@
-# The same in C; there is no module to compile: whoever uses them, has them compiled into it.
+# The functions of packed.py in C, inlined into the modules that cimport them; packed.py itself is
+# not compiled.
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.unicode cimport PyUnicode_DecodeUTF8

@@ -1,7 +1,10 @@
 """Numbers and texts at a place of some bytes.
 
-Where the kernel is compiled, `octets.pxd` beside this stands in for it: then each of these is one
-load of the processor. Numbers are in the byte order of the machine unless their name says more.
+Numbers are in the byte order of the machine unless their name says more.
+
+Each function is there twice: this file is for the interpreted kernel, and `packed.pxd` is the same
+in C. Compiled modules inline functions of other modules from a .pxd only; so each becomes one load
+of the processor, where a call would pass a pose of 56 bytes for each row of a batch.
 """
 
 from collections.abc import Sequence
@@ -35,7 +38,7 @@ def pose_at(data: bytes, at: int) -> Pose:
 
 
 def fetch_pose(poses: Sequence[float], at: int) -> None:
-    """Have the processor bring the pose of seven numbers there near, for it is needed soon."""
+    """Prefetch a pose of seven numbers into the processor's caches; nothing here."""
 
 
 def edge_bytes(parent: int, child: int) -> bytes:

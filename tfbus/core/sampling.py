@@ -18,8 +18,9 @@ class Sampling:
     - "screw": along the screw between two samples, which does not depend on a frame's origin;
     - "nearest": the nearest sample unchanged, where it is within `tolerance_s` of the time.
 
-    `extrapolation_s` lets an edge go on beyond its last two samples for so many seconds at the
-    twist between them, or back before its first two; an answer made so has `extrapolated_ns`.
+    `extrapolation_s` lets an edge continue beyond its last two samples for at most that many
+    seconds, at the twist between them, or back before its first two; the answer then has
+    `extrapolated_ns`.
     """
 
     interpolation: Literal["linear", "screw", "nearest"] = "linear"
@@ -41,7 +42,7 @@ class Sampling:
             raise InvalidArgumentException('tolerance_s goes with interpolation="nearest" only')
         if self.extrapolation_s and self.interpolation == "nearest":
             raise InvalidArgumentException(
-                "the nearest sample is not extrapolated: leave extrapolation_s out"
+                "the nearest sample is not extrapolated: omit extrapolation_s"
             )
 
 

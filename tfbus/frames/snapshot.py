@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, listed

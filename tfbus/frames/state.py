@@ -23,7 +23,7 @@ stream counts as silent for the difference.
 
 from typing import Literal
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wording import duration
 

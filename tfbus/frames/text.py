@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.frames.blocks import stamp_text
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state

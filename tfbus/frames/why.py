@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
 from tfbus.frames.snapshot import FrameTree, Problem, who
 from tfbus.frames.state import facts, is_stale, silent_s

@@ -1,4 +1,4 @@
-"""Many transforms as columns: what a message carries, and what the buffer takes in one call."""
+"""Many transforms as arrays, which a broadcaster sends and a buffer stores in one call."""
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ class TransformBatch:
     `stamps_ns` (N,) int64 are nanoseconds since the Unix epoch; `poses` (N, 7) float64 are
     x y z qx qy qz qw, taking points of the child into the parent.
 
-    The arrays are read-only; an array that comes in the right type is not copied, so leave it
-    alone afterwards. Shapes, types and indices are checked when the batch is made
-    (InvalidArgumentException); the numbers and names themselves are judged by the buffer.
+    The arrays are read-only; an array of the right type is not copied, so do not change it
+    afterwards. Raises InvalidArgumentException for wrong shapes, types and indices; the buffer
+    judges the numbers and names themselves.
     """
 
     frames: tuple[str, ...]
@@ -59,18 +59,18 @@ class TransformBatch:
         )
         for column in columns:
             column.flags.writeable = False
-        return _of_checked(tuple(index_of), *columns)
+        return batch_of_checked(tuple(index_of), *columns)
 
     def with_frames(self, frames: tuple[str, ...]) -> "TransformBatch":
-        """The same rows, between frames of other names: as many, in the same order.
+        """The same rows with other names for their frames, in the same order.
 
-        Raises InvalidArgumentException where they are not as many.
+        Raises InvalidArgumentException for another number of names.
         """
         if len(frames) != len(self.frames):
             raise InvalidArgumentException(
-                f"{len(frames)} names cannot stand for those of {len(self.frames)} frames"
+                f"{len(frames)} names for {len(self.frames)} frames; expected one for each"
             )
-        return _of_checked(frames, self.edges, self.stamps_ns, self.poses)
+        return batch_of_checked(frames, self.edges, self.stamps_ns, self.poses)
 
     def only(self, children: Collection[str]) -> "TransformBatch":
         """The rows whose child frame is one of these."""
@@ -85,13 +85,15 @@ class TransformBatch:
         return np.isin(self.edges[:, 1], of)
 
     def _rows(self, kept: NDArray[np.bool_]) -> "TransformBatch":
-        return _of_checked(self.frames, self.edges[kept], self.stamps_ns[kept], self.poses[kept])
+        return batch_of_checked(
+            self.frames, self.edges[kept], self.stamps_ns[kept], self.poses[kept]
+        )
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
     def __iter__(self) -> Iterator[TransformStamped]:
-        """Row by row, checked: InvalidArgumentException where a row is no transform."""
+        """Row by row. Raises InvalidArgumentException for a row that is not a valid transform."""
         rows = zip(self.edges.tolist(), self.stamps_ns.tolist(), self.poses, strict=True)
         for (parent, child), stamp_ns, pose in rows:
             yield TransformStamped(
@@ -105,24 +107,22 @@ class TransformBatch:
         given = np.asarray(getattr(self, name))
         if given.shape != shape:
             raise InvalidArgumentException(
-                f"{name} has shape {given.shape}; {shape} is wanted, as there are {shape[0]} stamps"
+                f"{name}: expected shape {shape}, as there are {shape[0]} stamps, got {given.shape}"
             )
         if not np.can_cast(given.dtype, dtype, "same_kind") and given.size:
-            raise InvalidArgumentException(
-                f"{name} is of type {given.dtype}; {np.dtype(dtype)} is wanted"
-            )
+            raise InvalidArgumentException(f"{name}: expected {np.dtype(dtype)}, got {given.dtype}")
         column = np.ascontiguousarray(given, dtype=dtype).view()
         column.flags.writeable = False
         object.__setattr__(self, name, column)
 
 
-def _of_checked(
+def batch_of_checked(
     frames: tuple[str, ...],
     edges: NDArray[np.uint32],
     stamps_ns: NDArray[np.int64],
     poses: NDArray[np.float64],
 ) -> TransformBatch:
-    """The batch of columns that are known to be right: to check them takes longer than all else."""
+    """The batch of columns that were checked before: checking takes longer than all else."""
     batch = object.__new__(TransformBatch)
     vars(batch).update(frames=frames, edges=edges, stamps_ns=stamps_ns, poses=poses)
     return batch

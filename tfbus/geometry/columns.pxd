@@ -1,11 +1,8 @@
 cimport cython
 from tfbus.core cimport packed
-from tfbus.core.packed cimport octets_t
 from tfbus.geometry.transform cimport TransformStamped
 
-cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE
-cdef int _V, _EPOCH, _FRAMES, _EDGES, _STAMPS, _POSES, _SEQ, _NEEDED
-cdef long long _VERSION, _LARGEST
+cdef Py_ssize_t STAMP_SIZE
 
 @cython.final
 cdef class Columns:
@@ -13,7 +10,6 @@ cdef class Columns:
     cdef readonly Py_ssize_t count
     cdef readonly bytes edges, stamps, poses
     cdef readonly Py_ssize_t edges_at, stamps_at, poses_at
-    cdef readonly object epoch_ns, seq
 
     @cython.locals(columns=Columns)
     cpdef Columns with_frames(self, tuple frames)
@@ -22,41 +18,3 @@ cdef class Columns:
 @cython.locals(ts=TransformStamped, index_of=dict, edges=list, stamps=list, poses=list,
                parent=Py_ssize_t, child=Py_ssize_t)
 cdef Columns _of_list(list transforms)
-
-@cython.final
-cdef class _Walk:
-    cdef bytes payload
-    cdef octets_t data
-    cdef Py_ssize_t at, end
-    cdef bint failed
-
-    @cython.locals(start=Py_ssize_t)
-    cdef Py_ssize_t skip(self, Py_ssize_t size) noexcept
-    @cython.locals(start=Py_ssize_t)
-    cdef unsigned long long number(self, Py_ssize_t size) noexcept
-    @cython.locals(start=Py_ssize_t)
-    cdef int head(self) noexcept
-    @cython.locals(head=cython.int)
-    cdef Py_ssize_t map_length(self) noexcept
-    @cython.locals(head=cython.int)
-    cdef Py_ssize_t array_length(self) noexcept
-    @cython.locals(head=cython.int)
-    cdef Py_ssize_t text_size(self) noexcept
-    @cython.locals(head=cython.int)
-    cdef Py_ssize_t binary_size(self) noexcept
-    @cython.locals(head=cython.int, number=cython.ulonglong)
-    cdef long long integer(self) noexcept
-    cdef int fail(self) noexcept
-
-@cython.locals(walk=_Walk, columns=Columns, edges_size=Py_ssize_t, stamps_size=Py_ssize_t,
-               poses_size=Py_ssize_t, count=Py_ssize_t, seen=cython.int, key=cython.int)
-cpdef Columns find_columns(bytes payload, dict tables)
-@cython.locals(size=Py_ssize_t, at=Py_ssize_t)
-cdef int _key(_Walk walk) noexcept
-@cython.locals(start=Py_ssize_t, count=Py_ssize_t, table=bytes, names=tuple)
-cdef tuple _names(_Walk walk, dict tables)
-@cython.locals(size=Py_ssize_t, texts=list)
-cdef tuple _texts(_Walk walk, Py_ssize_t start)
-@cython.locals(i=Py_ssize_t, known=Py_ssize_t, parent=Py_ssize_t, child=Py_ssize_t,
-               edges=octets_t)
-cdef bint _are_edges(Columns columns, Py_ssize_t count) except -1

@@ -1,19 +1,55 @@
-"""Rotations as arrays: quaternions (N, 4) x y z w, matrices (N, 3, 3) and Euler angles (N, 3).
+"""Rotations as quaternions x y z w, matrices and Euler angles: of one, and beside it of many rows.
 
-The formulas are those of `Transform`, which has them for one.
+Compiled where there is a C compiler, without C types of its own.
 """
+
+from collections.abc import Sequence
+from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.geometry.transform import LOCKED_BELOW, ORTHOGONAL_WITHIN, euler_axes
+from tfbus.core.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
+from tfbus.errors import InvalidArgumentException
 
 Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
 Angles = tuple[Floats, Floats, Floats]
+
+# Two components of a quaternion that together are below this are rounding: gimbal lock.
+LOCKED_BELOW = 1e-8
+# The tolerance of a rotation's matrix.
+ORTHOGONAL_WITHIN = 1e-6
+
+
+# Quaternions
+
+
+def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
+    """The quaternion, normalised.
+
+    Raises InvalidArgumentException where its squared norm is not within 0.01 of one.
+    """
+    square = x * x + y * y + z * z + w * w
+    if abs(square - 1.0) >= QUATERNION_TOLERANCE:
+        raise InvalidArgumentException(
+            f"the quaternion x={x:g} y={y:g} z={z:g} w={w:g} has norm {sqrt(square):.6g}; a "
+            "rotation has norm 1" + (": was it never set?" if square == 0.0 else "")
+        )
+    if abs(square - 1.0) <= UNIT_TO_THE_LAST_BIT:
+        # Unchanged, so that a transform that is sent and read back stays equal.
+        return x, y, z, w
+    norm = sqrt(square)
+    return x / norm, y / norm, z / norm, w / norm
+
+
+def _unit(quaternions: Floats) -> Floats:
+    unit: Floats = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    return unit
 
 
 def product(a: Floats, b: Floats) -> Floats:
-    """First the turn of `b`, then that of `a`; of norm one."""
+    """First the rotations of `b`, then those of `a`; of norm one."""
     axis_a, w_a = a[..., :3], a[..., 3:]
     axis_b, w_b = b[..., :3], b[..., 3:]
     w = w_a * w_b - np.sum(axis_a * axis_b, axis=-1, keepdims=True)
@@ -21,8 +57,20 @@ def product(a: Floats, b: Floats) -> Floats:
     return _unit(np.concatenate((axis, w), axis=-1))
 
 
+# Matrices
+
+
+def matrix_of(x: float, y: float, z: float, w: float) -> tuple[Triple, Triple, Triple]:
+    """The matrix (3, 3) of a unit quaternion, row by row."""
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+
+
 def matrices_of(quat_xyzw: Floats) -> Floats:
-    """The matrices of quaternions."""
+    """The matrices (N, 3, 3) of unit quaternions (N, 4)."""
     x, y, z, w = quat_xyzw.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -32,18 +80,40 @@ def matrices_of(quat_xyzw: Floats) -> Floats:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+def is_rotation(matrix: Floats) -> bool:
+    """Whether a matrix (3, 3) is orthogonal (to 1e-6) and right-handed."""
+    is_orthogonal = np.allclose(matrix @ matrix.T, np.eye(3), atol=ORTHOGONAL_WITHIN)
+    return bool(is_orthogonal and not np.linalg.det(matrix) < 0)
+
+
 def are_rotations(matrices: Floats) -> NDArray[np.bool_]:
-    """Of each matrix whether it is a rotation, as `Transform.from_matrix` judges."""
+    """Which of the matrices (N, 3, 3) are rotations, as `is_rotation` has it."""
     squares = matrices @ np.swapaxes(matrices, 1, 2)
     are_orthogonal = np.isclose(squares, np.eye(3), atol=ORTHOGONAL_WITHIN).all(axis=(1, 2))
     checked: NDArray[np.bool_] = are_orthogonal & (np.linalg.det(matrices) > 0.0)
     return checked
 
 
-def quaternions_of_matrices(matrices: Floats) -> Floats:
-    """The quaternions of matrices that are rotations; Shepperd's method: from the largest component
-    of each, so that nothing is lost.
+def quaternion_of_matrix(m: list[list[float]]) -> list[float]:
+    """The quaternion of a rotation, by Shepperd's method: it divides by the largest component, so
+    that no digits are lost.
     """
+    trace = m[0][0] + m[1][1] + m[2][2]
+    largest = max(range(4), key=(m[0][0], m[1][1], m[2][2], trace).__getitem__)
+    if largest == 3:
+        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace]
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q = [0.0, 0.0, 0.0, m[k][j] - m[j][k]]
+        q[i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
+        q[j] = m[j][i] + m[i][j]
+        q[k] = m[k][i] + m[i][k]
+    norm = hypot(*q)
+    return [component / norm for component in q]
+
+
+def quaternions_of_matrices(matrices: Floats) -> Floats:
+    """The quaternions (N, 4) of rotations (N, 3, 3), by Shepperd's method."""
     m = np.moveaxis(matrices, 0, -1)
     # Four times the products of the components with each other.
     products = np.empty((4, 4, len(matrices)))
@@ -57,8 +127,30 @@ def quaternions_of_matrices(matrices: Floats) -> Floats:
     return _unit(products[largest, :, np.arange(len(matrices))])
 
 
+# Euler angles
+
+
+def euler_axes(axes: str) -> tuple[list[int], bool]:
+    """Three axes as indices, and whether they stay fixed: "xyz" (fixed) or "ZYX" (turning)."""
+    order = ["xyz".find(axis) for axis in axes.lower()]
+    good = len(order) == 3 and -1 not in order and order[1] not in (order[0], order[2])
+    if not good or axes not in (axes.lower(), axes.upper()):
+        raise InvalidArgumentException(
+            f"{axes!r} does not name axes: three of x, y, z, no two neighbours alike, such as "
+            "'xyz' (fixed axes) or 'ZYX' (turning axes)"
+        )
+    return order, axes.islower()
+
+
+def quaternion_about(axis: int, angle_rad: float) -> list[float]:
+    """The quaternion of a rotation about axis 0, 1 or 2."""
+    quaternion = [0.0, 0.0, 0.0, cos(0.5 * angle_rad)]
+    quaternion[axis] = sin(0.5 * angle_rad)
+    return quaternion
+
+
 def quaternions_of_angles(axes: str, angles_rad: Floats) -> Floats:
-    """The quaternions of three angles a row, about axes as `Transform.from_euler` names them."""
+    """The quaternions (N, 4) of three angles a row, about axes as `euler_axes` reads them."""
     order, fixed = euler_axes(axes)
     rotations = np.zeros((len(angles_rad), 4))
     rotations[:, 3] = 1.0
@@ -69,15 +161,58 @@ def quaternions_of_angles(axes: str, angles_rad: Floats) -> Floats:
     return rotations
 
 
-def angles_of(axes: str, quat_xyzw: Floats) -> Floats:
-    """The angles a row that `quaternions_of_angles` takes, as `Transform.as_euler` has them."""
+def angles_of(axes: str, quat_xyzw: Sequence[float]) -> Triple:
+    """The three angles in radians about axes as `euler_axes` reads them.
+
+    In gimbal lock the third is 0. Method: Bernardes and Viollet, Quaternion to Euler angles
+    conversion, PLOS ONE 2022.
+    """
     order, fixed = euler_axes(axes)
-    angles = _fixed_axes_angles(quat_xyzw, order if fixed else order[::-1], free_last=fixed)
+    first, second, third = _fixed_axes_angles(
+        quat_xyzw, order if fixed else order[::-1], free_last=fixed
+    )
+    return (first, second, third) if fixed else (third, second, first)
+
+
+def angles_of_rows(axes: str, quat_xyzw: Floats) -> Floats:
+    """As `angles_of`, of quaternions (N, 4): the angles (N, 3)."""
+    order, fixed = euler_axes(axes)
+    angles = _fixed_axes_angles_of_rows(quat_xyzw, order if fixed else order[::-1], free_last=fixed)
     return np.column_stack(angles if fixed else angles[::-1])
 
 
-def _fixed_axes_angles(quat_xyzw: Floats, order: list[int], *, free_last: bool) -> Angles:
-    """As of one rotation: Bernardes and Viollet, PLOS ONE 2022."""
+def _fixed_axes_angles(
+    quaternion: Sequence[float], order: Sequence[int], *, free_last: bool
+) -> Triple:
+    """Angles about three fixed axes; in gimbal lock the last is 0, or else the first."""
+    i, j, k = order
+    proper = i == k
+    if proper:
+        k = 3 - i - j
+    sign = float((i - j) * (j - k) * (k - i) // 2)
+    qi, qj, qk, w = quaternion[i], quaternion[j], quaternion[k] * sign, quaternion[3]
+    a, b, c, d = (w, qi, qj, qk) if proper else (w - qj, qi + qk, qj + w, qk - qi)
+    low, high = hypot(c, d), hypot(a, b)
+    second = 2.0 * atan2(low, high)
+    half_sum, half_difference = atan2(b, a), atan2(d, c)
+    # At a lock one of the two is the angle of a vanishing vector: noise.
+    if min(low, high) < LOCKED_BELOW:
+        lone = 2.0 * half_sum if low < high else -2.0 * half_difference
+        if free_last:
+            first, third = lone, 0.0
+        else:
+            first, third = 0.0, lone if low < high else -lone
+    else:
+        first, third = half_sum - half_difference, half_sum + half_difference
+    if not proper:
+        third *= sign
+        # More exact near the lock than 2 atan2(...) - pi/2.
+        second = second - 0.5 * pi
+    return _wrapped(first), second, _wrapped(third)
+
+
+def _fixed_axes_angles_of_rows(quat_xyzw: Floats, order: list[int], *, free_last: bool) -> Angles:
+    """As `_fixed_axes_angles`, row by row."""
     i, j, k = order
     proper = i == k
     if proper:
@@ -98,14 +233,17 @@ def _fixed_axes_angles(quat_xyzw: Floats, order: list[int], *, free_last: bool) 
     second = 2.0 * np.arctan2(low, high)
     if not proper:
         third, second = third * sign, second - 0.5 * np.pi
-    return _wrapped(first), second, _wrapped(third)
+    return _wrapped_rows(first), second, _wrapped_rows(third)
 
 
-def _wrapped(angles_rad: Floats) -> Floats:
+def _wrapped(angle_rad: float) -> float:
+    if angle_rad > pi:
+        return angle_rad - 2.0 * pi
+    if angle_rad < -pi:
+        return angle_rad + 2.0 * pi
+    return angle_rad
+
+
+def _wrapped_rows(angles_rad: Floats) -> Floats:
     turns = (angles_rad < -np.pi).astype(float) - (angles_rad > np.pi)
     return angles_rad + 2.0 * np.pi * turns
-
-
-def _unit(quaternions: Floats) -> Floats:
-    unit: Floats = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
-    return unit

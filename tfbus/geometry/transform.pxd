@@ -1,6 +1,6 @@
 cimport cython
 from tfbus.core.kernel cimport (
-    pose_t, between, blend, blend_screw, compose, exp_twist, invert, log_pose, normalised
+    pose_t, relative, lerp_slerp, sclerp, compose, exp_twist, invert, log_pose, normalised
 )
 
 @cython.final

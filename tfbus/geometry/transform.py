@@ -1,4 +1,4 @@
-"""Rigid motions: `Transform`, and `TransformStamped`, which says between which frames and when.
+"""Rigid motions: `Transform`, and `TransformStamped`, which adds its frames and stamp.
 
 A transform takes points of a child frame into its parent: `p_parent = T @ p_child`. Written as
 parent-from-child the letters cancel: `T_map_tool = T_map_base @ T_base_tool`. Lengths are in
@@ -6,8 +6,7 @@ metres, angles in radians, quaternions are x, y, z, w, times are integer nanosec
 Unix epoch.
 """
 
-from collections.abc import Sequence
-from math import atan2, cos, hypot, isfinite, pi, sin, sqrt
+from math import hypot, isfinite
 from operator import index
 from typing import Any
 
@@ -17,17 +16,25 @@ from numpy.typing import ArrayLike, NDArray
 from tfbus.core.kernel import (
     IDENTITY,
     Pose,
-    between,
-    blend,
-    blend_screw,
     compose,
     exp_twist,
     invert,
+    lerp_slerp,
     log_pose,
     normalised,
+    relative,
+    sclerp,
 )
-from tfbus.core.outcome import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.errors import InvalidArgumentException
+from tfbus.geometry.rotations import (
+    angles_of,
+    euler_axes,
+    is_rotation,
+    matrix_of,
+    quaternion_about,
+    quaternion_of_matrix,
+    unit_quaternion,
+)
 
 try:
     import cython
@@ -36,14 +43,10 @@ except ImportError:
 
 Floats = NDArray[np.float64]
 
-# Differences of such stamps fit into 64 bits.
+# Differences of stamps up to this fit 64 bits.
 LATEST_STAMP_NS = 2**62 - 1
 
-# Two components of a quaternion that together are below this are none: the angles are in gimbal
-# lock.
-LOCKED_BELOW = 1e-8
-# So far from orthogonal a rotation's matrix may be, and from 0 0 0 1 the last row beside it.
-ORTHOGONAL_WITHIN = 1e-6
+# The tolerance of a homogeneous matrix's last row, 0 0 0 1.
 LAST_ROW_WITHIN = 1e-9
 
 
@@ -71,7 +74,7 @@ class Transform:
 
     @staticmethod
     def identity() -> "Transform":
-        """The motion that moves nothing."""
+        """The motion that changes nothing."""
         return make_transform(IDENTITY)
 
     @staticmethod
@@ -89,17 +92,18 @@ class Transform:
         """
         m = np.asarray(matrix, dtype=np.float64)
         if m.shape not in ((4, 4), (3, 4)):
-            raise InvalidArgumentException(f"a matrix of shape {m.shape}; (4, 4) is wanted")
-        if m.shape == (4, 4) and not np.allclose(m[3], (0, 0, 0, 1), atol=LAST_ROW_WITHIN):
-            raise InvalidArgumentException("the last row of a rigid motion's matrix is 0 0 0 1")
-        rotation = m[:3, :3]
-        is_rotation = np.allclose(rotation @ rotation.T, np.eye(3), atol=ORTHOGONAL_WITHIN)
-        if not is_rotation or np.linalg.det(rotation) < 0:
             raise InvalidArgumentException(
-                "the (3, 3) part of the matrix is not a rotation: its columns are to be "
-                "orthogonal unit vectors, right-handed"
+                f"matrix: expected shape (4, 4) or (3, 4), got {m.shape}"
             )
-        return Transform(m[:3, 3], _quaternion_of_matrix(rotation.tolist()))
+        if m.shape == (4, 4) and not np.allclose(m[3], (0, 0, 0, 1), atol=LAST_ROW_WITHIN):
+            raise InvalidArgumentException("the last row of the matrix must be 0 0 0 1")
+        rotation = m[:3, :3]
+        if not is_rotation(rotation):
+            raise InvalidArgumentException(
+                "the (3, 3) part of the matrix is not a rotation: its columns must be orthogonal "
+                "unit vectors, right-handed"
+            )
+        return Transform(m[:3, 3], quaternion_of_matrix(rotation.tolist()))
 
     @staticmethod
     def from_rpy(roll: float, pitch: float, yaw: float, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
@@ -119,7 +123,7 @@ class Transform:
         order, fixed = euler_axes(axes)
         rotation = Transform.identity()
         for axis, angle in zip(order, _numbers(angles_rad, 3, "angles_rad"), strict=True):
-            turn = _about_axis(axis, angle)
+            turn = Transform((0, 0, 0), quaternion_about(axis, angle))
             rotation = turn @ rotation if fixed else rotation @ turn
         return Transform(xyz, rotation._quaternion())
 
@@ -196,14 +200,14 @@ class Transform:
     def as_matrix(self) -> Floats:
         """The homogeneous matrix (4, 4)."""
         matrix = np.eye(4)
-        matrix[:3, :3] = _matrix_of_quaternion(*self._quaternion())
+        matrix[:3, :3] = matrix_of(*self._quaternion())
         matrix[:3, 3] = self._pose[0], self._pose[1], self._pose[2]
         return matrix
 
     def as_rpy(self) -> tuple[float, float, float]:
         """Roll, pitch and yaw in radians, as `from_rpy` takes them.
 
-        Pitch is within half a turn's half; where it is +-pi/2 (gimbal lock) yaw is 0.
+        Pitch is from -pi/2 to pi/2; at either end (gimbal lock) yaw is 0.
         """
         return self.as_euler("xyz")
 
@@ -213,11 +217,7 @@ class Transform:
         In gimbal lock one of the outer angles is free: the third is 0. Method: Bernardes and
         Viollet, Quaternion to Euler angles conversion, PLOS ONE 2022.
         """
-        order, fixed = euler_axes(axes)
-        first, second, third = _fixed_axes_angles(
-            self._quaternion(), order if fixed else order[::-1], free_last=fixed
-        )
-        return (first, second, third) if fixed else (third, second, first)
+        return angles_of(axes, self._quaternion())
 
     def as_rotvec(self) -> Floats:
         """The rotation vector (3,): the axis, as long as the angle (0 to pi radians)."""
@@ -233,7 +233,7 @@ class Transform:
 
     @staticmethod
     def from_scipy(rotation: Any, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
-        """From one of scipy's Rotation with a translation, or from one of its RigidTransform."""
+        """From a scipy Rotation with a translation, or from a scipy RigidTransform."""
         if hasattr(rotation, "as_components"):
             xyz, rotation = rotation.as_components()
         return Transform(xyz, rotation.as_quat())
@@ -270,29 +270,30 @@ class Transform:
         """Vectors (3,) or (N, 3), such as velocities, turned but not moved."""
         array = np.asarray(vectors, dtype=np.float64)
         if array.ndim == 0 or array.shape[-1] != 3:
-            raise InvalidArgumentException(f"points of shape {array.shape}; (N, 3) is wanted")
-        rotated: Floats = array @ np.array(_matrix_of_quaternion(*self._quaternion())).T
+            raise InvalidArgumentException(
+                f"points: expected shape (3,) or (N, 3), got {array.shape}"
+            )
+        rotated: Floats = array @ np.array(matrix_of(*self._quaternion())).T
         return rotated
 
     def interpolate(self, other: "Transform", ratio: float) -> "Transform":
-        """As tf2 blends: the translation on a straight line, the rotation the short way round.
-
-        `ratio` 0 is this one, 1 the other.
+        """As tf2 does: the translation on a straight line, the rotation by slerp the short way
+        round. `ratio` 0 is this one, 1 the other.
         """
-        return make_transform(normalised(blend(self._pose, pose_of(other), ratio)))
+        return make_transform(normalised(lerp_slerp(self._pose, pose_of(other), ratio)))
 
     def interpolate_screw(self, other: "Transform", ratio: float) -> "Transform":
-        """Along the screw that leads from this one (`ratio` 0) to the other (1), at even speed.
+        """Along the screw from this one (`ratio` 0) to the other (1), at constant speed.
 
-        Unlike `interpolate`, the way between does not depend on where the frame's origin is.
+        Unlike `interpolate`, the motion does not depend on where the frame's origin is.
         """
-        return make_transform(blend_screw(self._pose, pose_of(other), ratio))
+        return make_transform(sclerp(self._pose, pose_of(other), ratio))
 
     def is_close(self, other: "Transform", atol: float = 1e-9) -> bool:
         """Whether both are the same motion: translations within `atol` metres on each axis,
         rotations within `atol` radians. A quaternion and its negative are the same rotation.
         """
-        _, _, _, qx, qy, qz, _ = between(self._pose, pose_of(other))
+        _, _, _, qx, qy, qz, _ = relative(self._pose, pose_of(other))
         near = np.allclose(self.xyz, other.xyz, rtol=0.0, atol=atol)
         return bool(near) and 2.0 * hypot(qx, qy, qz) <= atol
 
@@ -325,7 +326,7 @@ class TransformStamped:
     Raises InvalidArgumentException for frame ids that are empty or begin with a slash.
     """
 
-    # The pose is not kept as a Transform, which most lookups would make for nothing.
+    # The pose is not kept as a Transform, which most lookups would make without need.
     __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
 
     def __init__(
@@ -341,7 +342,7 @@ class TransformStamped:
         check_frame_id(child_frame_id, "child_frame_id")
         if not isinstance(transform, Transform):
             raise InvalidArgumentException(
-                f"the transform is a {type(transform).__name__}; a tfbus.Transform is wanted"
+                f"transform: expected a tfbus.Transform, got a {type(transform).__name__}"
             )
         self._stamp_ns = check_stamp(stamp_ns)
         self._frame_id = frame_id
@@ -371,7 +372,7 @@ class TransformStamped:
 
     @property
     def extrapolated_ns(self) -> int:
-        """How far the answer lies beyond the samples it was made from; 0: between them."""
+        """How far the answer lies beyond the samples it was made from; 0 between them."""
         return self._extrapolated_ns
 
     def __eq__(self, other: object) -> bool:
@@ -403,21 +404,21 @@ class TransformStamped:
 
 
 def make_transform(pose: Pose) -> Transform:
-    """A Transform from a pose that is known to be good; nothing is checked."""
+    """A Transform from a pose that was checked before."""
     self = Transform.__new__(Transform)
     self._pose = pose
     return self
 
 
 def pose_of(transform: Transform) -> Pose:
-    """The seven numbers of any transform; compiled code sees inside of its own type only."""
+    """The seven numbers of a transform; compiled, it checks the type."""
     return transform._pose
 
 
 def make_stamped(
     stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, extrapolated_ns: int
 ) -> TransformStamped:
-    """A TransformStamped from parts that are known to be good; nothing is checked."""
+    """A TransformStamped from parts that were checked before."""
     self = TransformStamped.__new__(TransformStamped)
     self._stamp_ns = stamp_ns
     self._frame_id = frame_id
@@ -428,7 +429,7 @@ def make_stamped(
 
 
 def check_frame_id(frame_id: object, what: str = "frame id") -> str:
-    """The frame id, if it can be one; `what` it is called in the error."""
+    """The frame id. Raises InvalidArgumentException, which calls it `what`, if it cannot be one."""
     if not isinstance(frame_id, str):
         raise InvalidArgumentException(
             f"{what} is a {type(frame_id).__name__}; a frame id is a text such as 'base_link'"
@@ -443,7 +444,7 @@ def check_frame_id(frame_id: object, what: str = "frame id") -> str:
 
 
 def check_stamp(stamp_ns: object) -> int:
-    """The stamp as an int, if it can be one."""
+    """The stamp as an int. Raises InvalidArgumentException if it cannot be one."""
     try:
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
@@ -452,7 +453,7 @@ def check_stamp(stamp_ns: object) -> int:
         ) from None
     if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
         raise InvalidArgumentException(
-            f"the stamp {stamp} is not within 146 years of 1970: it is to count nanoseconds"
+            f"the stamp {stamp} is not within 146 years of 1970: it must count nanoseconds"
         )
     return stamp
 
@@ -462,115 +463,17 @@ def _numbers(values: ArrayLike, count: int, what: str) -> Any:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidArgumentException(
-            f"{what} is {values!r}; {count} numbers are wanted"
+            f"{what}: expected {count} numbers, got {values!r}"
         ) from None
     if array.shape != (count,):
-        raise InvalidArgumentException(f"{what} has shape {array.shape}; ({count},) is wanted")
+        raise InvalidArgumentException(f"{what}: expected shape ({count},), got {array.shape}")
     numbers = array.tolist()
     if not all(map(isfinite, numbers)):
-        raise InvalidArgumentException(f"{what} is {numbers}; all numbers are to be finite")
+        raise InvalidArgumentException(f"{what} is {numbers}; all numbers must be finite")
     return numbers
-
-
-def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
-    """The quaternion, normalised if need be.
-
-    Raises InvalidArgumentException where its squared norm is not within 0.01 of one.
-    """
-    square = x * x + y * y + z * z + w * w
-    if abs(square - 1.0) >= QUATERNION_TOLERANCE:
-        raise InvalidArgumentException(
-            f"the quaternion x={x:g} y={y:g} z={z:g} w={w:g} has norm {sqrt(square):.6g}; a "
-            "rotation has norm 1" + (": was it never set?" if square == 0.0 else "")
-        )
-    if abs(square - 1.0) <= UNIT_TO_THE_LAST_BIT:
-        # Leave it, so that what is sent and read back stays equal.
-        return x, y, z, w
-    norm = sqrt(square)
-    return x / norm, y / norm, z / norm, w / norm
 
 
 def _read_only(*values: float) -> Floats:
     array = np.array(values)
     array.flags.writeable = False
     return array
-
-
-def _matrix_of_quaternion(x: float, y: float, z: float, w: float) -> tuple[tuple[float, ...], ...]:
-    return (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-
-
-def _quaternion_of_matrix(m: list[list[float]]) -> list[float]:
-    """Shepperd's method: divide by the largest component, so that nothing is lost."""
-    trace = m[0][0] + m[1][1] + m[2][2]
-    largest = max(range(4), key=(m[0][0], m[1][1], m[2][2], trace).__getitem__)
-    if largest == 3:
-        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace]
-    else:
-        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
-        q = [0.0, 0.0, 0.0, m[k][j] - m[j][k]]
-        q[i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
-        q[j] = m[j][i] + m[i][j]
-        q[k] = m[k][i] + m[i][k]
-    norm = hypot(*q)
-    return [component / norm for component in q]
-
-
-def euler_axes(axes: str) -> tuple[list[int], bool]:
-    """Three axes as indices, and whether they stay fixed."""
-    order = ["xyz".find(axis) for axis in axes.lower()]
-    good = len(order) == 3 and -1 not in order and order[1] not in (order[0], order[2])
-    if not good or axes not in (axes.lower(), axes.upper()):
-        raise InvalidArgumentException(
-            f"{axes!r} does not name axes: three of x, y, z, no two neighbours alike, such as "
-            "'xyz' (fixed axes) or 'ZYX' (turning axes)"
-        )
-    return order, axes.islower()
-
-
-def _about_axis(axis: int, angle_rad: float) -> Transform:
-    quaternion = [0.0, 0.0, 0.0, cos(0.5 * angle_rad)]
-    quaternion[axis] = sin(0.5 * angle_rad)
-    return Transform((0, 0, 0), quaternion)
-
-
-def _fixed_axes_angles(
-    quaternion: Sequence[float], order: Sequence[int], *, free_last: bool
-) -> tuple[float, float, float]:
-    """Angles about three fixed axes; in gimbal lock the last is 0, or else the first."""
-    i, j, k = order
-    proper = i == k
-    if proper:
-        k = 3 - i - j
-    sign = float((i - j) * (j - k) * (k - i) // 2)
-    qi, qj, qk, w = quaternion[i], quaternion[j], quaternion[k] * sign, quaternion[3]
-    a, b, c, d = (w, qi, qj, qk) if proper else (w - qj, qi + qk, qj + w, qk - qi)
-    low, high = hypot(c, d), hypot(a, b)
-    second = 2.0 * atan2(low, high)
-    half_sum, half_difference = atan2(b, a), atan2(d, c)
-    # At a lock one of the two is the angle of a vanishing vector: noise.
-    if min(low, high) < LOCKED_BELOW:
-        lone = 2.0 * half_sum if low < high else -2.0 * half_difference
-        if free_last:
-            first, third = lone, 0.0
-        else:
-            first, third = 0.0, lone if low < high else -lone
-    else:
-        first, third = half_sum - half_difference, half_sum + half_difference
-    if not proper:
-        third *= sign
-        # More exact near the lock than 2 atan2(...) - pi/2.
-        second = second - 0.5 * pi
-    return _wrapped(first), second, _wrapped(third)
-
-
-def _wrapped(angle_rad: float) -> float:
-    if angle_rad > pi:
-        return angle_rad - 2.0 * pi
-    if angle_rad < -pi:
-        return angle_rad + 2.0 * pi
-    return angle_rad

@@ -1,4 +1,4 @@
-"""Many transforms as arrays: what a lookup of many stamps answers, and the arithmetic on it."""
+"""Many transforms as arrays: the answer to a lookup of many stamps, and its arithmetic."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.rotations import (
-    angles_of,
+    angles_of_rows,
     are_rotations,
     matrices_of,
     product,
@@ -19,16 +19,16 @@ from tfbus.geometry.transform import LAST_ROW_WITHIN, Transform
 
 Floats = NDArray[np.float64]
 
-# Below this angle the quotients of sines lose digits, and the first terms of their series do not.
+# Below this angle quotients of sines lose digits, and the first terms of their series do not.
 _SMALL_ANGLE = 1e-3
 
 
 class TransformArray(NamedTuple):
     """N transforms: `xyz` (N, 3) in metres, `quat_xyzw` (N, 4) unit quaternions x, y, z, w.
 
-    It unpacks into the two arrays: `xyz, quat_xyzw = buffer.lookup_transforms(...)`. What is done
-    with it is done row by row; one of N = 1, or a single `Transform`, goes with each row of
-    another. The conventions are those of `Transform`.
+    It unpacks into the two arrays: `xyz, quat_xyzw = buffer.lookup_transforms(...)`. All methods
+    work row by row; one of N = 1, or a single `Transform`, is combined with each row of another.
+    The conventions are those of `Transform`.
     """
 
     xyz: Floats
@@ -52,7 +52,7 @@ class TransformArray(NamedTuple):
         if not wrong.any():
             wrong = ~are_rotations(rotations)
         for row in rows[wrong]:
-            Transform.from_matrix(row)  # says why it is none
+            Transform.from_matrix(row)  # raises, with the reason
         return TransformArray(rows[:, :3, 3].copy(), quaternions_of_matrices(rotations))
 
     @staticmethod
@@ -62,7 +62,7 @@ class TransformArray(NamedTuple):
         """From three angles a row (N, 3), as `Transform.from_euler`; `xyz` is (N, 3) or (3,)."""
         angles = _rows(angles_rad, (3,), "angles_rad")
         for row in angles[~np.isfinite(angles).all(axis=1)]:
-            Transform.from_euler(axes, row)  # says that it cannot be
+            Transform.from_euler(axes, row)  # raises, with the reason
         return _moved(quaternions_of_angles(axes, angles), xyz)
 
     @staticmethod
@@ -122,7 +122,7 @@ class TransformArray(NamedTuple):
 
     def as_euler(self, axes: str) -> Floats:
         """Three angles in radians a row (N, 3), as `Transform.as_euler`."""
-        return angles_of(axes, self.quat_xyzw)
+        return angles_of_rows(axes, self.quat_xyzw)
 
     def as_rpy(self) -> Floats:
         """Roll, pitch and yaw in radians (N, 3), as `Transform.as_rpy`."""
@@ -191,13 +191,13 @@ class TransformArray(NamedTuple):
     def interpolate(
         self, other: "TransformArray | Transform", ratio: ArrayLike
     ) -> "TransformArray":
-        """As tf2 blends: translations on a straight line, rotations by slerp the short way round.
+        """As tf2 does: translations on a straight line, rotations by slerp the short way round.
 
         `ratio` is one number or (N,): 0 is this one, 1 the other.
         """
         xyz, quat_xyzw = _as_array(other)
         part = np.asarray(ratio, dtype=np.float64).reshape(-1, 1)
-        # So much of the turn from this to the other, which is at most half a turn.
+        # A part of the rotation from this to the other, which is at most half a turn.
         turn = product(_conjugate(self.quat_xyzw), quat_xyzw)
         some = TransformArray.from_rotvec(_rotvec(turn) * part).quat_xyzw
         straight = (1.0 - part) * self.xyz + part * xyz
@@ -206,7 +206,7 @@ class TransformArray(NamedTuple):
     def interpolate_screw(
         self, other: "TransformArray | Transform", ratio: ArrayLike
     ) -> "TransformArray":
-        """Along the screw from each (`ratio` 0) to its other (1), at even speed."""
+        """Along the screw from each (`ratio` 0) to its other (1), at constant speed."""
         part = np.asarray(ratio, dtype=np.float64).reshape(-1, 1)
         return self @ TransformArray.exp((self.inverse() @ other).log() * part)
 
@@ -240,13 +240,13 @@ def _as_array(transforms: TransformArray | Transform) -> TransformArray:
 
 
 def _moved(quat_xyzw: Floats, xyz: ArrayLike) -> TransformArray:
-    """The turns, each with its translation of (N, 3), or all with that of (3,)."""
+    """The rotations, each with its translation of (N, 3), or all with that of (3,)."""
     shape = (len(quat_xyzw), 3)
     try:
         translations = np.broadcast_to(np.asarray(xyz, dtype=np.float64), shape)
     except (TypeError, ValueError):
         raise InvalidArgumentException(
-            f"xyz has shape {np.shape(xyz)}; {shape} or (3,) is wanted"
+            f"xyz: expected shape {shape} or (3,), got {np.shape(xyz)}"
         ) from None
     return TransformArray(translations.copy(), quat_xyzw)
 
@@ -255,6 +255,6 @@ def _rows(values: ArrayLike, shape: tuple[int, ...], what: str) -> Floats:
     """The array, whose rows have this shape."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape[1:] != shape or array.ndim != 1 + len(shape):
-        wanted = ", ".join(map(str, ("N", *shape)))
-        raise InvalidArgumentException(f"{what} have shape {array.shape}; ({wanted}) is wanted")
+        expected = ", ".join(map(str, ("N", *shape)))
+        raise InvalidArgumentException(f"{what}: expected shape ({expected}), got {array.shape}")
     return array

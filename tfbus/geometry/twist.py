@@ -16,12 +16,12 @@ _MOST_POSES = 256
 
 @dataclass(frozen=True, eq=False)
 class TwistStamped:
-    """How a frame moves against another at one time.
+    """The velocity of a frame against another at one time.
 
     `linear` (3,) in m/s is the velocity of the origin of `child_frame_id` as seen from
-    `reference_frame`; `angular` (3,) in rad/s is how the child turns against it. Both are
-    written in the axes of `frame_id`. `start_ns` and `end_ns` are the window that they were
-    estimated from, `stamp_ns` the time they are for.
+    `reference_frame`; `angular` (3,) in rad/s is how the child turns against it. Both are written
+    in the axes of `frame_id`. They hold at `stamp_ns`, estimated from the window from `start_ns`
+    to `end_ns`.
     """
 
     stamp_ns: int

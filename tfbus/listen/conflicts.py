@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.change import Change
+from tfbus.buffer.info import Change
 from tfbus.listen.claims import Claims, Conflict, Rule, name_some
 from tfbus.listen.reception import StreamReception
 from tfbus.wire.descriptions import StreamDescription

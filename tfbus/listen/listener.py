@@ -131,7 +131,7 @@ class TransformListener:
             self._node.describers.remove(self._describe_buffer)
 
     def _describe_buffer(self) -> dict[str, list[Any]]:
-        short = self.buffer.shortfall
+        short = self.buffer.expired_lookups
         described = {
             "cache_time_s": self.buffer.cache_time_s,
             "too_old": short.count,

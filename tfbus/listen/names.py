@@ -5,7 +5,7 @@ from dataclasses import replace
 from tfbus.listen.watch import StreamState
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of
-from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformReader
 
 # Namespaces come from the bus: the names of at most this many are remembered.
 MOST_NAMESPACES = 1000

@@ -24,7 +24,7 @@ from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.marks import Marks
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.transform_reader import TransformReader
+from tfbus.wire.transforms import TransformReader
 from tfbus.wire.transforms import TransformMessage
 
 
@@ -144,7 +144,7 @@ class StreamReception:
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where it cannot be read."""
         try:
-            return self.reader.decode(payload)
+            return self.reader.read(payload)
         except DecodeError as error:
             self.reject(error)
             return None
@@ -330,24 +330,24 @@ class DynamicReception:
         """Take one message as it comes."""
         stream = self.stream
         try:
-            columns = stream.reader.read(payload)
+            message = stream.reader.read(payload)
         except DecodeError as error:
             stream.reject(error)
             return
-        epoch_ns, epochs = columns.epoch_ns, stream.epochs
+        rows, epoch_ns, epochs = message.rows, message.epoch_ns, stream.epochs
         if (epoch_ns != epochs.present_ns or epochs.was_gone) and not stream.admit(
             epoch_ns, live=True
         ):
             return
         # First of all, so that no lookup waits for the rest.
-        stream.insert(columns, epoch_ns)
-        stamp_ns = columns.last_stamp_ns()
+        stream.insert(rows, epoch_ns)
+        stamp_ns = rows.last_stamp_ns()
         with stream.lock:
             counts = stream.counts
-            counts.add(columns.count, len(payload))
+            counts.add(rows.count, len(payload))
             counts.last_heard_ns = time.time_ns()
-            if columns.seq is not None:
-                self._count_missed(epoch_ns, columns.seq)
+            if message.seq is not None:
+                self._count_missed(epoch_ns, message.seq)
             if stamp_ns is not None:
                 counts.add_delay((stream.now_ns() - stamp_ns) / 1e9)
 

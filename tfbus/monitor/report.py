@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.listening import Listening
 from tfbus.frames.snapshot import FrameTree

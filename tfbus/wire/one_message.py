@@ -1,7 +1,6 @@
-"""Messages of one transform between two frames, the most frequent there are.
+"""Messages of one transform, which are the most frequent.
 
-One of the modules that are compiled where there is a C compiler (`one_message.pxd` says the C
-types).
+Compiled where there is a C compiler (`one_message.pxd` has the C types).
 """
 
 from tfbus.core import packed
@@ -9,10 +8,10 @@ from tfbus.geometry.transform import TransformStamped
 
 
 class OneMessage:
-    """Writes the messages that carry one transform from the child frame to the parent.
+    """Writes messages that carry one transform, always between the same two frames.
 
-    `head`, `stamps` and `poses` are the bytes of a message that do not change: up to its number,
-    from there to its stamp, and from there to its pose.
+    `head`, `stamps` and `poses` are the constant bytes of a message: up to its number, from there
+    to its stamp, and from there to its pose.
     """
 
     def __init__(
@@ -25,8 +24,8 @@ class OneMessage:
         self._poses = poses
 
     def encode(self, seq: int, transform: TransformStamped) -> bytes | None:
-        """The message with this number; stamp and pose as they stand on this machine. None for a
-        transform between other frames.
+        """The message with this number, in the byte order of this machine. None for a transform
+        between other frames.
         """
         if (
             transform._child_frame_id != self._child_frame_id

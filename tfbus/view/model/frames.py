@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.frame import FrameInfo
+from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State, silent_s, stale_after_s, state

@@ -1,0 +1,117 @@
+"""What a buffer reports: its frames, their changes, and what it could not store or answer."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+from tfbus.errors import PastExtrapolationException, TransformException
+
+# Reasons name frames, and frames come from the bus: without a limit they would fill the memory.
+MOST_REASONS = 100
+OTHER_REASONS = "other reasons"
+
+# A buffer that has just started holds less than it will: lookups of older times say nothing yet.
+_FULL = 0.9
+
+Kind = Literal[
+    "added",
+    "removed",
+    "reparented",
+    "became static",
+    "became dynamic",
+    "conflict",
+    "too old",
+    "publisher gone",
+    "publisher back",
+]
+
+
+@dataclass(frozen=True)
+class FrameInfo:
+    """A frame, and the edge that joins it to its parent.
+
+    `parent` is None for a root, which has no edge: then the rest but `children` is empty.
+    `samples` is how many are held; `static` whether the edge holds at all times.
+    `rate_hz` is how often samples come, None for static frames and below two samples.
+    `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
+    epoch, None without one. `authority` is the publisher of the last sample. `conflicts` counts
+    samples that repeated a stamp with a different value, `refused` those too old to be stored.
+    `gone` is whether its publisher is gone, as a listener has noticed: killed, closed, or out of
+    reach.
+    """
+
+    name: str
+    parent: str | None = None
+    children: tuple[str, ...] = ()
+    static: bool = False
+    samples: int = 0
+    rate_hz: float | None = None
+    oldest_ns: int | None = None
+    newest_ns: int | None = None
+    authority: str = ""
+    conflicts: int = 0
+    refused: int = 0
+    gone: bool = False
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of one frame.
+
+    `kind` is "added"; "removed"; "reparented"; "became static" or "became dynamic", the history
+    being kept; "conflict", a sample that replaced a different one of the same stamp; "too old", a
+    sample refused because it is older than the cache; "publisher gone" or "publisher back", as a
+    listener noticed. `parent` and `authority` are those of the transform that made the change,
+    `former_parent` and `former_authority` those before. `stamp_ns` is the stamp of that transform.
+
+    Two living publishers of one frame are a "conflict" too, which the listener reports once:
+    `authority` and `former_authority` are the two.
+    """
+
+    kind: Kind
+    frame: str
+    parent: str | None
+    former_parent: str | None
+    authority: str
+    former_authority: str
+    stamp_ns: int
+
+
+class Rejections(Counter[str]):
+    """How many rows of batches were not stored, by reason; `last` is the newest reason, and `rows`
+    the number of all.
+
+    Beyond 100 reasons further ones are counted together.
+    """
+
+    last: str = ""
+    rows: int = 0
+
+    def add(self, reason: str) -> None:
+        """Count one row."""
+        self.last = reason
+        self.rows += 1
+        self[reason if reason in self or len(self) < MOST_REASONS else OTHER_REASONS] += 1
+
+
+class ExpiredLookups:
+    """Counts lookups older than the cache in `count`; `missed_by_ns` is the largest distance to
+    the oldest sample.
+    """
+
+    def __init__(self, cache_time_s: float) -> None:
+        self._cache_time_s = cache_time_s
+        self.count = 0
+        self.missed_by_ns = 0
+
+    def note(self, error: TransformException | None) -> None:
+        """Count a lookup that failed so, if a longer cache would have had the answer."""
+        if (
+            isinstance(error, PastExtrapolationException)
+            and error.requested_ns is not None
+            and error.oldest_ns is not None
+            and error.newest_ns is not None
+            and error.newest_ns - error.oldest_ns > _FULL * self._cache_time_s * 1e9
+        ):
+            self.count += 1
+            self.missed_by_ns = max(self.missed_by_ns, error.oldest_ns - error.requested_ns)

@@ -5,8 +5,7 @@ from collections.abc import Iterable
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transforms import TransformReader
-from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
 
 S = 10**9
 

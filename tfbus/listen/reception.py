@@ -24,8 +24,7 @@ from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.marks import Marks
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.transforms import TransformReader
-from tfbus.wire.transforms import TransformMessage
+from tfbus.wire.transforms import TransformMessage, TransformReader
 
 
 class StreamReception:

@@ -50,7 +50,7 @@ NODES = {
     "follow": "Spawn a turtle that follows a frame.",
     "mimic": "Copy the speeds of input/pose to output/cmd_vel.",
     "share": "Show frames of one robot to others.",
-    "simulator": "Turtles on a field: drive them, watch their poses (turtlesim).",
+    "simulator": "Simulate turtles to drive and to watch (turtlesim).",
     "static": "Publish static transforms.",
     "teleop": "Drive a turtle with the keyboard.",
     "view": "Show all frames in a browser.",

@@ -8,6 +8,7 @@ import pytest
 
 from tests import needs
 from tests.live_bus import Bus
+from tfbus import Buffer, Node, TransformListener
 
 # Options: how long to compare with the real tf2, and how often to injure the hosts; and a browser.
 pytest_plugins = [
@@ -36,3 +37,23 @@ def bus(tmp_path: Path) -> Iterator[Bus]:
     bus = Bus(tmp_path)
     yield bus
     bus.close()
+
+
+@pytest.fixture
+def sender(bus: Bus) -> Node:
+    """The node of a test that sends."""
+    return bus.node("sender")
+
+
+@pytest.fixture
+def receiver(bus: Bus) -> Node:
+    """The node of a test that listens."""
+    return bus.node("receiver")
+
+
+@pytest.fixture
+def buffer(receiver: Node) -> Iterator[Buffer]:
+    """The buffer of the receiver's listener."""
+    buffer = Buffer()
+    with TransformListener(buffer, receiver):
+        yield buffer

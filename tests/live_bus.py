@@ -16,7 +16,15 @@ from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handle
 from signal import signal as set_handler
 from typing import Any, TypeVar
 
-from tfbus import Buffer, Node, NodeSettings
+from tfbus import (
+    Buffer,
+    Node,
+    NodeSettings,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformStamped,
+)
 from tfbus.bus.session import Session
 
 T = TypeVar("T")
@@ -45,6 +53,36 @@ async def somebody_waits(buffer: Buffer, count: int = 1) -> None:
     async with asyncio.timeout(DEADLINE_S):
         while buffer.waiting < count:
             await asyncio.sleep(0)
+
+
+def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
+    """Send again and again until the condition holds, as a broadcaster does."""
+
+    def sent() -> bool:
+        broadcast()
+        return condition()
+
+    eventually(sent)
+
+
+def keep_sending(
+    node: Node, parent: str, child: str, *, rate_hz: float = 20.0, late_ns: int = 0
+) -> None:
+    """Send a dynamic transform, with stamps `late_ns` in the past."""
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamp_ns = node.now_ns() - late_ns
+        broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
+
+    node.create_timer(1 / rate_hz, send)
+
+
+def send_static(node: Node, parent: str, child: str) -> None:
+    """Publish one static transform."""
+    StaticTransformBroadcaster(node).send_transform(
+        TransformStamped(node.now_ns(), parent, child, Transform.identity())
+    )
 
 
 def free_port() -> int:

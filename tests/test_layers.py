@@ -115,3 +115,9 @@ def test_nodes_use_public_names_only(path: Path) -> None:
             assert module in DOORS, name
             package = importlib.import_module(module)
             assert leaf in getattr(package, "__all__", vars(package)), name
+
+
+def test_no_test_imports_another() -> None:
+    """What several tests share stands in a module of its own, such as tests/builders.py."""
+    used = {(path.name, name) for path in sources("tests") for name in imports(path)}
+    assert not {pair for pair in used if pair[1].startswith("tests.") and ".test_" in pair[1]}

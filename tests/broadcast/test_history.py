@@ -3,21 +3,11 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.builders import S
+from tests.fakes import Clock
 from tfbus import Transform, TransformBatch, TransformStamped
 from tfbus.broadcast.history import SentHistory, without_removed
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
-
-S = 1_000_000_000
-
-
-class Clock:
-    """A clock that is set by the test."""
-
-    def __init__(self) -> None:
-        self.now_ns = 0
-
-    def __call__(self) -> int:
-        return self.now_ns
 
 
 @settings(deadline=None)

@@ -3,7 +3,7 @@
 import logging
 import sys
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.live_bus import Bus, eventually
+from tests.builders import S, at
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually, send_until
 from tfbus import (
     Buffer,
     InvalidArgumentException,
     LookupException,
     Node,
     StaticTransformBroadcaster,
-    Transform,
     TransformBatch,
     TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
 from tfbus.broadcast.announcer import FrameAnnouncer
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
@@ -33,16 +33,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.listen.watch import StreamState, StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
-
-S = 1_000_000_000
-
-
-def at(
-    x: float = 0.0, child: str = "turtle1", *, parent: str = "world", stamp_ns: int = 100 * S
-) -> TransformStamped:
-    """`child` at (x, 0, 0) in `parent`."""
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
 
 # Without a bus
 
@@ -269,24 +259,6 @@ def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
 # On a bus
 
 
-@pytest.fixture
-def sender(bus: Bus) -> Node:
-    return bus.node("sender")
-
-
-@pytest.fixture
-def receiver(bus: Bus) -> Node:
-    return bus.node("receiver")
-
-
-@pytest.fixture
-def buffer(receiver: Node) -> Iterator[Buffer]:
-    """The buffer of the receiver's listener."""
-    buffer = Buffer()
-    with TransformListener(buffer, receiver):
-        yield buffer
-
-
 def answers(node: Node, selector: str) -> list[tuple[str, str, float]]:
     """What the streams have kept: key, child and x of each first transform."""
     found = []
@@ -295,16 +267,6 @@ def answers(node: Node, selector: str) -> list[tuple[str, str, float]]:
         first = next(iter(decode_transforms(answer.payload).batch))
         found.append((answer.key, first.child_frame_id, first.transform.x))
     return found
-
-
-def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
-    """Send again and again until the condition holds, as a broadcaster does."""
-
-    def sent() -> bool:
-        broadcast()
-        return condition()
-
-    eventually(sent)
 
 
 def test_a_stream_answers_what_it_sent_last(sender: Node, receiver: Node) -> None:
@@ -436,14 +398,11 @@ def test_a_new_epoch_is_described_and_its_statics_are_sent_with_it(
 
 def test_a_new_epoch_is_logged_in_one_line(sender: Node) -> None:
     """One line of the log says which frame went back, and by how much; repetitions are not."""
-    lines: list[str] = []
-    handler = logging.Handler()
-    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
-    sender.log.addHandler(handler)
+    log = Lines(sender.log)
     broadcaster = TransformBroadcaster(sender)
     for seconds in (100, 97, 94):
         broadcaster.send_transform(at(stamp_ns=seconds * S))
-    assert lines == [
+    assert log.lines == [
         "Stream 'sender' restarted: the stamps of frame 'turtle1' went back by 3.000 s. Listeners "
         "forget what it sent before, except static transforms"
     ]
@@ -451,15 +410,12 @@ def test_a_new_epoch_is_logged_in_one_line(sender: Node) -> None:
 
 def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
     """Where a frame goes back again and again, one warning names it and says what to do."""
-    lines: list[str] = []
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
-    sender.log.addHandler(handler)
+    log = Lines(sender.log, logging.WARNING)
     broadcaster = TransformBroadcaster(sender)
     for number in range(30):
         # The arm's stamps come in disorder, far apart.
         broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
-    (line,) = lines
+    (line,) = log.lines
     assert line.startswith(
         "Stream 'sender' restarted 10 times, each within 5 s of the last, now for frame 'arm': "
     )

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.builders import S, moved
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.core.sampling import Sampling
@@ -23,12 +24,6 @@ from tfbus.errors import (
 )
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import Transform, TransformStamped
-
-S = 1_000_000_000
-
-
-def moved(stamp_ns: int, parent: str, child: str, x: float) -> TransformStamped:
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
 
 
 def turned(stamp_ns: int, parent: str, child: str, yaw: float) -> TransformStamped:

@@ -5,6 +5,8 @@ import threading
 
 import pytest
 
+from tests.builders import S, moved
+from tests.fakes import Clock
 from tests.live_bus import eventually, somebody_waits
 from tfbus import (
     Buffer,
@@ -12,34 +14,17 @@ from tfbus import (
     InvalidArgumentException,
     StaleException,
     TimeoutException,
-    Transform,
     TransformStamped,
 )
-
-S = 10**9
-
-
-class Clock:
-    """A clock that stands still until it is set."""
-
-    def __init__(self, now_ns: int) -> None:
-        self.now_ns = now_ns
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-
-def at(x: float, parent: str, child: str, stamp_ns: int) -> TransformStamped:
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
 
 
 @pytest.fixture
 def buffer() -> Buffer:
     """A robot that moves, sent at 8 s and at 9 s, with a camera fixed on it; it is 10 s now."""
     buffer = Buffer(clock=Clock(10 * S))
-    buffer.set_transform(at(1, "world", "robot", 8 * S), authority="sim")
-    buffer.set_transform(at(2, "world", "robot", 9 * S), authority="sim")
-    buffer.set_transform(at(3, "robot", "camera", 0), static=True, authority="mount")
+    buffer.set_transform(moved(8 * S, "world", "robot", 1), authority="sim")
+    buffer.set_transform(moved(9 * S, "world", "robot", 2), authority="sim")
+    buffer.set_transform(moved(0, "robot", "camera", 3), static=True, authority="mount")
     return buffer
 
 
@@ -95,7 +80,7 @@ def test_a_static_frame_has_no_age_but_a_publisher(buffer: Buffer) -> None:
 
 def test_only_who_sent_a_frame_last_is_gone_for_it(buffer: Buffer) -> None:
     """A frame that another publisher has taken over is not gone with the former."""
-    buffer.set_transform(at(3, "world", "robot", 10 * S), authority="other")
+    buffer.set_transform(moved(10 * S, "world", "robot", 3), authority="other")
     buffer.mark_gone(["robot"], True, "sim")
     assert not buffer.frame("robot").gone
 
@@ -103,7 +88,7 @@ def test_only_who_sent_a_frame_last_is_gone_for_it(buffer: Buffer) -> None:
 def test_a_new_publisher_brings_a_frame_back(buffer: Buffer) -> None:
     """A sample of another publisher ends that a frame is gone."""
     buffer.mark_gone(["robot"], True, "sim")
-    buffer.set_transform(at(3, "world", "robot", 10 * S), authority="other")
+    buffer.set_transform(moved(10 * S, "world", "robot", 3), authority="other")
     assert not buffer.frame("robot").gone
 
 
@@ -129,7 +114,7 @@ def test_waiting_goes_on_until_the_data_is_fresh(buffer: Buffer) -> None:
     thread = threading.Thread(target=look_up)
     thread.start()
     eventually(lambda: buffer.waiting == 1)
-    buffer.set_transform(at(4, "world", "robot", 10 * S), authority="sim")
+    buffer.set_transform(moved(10 * S, "world", "robot", 4), authority="sim")
     thread.join(20.0)
     assert [answer.stamp_ns for answer in answers] == [10 * S]
 
@@ -147,7 +132,7 @@ def test_waiting_goes_on_until_the_publisher_is_back(buffer: Buffer, authority: 
         if authority == "mount":
             buffer.mark_gone(["camera"], False, "mount")
         else:
-            buffer.set_transform(at(3, "robot", "camera", 1), static=True, authority="another")
+            buffer.set_transform(moved(1, "robot", "camera", 3), static=True, authority="another")
         return await waiting
 
     assert asyncio.run(look_up()).transform.xyz.tolist() == [3, 0, 0]
@@ -170,8 +155,8 @@ def test_an_age_is_a_number_of_seconds(buffer: Buffer) -> None:
 
 def test_an_authority_can_begin_anew(buffer: Buffer) -> None:
     """Forgetting an authority drops the samples it sent; static poses and others' stay."""
-    buffer.set_transform(at(5, "world", "other", 9 * S), authority="else")
-    buffer.set_transform(at(6, "world", "post", 9 * S), static=True, authority="sim")
+    buffer.set_transform(moved(9 * S, "world", "other", 5), authority="else")
+    buffer.set_transform(moved(9 * S, "world", "post", 6), static=True, authority="sim")
     assert buffer.sent_by("sim") == {"robot": 2, "post": 0}
     buffer.forget("sim")
     assert buffer.sent_by("sim") == {"robot": 0, "post": 0}
@@ -179,7 +164,7 @@ def test_an_authority_can_begin_anew(buffer: Buffer) -> None:
     assert buffer.can_transform("world", "other")
     assert buffer.can_transform("world", "post")
     # A looped replay: far older than what was there.
-    assert buffer.set_transform(at(7, "world", "robot", -99 * S), authority="sim")
+    assert buffer.set_transform(moved(-99 * S, "world", "robot", 7), authority="sim")
     assert buffer.lookup_transform("world", "robot").stamp_ns == -99 * S
 
 

@@ -1,45 +1,22 @@
 """A buffer under a simulated clock: its timeouts, and what it forgets at a jump back."""
 
 import asyncio
-import threading
-from collections.abc import Callable
-from typing import TypeVar
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.fakes import InAThread
 from tests.live_bus import eventually
 from tfbus import Buffer, LookupException, TimeoutException, Transform, TransformStamped
 from tfbus.runtime.clock import SimulatedClock
 
 SECOND = 1_000_000_000
 
-T = TypeVar("T")
-
 
 def at(second: int, x: float = 0.0, *, parent: str = "a", child: str = "b") -> TransformStamped:
     """Where a frame is at a second."""
     return TransformStamped(second * SECOND, parent, child, Transform((x, 0.0, 0.0)))
-
-
-class InAThread:
-    """A call that may wait, on a thread of its own."""
-
-    def __init__(self, call: Callable[[], T]):
-        self.answer: list[object] = []
-        self._thread = threading.Thread(target=self._run, args=(call,), daemon=True)
-        self._thread.start()
-
-    def _run(self, call: Callable[[], T]) -> None:
-        try:
-            self.answer.append(call())
-        except Exception as error:
-            self.answer.append(error)
-
-    def result(self) -> object:
-        """What it answered or raised, in the end."""
-        return eventually(lambda: self.answer)[0]
 
 
 def waiting(buffer: Buffer) -> bool:
@@ -55,7 +32,7 @@ def test_a_timeout_is_in_simulated_seconds() -> None:
     lookup = InAThread(lambda: buffer.lookup_transform("a", "b", timeout_s=5.0))
     eventually(lambda: waiting(buffer))
     clock.set(105 * SECOND - 1)
-    assert not lookup.answer
+    assert lookup.is_waiting
     clock.set(105 * SECOND)
     error = lookup.result()
     assert isinstance(error, TimeoutException)
@@ -93,7 +70,7 @@ def test_asyncio_waits_in_simulated_seconds_too() -> None:
     wait = InAThread(lambda: asyncio.run(buffer.wait_for_transform("a", "b", timeout_s=5.0)))
     eventually(lambda: waiting(buffer))
     clock.set(5 * SECOND - 1)
-    assert not wait.answer
+    assert wait.is_waiting
     clock.set(5 * SECOND)
     assert isinstance(wait.result(), TimeoutException)
 

@@ -5,6 +5,8 @@ import threading
 
 import pytest
 
+from tests.builders import S, moved
+from tests.fakes import InAThread
 from tests.live_bus import eventually, somebody_waits
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.lookup import Lookup as Question
@@ -15,13 +17,6 @@ from tfbus.errors import (
     PastExtrapolationException,
     TimeoutException,
 )
-from tfbus.geometry.transform import Transform, TransformStamped
-
-S = 1_000_000_000
-
-
-def moved(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> TransformStamped:
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
 
 
 def waiting(buffer: Buffer, count: int = 1) -> None:
@@ -29,32 +24,11 @@ def waiting(buffer: Buffer, count: int = 1) -> None:
     eventually(lambda: buffer.waiting >= count)
 
 
-class Lookup(threading.Thread):
-    """One blocking lookup in a thread of its own."""
-
-    def __init__(self, buffer: Buffer, *question: object, timeout_s: float = 10.0) -> None:
-        super().__init__(daemon=True)
-        self._ask = lambda: buffer.lookup_transform(*question, timeout_s=timeout_s)
-        self.answer: object = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self.answer = self._ask()
-        except Exception as error:
-            self.answer = error
-
-    def result(self) -> object:
-        self.join(10.0)
-        assert not self.is_alive()
-        return self.answer
-
-
 def test_a_lookup_waits_for_the_future():
     """It returns when the edges of its path have come to its time."""
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
-    lookup = Lookup(buffer, "world", "robot", 10)
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "robot", 10, timeout_s=10.0))
     waiting(buffer)
     buffer.set_transform(moved(5, "world", "robot"))
     buffer.set_transform(moved(15, "world", "robot", 2.0))
@@ -64,7 +38,7 @@ def test_a_lookup_waits_for_the_future():
 def test_a_lookup_waits_for_frames_that_nobody_knows_yet():
     """Unknown frames, and trees that are not joined, may come."""
     buffer = Buffer()
-    lookup = Lookup(buffer, "world", "hand")
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "hand", timeout_s=10.0))
     waiting(buffer)
     buffer.set_transform(moved(1, "robot", "hand", 1.0))
     buffer.set_transform(moved(1, "world", "map", 1.0))
@@ -118,7 +92,7 @@ def test_a_waiter_fails_as_soon_as_its_time_has_fallen_out():
     buffer.set_transform(moved(0, "world", "robot"))
     buffer.set_transform(moved(S, "world", "robot"))
     buffer.set_transform(moved(0, "robot", "arm"))
-    lookup = Lookup(buffer, "world", "arm", S // 2, timeout_s=600.0)
+    lookup = InAThread(lambda: buffer.lookup_transform("world", "arm", S // 2, timeout_s=600.0))
     waiting(buffer)
     buffer.set_transform(moved(9 * S, "world", "robot"))
     buffer.set_transform(moved(10 * S, "world", "robot"))
@@ -149,7 +123,7 @@ def test_a_new_parent_on_the_path_wakes_a_waiter():
     buffer = Buffer()
     buffer.set_transform(moved(0, "world", "robot"))
     buffer.set_transform(moved(0, "map", "table", 7.0))
-    lookup = Lookup(buffer, "map", "robot", 10)
+    lookup = InAThread(lambda: buffer.lookup_transform("map", "robot", 10, timeout_s=10.0))
     waiting(buffer)
     buffer.set_transform(moved(0, "table", "robot", 1.0), static=True)
     waiting(buffer)

@@ -2,22 +2,16 @@
 
 import pytest
 
+from tests.builders import moved
 from tfbus import (
     Buffer,
     ConnectivityException,
     LookupException,
     TimeoutException,
-    Transform,
     TransformException,
-    TransformStamped,
 )
 
 Pair = tuple[str, str]
-
-
-def edge(parent: str, child: str, stamp_ns: int = 1) -> TransformStamped:
-    """`child` at the origin of `parent`."""
-    return TransformStamped(stamp_ns, parent, child, Transform.identity())
 
 
 def watched(buffer: Buffer) -> list[Pair]:
@@ -65,18 +59,18 @@ def test_every_kind_of_question_is_told() -> None:
 def test_a_pair_that_is_answered_is_told_with_the_next_insert() -> None:
     """A lookup that has its answer does not stop to tell anybody; the next insert does."""
     buffer = Buffer()
-    buffer.set_transform(edge("map", "base"))
+    buffer.set_transform(moved(1, "map", "base"))
     buffer.lookup_transform("map", "base")
     asked = watched(buffer)
     buffer.lookup_transform("map", "base")
-    buffer.set_transform(edge("map", "base", stamp_ns=2))
+    buffer.set_transform(moved(2, "map", "base"))
     assert asked == [("map", "base")]
 
 
 def test_a_watcher_may_fill_the_buffer() -> None:
     """The watcher is called without the lock: what it inserts is there for the lookup."""
     buffer = Buffer()
-    buffer.watch_questions(lambda target, source: buffer.set_transform(edge(target, source)))
+    buffer.watch_questions(lambda target, source: buffer.set_transform(moved(1, target, source)))
     assert buffer.lookup_transform("map", "base", timeout_s=20).child_frame_id == "base"
 
 
@@ -109,7 +103,7 @@ def test_watching_ends() -> None:
 def test_pairs_can_be_told_again() -> None:
     """After `ask_again` each pair is reported once more, at its next lookup."""
     buffer = Buffer()
-    buffer.set_transform(edge("map", "base"))
+    buffer.set_transform(moved(1, "map", "base"))
     asked = watched(buffer)
     for source in ("base", "camera"):
         buffer.can_transform("map", source)
@@ -121,8 +115,8 @@ def test_pairs_can_be_told_again() -> None:
 def test_a_watcher_may_say_why_a_frame_is_missing() -> None:
     """The watcher's own error stands for that of a frame that is unknown or not connected."""
     buffer = Buffer()
-    buffer.set_transform(edge("map", "base"))
-    buffer.set_transform(edge("odom", "arm"))
+    buffer.set_transform(moved(1, "map", "base"))
+    buffer.set_transform(moved(1, "odom", "arm"))
     missing = {"camera": LookupException("on its way"), "arm": ConnectivityException("far away")}
     buffer.watch_questions(lambda target, source: None, lambda target, source: missing.get(source))
     with pytest.raises(LookupException, match=r"^on its way$"):

@@ -4,15 +4,10 @@ import json
 import re
 from typing import Any
 
-from tests.live_bus import DEADLINE_S, Bus
+from tests.live_bus import DEADLINE_S, Bus, keep_sending, send_static
 from tfbus import (
     Buffer,
-    Node,
-    StaticTransformBroadcaster,
-    Transform,
-    TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
 from tfbus.doctor.checks import CHECKS
 
@@ -24,28 +19,10 @@ def examined(bus: Bus, *arguments: str) -> tuple[int, dict[str, Any]]:
     return done.returncode, json.loads(done.stdout)
 
 
-def move(node: Node, child: str) -> None:
-    """Send world -> child at 20 Hz."""
-    broadcaster = TransformBroadcaster(node)
-
-    def send() -> None:
-        stamped = TransformStamped(node.now_ns(), "world", child, Transform.identity())
-        broadcaster.send_transform(stamped)
-
-    node.create_timer(0.05, send)
-
-
-def fix(node: Node, parent: str, child: str) -> None:
-    """Publish one static transform."""
-    StaticTransformBroadcaster(node).send_transform(
-        TransformStamped(node.now_ns(), parent, child, Transform.identity())
-    )
-
-
 def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
     """On a healthy bus no check fails, and each has evidence."""
-    move(bus.node("odometry"), "base")
-    fix(bus.node("mount"), "base", "camera")
+    keep_sending(bus.node("odometry"), "world", "base")
+    send_static(bus.node("mount"), "base", "camera")
     listens = bus.node("planner")
     with TransformListener(Buffer(), listens):
         code, found = examined(bus)
@@ -61,10 +38,10 @@ def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
 
 def test_trouble_is_found_and_fails(bus: Bus) -> None:
     """Two nodes of one name, two publishers of one frame and a separate tree are all found."""
-    fix(bus.node("mount"), "base", "camera")
-    fix(bus.node("other"), "base", "camera")
-    fix(bus.node("elsewhere"), "map", "dock")
-    move(bus.node("twin"), "base")
+    send_static(bus.node("mount"), "base", "camera")
+    send_static(bus.node("other"), "base", "camera")
+    send_static(bus.node("elsewhere"), "map", "dock")
+    keep_sending(bus.node("twin"), "world", "base")
     bus.node("twin")
     code, found = examined(bus)
     assert code == 1
@@ -78,8 +55,8 @@ def test_trouble_is_found_and_fails(bus: Bus) -> None:
 
 def test_people_get_a_page(bus: Bus) -> None:
     """For people it is a line a check, the evidence and the remedy below, and a sum."""
-    fix(bus.node("mount"), "base", "camera")
-    fix(bus.node("other"), "base", "camera")
+    send_static(bus.node("mount"), "base", "camera")
+    send_static(bus.node("other"), "base", "camera")
     done = bus.run("doctor", "--only", "conflicts", "--only", "install", "--for", "1")
     assert done.returncode == 1
     lines = done.stdout.splitlines()
@@ -111,7 +88,7 @@ def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
     bus.start("clock", "--start", "0").wait_for_line("It is 0")
     robot = bus.node("robot", sim_time=True)
     robot.wait_for_clock(DEADLINE_S)
-    move(robot, "base")
+    keep_sending(robot, "world", "base")
     code, found = examined(bus, "--for", "1")
     assert code == 0
     told = "the stamps of 1 of 1 publisher follow it, and this doctor does not"

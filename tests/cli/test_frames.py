@@ -8,30 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.live_bus import Bus, Process
-from tfbus import (
-    Node,
-    StaticTransformBroadcaster,
-    Transform,
-    TransformBroadcaster,
-    TransformStamped,
-)
-
-
-def send_static(node: Node, parent: str, child: str) -> None:
-    StaticTransformBroadcaster(node).send_transform(
-        TransformStamped(node.now_ns(), parent, child, Transform.identity())
-    )
-
-
-def keep_sending(node: Node, parent: str, child: str) -> None:
-    broadcaster = TransformBroadcaster(node)
-
-    def send() -> None:
-        edge = TransformStamped(node.now_ns(), parent, child, Transform.identity())
-        broadcaster.send_transform(edge)
-
-    node.create_timer(0.05, send)
+from tests.live_bus import Bus, Process, keep_sending, send_static
 
 
 @pytest.fixture

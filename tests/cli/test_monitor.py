@@ -4,38 +4,17 @@ import json
 
 import pytest
 
-from tests.live_bus import Bus
-from tfbus import (
-    Node,
-    StaticTransformBroadcaster,
-    Transform,
-    TransformBroadcaster,
-    TransformStamped,
-)
+from tests.live_bus import Bus, keep_sending, send_static
 
 LATE_NS = 300_000_000
-
-
-def keep_sending(node: Node, parent: str, child: str, *, late_ns: int = 0) -> None:
-    """Send an edge at 50 Hz, with stamps `late_ns` in the past."""
-    broadcaster = TransformBroadcaster(node)
-
-    def send() -> None:
-        stamp_ns = node.now_ns() - late_ns
-        broadcaster.send_transform(TransformStamped(stamp_ns, parent, child, Transform.identity()))
-
-    node.create_timer(0.02, send)
 
 
 @pytest.fixture
 def robot(bus: Bus) -> Bus:
     """world -> base at once, base -> arm 0.3 s late, both at 50 Hz; arm -> camera is static."""
-    keep_sending(bus.node("odometry"), "world", "base")
-    keep_sending(bus.node("kinematics"), "base", "arm", late_ns=LATE_NS)
-    mount = bus.node("mount")
-    StaticTransformBroadcaster(mount).send_transform(
-        TransformStamped(mount.now_ns(), "arm", "camera", Transform.identity())
-    )
+    keep_sending(bus.node("odometry"), "world", "base", rate_hz=50.0)
+    keep_sending(bus.node("kinematics"), "base", "arm", late_ns=LATE_NS, rate_hz=50.0)
+    send_static(bus.node("mount"), "arm", "camera")
     return bus
 
 
@@ -74,7 +53,7 @@ def test_it_prints_tables(robot: Bus) -> None:
 
 def test_a_problem_of_an_edge_is_written_out(robot: Bus) -> None:
     """A frame with two publishers is marked behind the publisher, also without colour."""
-    keep_sending(robot.node("rival"), "world", "base")
+    keep_sending(robot.node("rival"), "world", "base", rate_hz=50.0)
     lines = robot.run("monitor", "--once").stdout.splitlines()
     (base,) = [line for line in lines if line.startswith("base ")]
     assert base.split()[1] in ("odometry", "rival")
@@ -114,7 +93,7 @@ def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
     monitor = robot.start("monitor", "--period", "0.2")
     monitor.wait_for_line("^base +odometry")
     short_lived = robot.node("short_lived")
-    keep_sending(short_lived, "world", "visitor")
+    keep_sending(short_lived, "world", "visitor", rate_hz=50.0)
     monitor.wait_for_line("^visitor +short_lived +4|^visitor +short_lived +5")
     short_lived.close()
     monitor.wait_for_line("^visitor +short_lived GONE")

@@ -12,8 +12,8 @@ import pytest
 import tfbus
 import tfbus.messages
 from docs import api
+from tests.builders import SAMPLE
 from tests.docs.pages import ROOT
-from tests.wire.test_transforms import SAMPLE
 
 ARCHITECTURE = ROOT / "docs" / "internals" / "architecture.md"
 REFERENCE = ROOT / "docs" / "reference"

@@ -9,21 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.builders import lengths, transforms, units
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
 
 TINY = 1e-12
-lengths = st.floats(-10, 10)
-units = st.floats(-1, 1)
-
-
-@st.composite
-def transforms(draw: st.DrawFn) -> Transform:
-    quaternion = np.array(draw(st.tuples(units, units, units, units)))
-    norm = np.linalg.norm(quaternion)
-    if norm < 0.1:
-        quaternion, norm = np.array((0, 0, 0, 1.0)), 1.0
-    return Transform(draw(st.tuples(lengths, lengths, lengths)), quaternion / norm)
 
 
 @given(transforms(), transforms(), transforms())

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.geometry.test_transform import transforms
+from tests.builders import transforms
 from tfbus import Transform, TransformArray
 from tfbus.errors import InvalidArgumentException
 

@@ -1,25 +1,11 @@
-"""A stream as tests receive it: messages with transforms, and a buffer to look into."""
+"""A stream as tests receive it, and a buffer to look into."""
 
 import logging
-from collections.abc import Iterable
 
-from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tests.builders import S, payload, x_of
+from tfbus import Buffer, TransformStamped
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
-
-S = 10**9
-
-
-def at(x: float, child: str, stamp_ns: int = S, parent: str = "world") -> TransformStamped:
-    """The child x metres ahead of its parent."""
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
-
-def payload(
-    transforms: Iterable[TransformStamped], epoch_ns: int = 1, seq: int | None = None
-) -> bytes:
-    batch = TransformBatch.from_transforms(transforms)
-    return encode_transforms(TransformMessage(batch, epoch_ns, seq))
+from tfbus.wire.transforms import TransformReader
 
 
 class Received:
@@ -55,6 +41,4 @@ class Received:
         return [info.name for info in self.buffer.all_frames() if info.gone]
 
     def x_of(self, child: str) -> float | None:
-        if not self.buffer.can_transform("world", child):
-            return None
-        return self.buffer.lookup_transform("world", child).transform.x
+        return x_of(self.buffer, "world", child)

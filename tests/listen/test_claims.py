@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.builders import description
 from tfbus import InvalidArgumentException
 from tfbus.listen.claims import Claims, Conflict, Rule
 from tfbus.wire.descriptions import StreamDescription
@@ -14,9 +15,9 @@ from tfbus.wire.descriptions import StreamDescription
 def described(
     *children: str, epoch: int = 1, priority: int = 0, started: int = 0
 ) -> StreamDescription:
-    frames = tuple(("world", child, False) for child in children)
-    return StreamDescription(
-        1, "/n", epoch, frames, host="h", pid=epoch, priority=priority, started_ns=started
+    rows = [("world", child, False) for child in children]
+    return description(
+        rows, epoch=epoch, host="h", pid=epoch, priority=priority, started_ns=started
     )
 
 

@@ -4,21 +4,13 @@ import logging
 
 import pytest
 
-from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tests.builders import at, payload
+from tfbus import Buffer, TransformBatch
 from tfbus.listen.claims import Rule
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
-
-
-def payload(epoch_ns: int, seq: int, **x_of: float) -> bytes:
-    """Frames below `world`, each `x` metres ahead."""
-    rows = [
-        TransformStamped(epoch_ns, "world", child, Transform((x, 0, 0)))
-        for child, x in x_of.items()
-    ]
-    return encode_transforms(TransformMessage(TransformBatch.from_transforms(rows), epoch_ns, seq))
+from tfbus.wire.transforms import TransformReader
 
 
 class Received:
@@ -39,11 +31,15 @@ class Received:
 
     def send_static(self, stream: str, **x_of: float) -> None:
         self._sent += 1
-        self.streams[stream].receive_static(payload(self.epochs[stream], self._sent, **x_of))
+        self.streams[stream].receive_static(self._payload(stream, self._sent, x_of))
 
     def send(self, stream: str, **x_of: float) -> None:
         key = DynamicReception(self.streams[stream])
-        key.receive(payload(self.epochs[stream], 0, **x_of))
+        key.receive(self._payload(stream, 0, x_of))
+
+    def _payload(self, stream: str, seq: int, x_of: dict[str, float]) -> bytes:
+        epoch_ns = self.epochs[stream]
+        return payload([at(x, child, epoch_ns) for child, x in x_of.items()], epoch_ns, seq)
 
     def describe(self, stream: str, *children: str) -> None:
         """The stream lists these static frames."""

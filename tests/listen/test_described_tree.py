@@ -3,16 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.builders import Row, description
 from tfbus.listen.described_tree import DescribedTree, described_edges
-from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import FrameNames
-
-Row = tuple[str, str, bool]
-
-
-def description(rows: list[Row], *, split: bool = False) -> StreamDescription:
-    """The description of a stream of these frames."""
-    return StreamDescription(1, "/node", 1, tuple(rows), split=split)
 
 
 def dynamic(*edges: str) -> list[Row]:

@@ -8,6 +8,7 @@ from signal import SIGKILL
 
 import pytest
 
+from tests.builders import description, live_stream, x_of
 from tests.live_bus import Bus, eventually
 from tests.processes.publishers import launch, start
 from tfbus import (
@@ -25,8 +26,6 @@ from tfbus import (
 )
 from tfbus.bus.handles import Declaration
 from tfbus.listen.interest import Interest
-from tfbus.listen.watch import StreamState
-from tfbus.wire.descriptions import StreamDescription
 
 PATIENCE_S = 20.0
 
@@ -51,11 +50,6 @@ class Sender:
 
 
 @pytest.fixture
-def receiver(bus: Bus) -> Node:
-    return bus.node("receiver")
-
-
-@pytest.fixture
 def buffer() -> Buffer:
     return Buffer()
 
@@ -64,13 +58,6 @@ def buffer() -> Buffer:
 def listener(receiver: Node, buffer: Buffer) -> Iterator[TransformListener]:
     with TransformListener(buffer, receiver, reads="needed") as listener:
         yield listener
-
-
-def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while unknown."""
-    if not buffer.can_transform(target, source):
-        return None
-    return round(buffer.lookup_transform(target, source).transform.x, 9)
 
 
 def received(listener: TransformListener) -> dict[str, int]:
@@ -296,8 +283,7 @@ class _Undeclared:
 
 def tell(interest: Interest, stream: str, *frames: tuple[str, str, bool]) -> None:
     """Let a stream describe itself."""
-    description = StreamDescription(1, "/node", 1, frames)
-    interest.update(StreamState(stream, True, description, f"@tfbus/stream/{stream}"), None)
+    interest.update(live_stream(stream, description(frames)), None)
 
 
 def test_streams_of_lookups_that_are_not_repeated_are_left() -> None:

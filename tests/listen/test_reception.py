@@ -2,7 +2,8 @@
 
 import pytest
 
-from tests.listen.received import Received, S, at, payload
+from tests.builders import S, at, payload
+from tests.listen.received import Received
 from tfbus.listen.claims import Resolution
 
 

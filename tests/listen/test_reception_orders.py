@@ -6,21 +6,19 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tests.builders import S, at, payload
+from tfbus import Buffer
 from tfbus.listen.reception import DynamicReception, StreamReception
-from tfbus.wire.transforms import TransformMessage, TransformReader, encode_transforms
+from tfbus.wire.transforms import TransformReader
 
-S = 10**9
 CHILDREN = st.frozensets(st.sampled_from(["a", "b", "c", "d"]))
 EPOCHS = st.integers(1, 4)
 STAMPS = st.integers(0, 10**6)
 
 
-def payload(children: frozenset[str], epoch_ns: int, stamp_ns: int) -> bytes:
+def sent(children: frozenset[str], epoch_ns: int, stamp_ns: int) -> bytes:
     """A message whose poses show its epoch: `epoch_ns` metres ahead."""
-    pose = Transform((float(epoch_ns), 0, 0))
-    transforms = [TransformStamped(stamp_ns, "world", child, pose) for child in sorted(children)]
-    return encode_transforms(TransformMessage(TransformBatch.from_transforms(transforms), epoch_ns))
+    return payload([at(epoch_ns, child, stamp_ns) for child in sorted(children)], epoch_ns)
 
 
 class Orders(RuleBasedStateMachine):
@@ -42,7 +40,7 @@ class Orders(RuleBasedStateMachine):
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send(self, children: frozenset[str], epoch: int, second: int) -> None:
         before = self.stream.counts.outdated
-        self.key.receive(payload(children, epoch, second * S))
+        self.key.receive(sent(children, epoch, second * S))
         if self.stream.counts.outdated == before:
             assert self.stream.epoch_ns == epoch
             assert all(self.buffer.can_transform("world", child) for child in children)
@@ -54,17 +52,17 @@ class Orders(RuleBasedStateMachine):
         """A process that sends alone counts, whatever came before."""
         for _ in range(5):
             self.time_s += 1.0
-            self.key.receive(payload(children, epoch, second * S))
+            self.key.receive(sent(children, epoch, second * S))
         assert self.stream.epoch_ns == epoch
 
     @rule(children=CHILDREN, epoch=EPOCHS, second=STAMPS)
     def send_kept(self, children: frozenset[str], epoch: int, second: int) -> None:
-        self.stream.receive_kept(payload(children, epoch, second * S))
+        self.stream.receive_kept(sent(children, epoch, second * S))
 
     @rule(children=CHILDREN, epoch=EPOCHS)
     def send_static(self, children: frozenset[str], epoch: int) -> None:
         before = self.stream.counts.outdated
-        self.stream.receive_static(payload(frozenset(c.upper() for c in children), epoch, 0))
+        self.stream.receive_static(sent(frozenset(c.upper() for c in children), epoch, 0))
         if self.stream.counts.outdated == before:
             for child in children:
                 found = self.buffer.lookup_transform("world", child.upper())

@@ -4,12 +4,12 @@ import logging
 
 import pytest
 
+from tests.builders import description, live_stream
 from tfbus import Buffer
 from tfbus.listen import registry
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.listen.registry import Registry
 from tfbus.listen.watch import StreamState
-from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformReader
 
 
@@ -30,9 +30,7 @@ class Met:
     def describe(self, stream: str, *children: str) -> None:
         """A split stream lists dynamic frames."""
         rows = tuple(("world", child, False) for child in children)
-        description = StreamDescription(1, "/n", 1, rows, split=True)
-        key = f"@tfbus/stream/{stream}"
-        self.registry.forget_removed(StreamState(stream, True, description, key))
+        self.registry.forget_removed(live_stream(stream, description(rows, split=True)))
 
 
 @pytest.fixture

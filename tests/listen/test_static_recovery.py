@@ -6,7 +6,8 @@ from typing import cast
 
 import pytest
 
-from tests.listen.received import Received, at, payload
+from tests.builders import at, payload
+from tests.listen.received import Received
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.listen.static_recovery import StaticRecovery

@@ -2,15 +2,14 @@
 
 import pytest
 
-from tfbus import Transform, TransformBatch, TransformStamped
+from tests.builders import at, message
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.wire.transforms import TransformMessage
 
 
-def message(*children: str, epoch_ns: int = 1, seq: int | None = None) -> TransformMessage:
+def of_world(*children: str, epoch_ns: int = 1, seq: int | None = None) -> TransformMessage:
     """Static transforms below `world`."""
-    rows = [TransformStamped(1, "world", child, Transform()) for child in children]
-    return TransformMessage(TransformBatch.from_transforms(rows), epoch_ns, seq)
+    return message([at(0, child) for child in children], epoch_ns, seq)
 
 
 @pytest.fixture
@@ -18,7 +17,7 @@ def statics() -> StaticSet:
     """A set that lists and has `lamp` and `post`."""
     statics = StaticSet()
     statics.listed = frozenset({"lamp", "post"})
-    statics.replace(message("lamp", "post", seq=5), is_current=True)
+    statics.replace(of_world("lamp", "post", seq=5), is_current=True)
     return statics
 
 
@@ -28,14 +27,14 @@ def held(statics: StaticSet) -> set[str]:
 
 def test_a_message_is_the_whole_set(statics: StaticSet) -> None:
     """The answer are the children that the new set of the same epoch lacks."""
-    assert statics.replace(message("post", "wall", seq=6), is_current=True) == frozenset({"lamp"})
+    assert statics.replace(of_world("post", "wall", seq=6), is_current=True) == frozenset({"lamp"})
     assert held(statics) == {"post", "wall"}
-    assert statics.replace(message("door", epoch_ns=2), is_current=True) == frozenset()
+    assert statics.replace(of_world("door", epoch_ns=2), is_current=True) == frozenset()
 
 
 def test_an_earlier_set_of_the_epoch_is_not_taken(statics: StaticSet) -> None:
     """A set that comes late has a lower number than the last one."""
-    assert statics.replace(message("lamp", seq=4), is_current=True) is None
+    assert statics.replace(of_world("lamp", seq=4), is_current=True) is None
     assert held(statics) == {"lamp", "post"}
 
 
@@ -54,7 +53,7 @@ def test_a_set_that_may_have_changed_is_missing(statics: StaticSet) -> None:
     statics.expire()
     for is_current in (False, True):
         assert statics.is_missing()
-        statics.replace(message("lamp", "post", seq=5), is_current=is_current)
+        statics.replace(of_world("lamp", "post", seq=5), is_current=is_current)
     assert not statics.is_missing()
 
 
@@ -62,7 +61,7 @@ def test_of_another_process_any_set_is_taken(statics: StaticSet) -> None:
     """Its epoch and numbers may be lower; until it comes the former set stays, and is missing."""
     statics.accept_any()
     assert (held(statics), statics.is_missing()) == ({"lamp", "post"}, True)
-    assert statics.replace(message("lamp", epoch_ns=0, seq=0), is_current=True) == frozenset()
+    assert statics.replace(of_world("lamp", epoch_ns=0, seq=0), is_current=True) == frozenset()
     assert held(statics) == {"lamp"}
 
 

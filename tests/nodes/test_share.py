@@ -7,6 +7,7 @@ from signal import SIGINT, SIGKILL
 import pytest
 from click.testing import CliRunner
 
+from tests.builders import x_of
 from tests.live_bus import Bus, Process, eventually
 from tests.processes.publishers import launch
 from tfbus import Buffer, BusError, NodeSettings, TransformListener
@@ -40,13 +41,6 @@ class Eyes:
 def eyes(bus: Bus) -> Iterator[Eyes]:
     with ExitStack() as stack:
         yield Eyes(bus, stack)
-
-
-def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """The source's x in the target, to the nanometre; None without a transform."""
-    if not buffer.can_transform(target, source):
-        return None
-    return round(buffer.lookup_transform(target, source).transform.x, 9)
 
 
 def test_a_robot_sees_the_frames_that_are_shown_to_it_and_no_others(bus: Bus, eyes: Eyes) -> None:

@@ -1,11 +1,9 @@
-"""Publishers in processes of their own, and what a node's log says of them."""
+"""Publishers in processes of their own."""
 
-import logging
 import sys
 from pathlib import Path
 
 from tests.live_bus import Bus, Process
-from tfbus import Node
 
 _SCRIPT = Path(__file__).parent / "stream_publisher.py"
 
@@ -20,15 +18,3 @@ def start(bus: Bus, *arguments: str, env: dict[str, str] | None = None) -> Proce
     process = launch(bus, *arguments, env=env)
     process.wait_for_line("ready")
     return process
-
-
-class Lines(logging.Handler):
-    """What a node's log says."""
-
-    def __init__(self, node: Node) -> None:
-        super().__init__()
-        self.lines: list[str] = []
-        node.log.addHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())

@@ -2,79 +2,33 @@
 
 import os
 import socket
-from collections.abc import Callable, Iterator
 
 import msgpack
 import numpy as np
 import pytest
 
-from tests.live_bus import Bus, eventually
-from tests.processes.publishers import Lines
+from tests.builders import STAMP_NS, S, at, x_of
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually, send_until
 from tfbus import (
     Buffer,
     BusError,
     InvalidArgumentException,
     Node,
     StaticTransformBroadcaster,
-    Transform,
     TransformBatch,
     TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
-
-STAMP_NS = 1670400305709085026
-
-
-def at(
-    x: float, parent: str = "world", child: str = "turtle1", stamp_ns: int = STAMP_NS
-) -> TransformStamped:
-    """`child` at (x, 0, 0) in `parent`."""
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
-
-@pytest.fixture
-def sender(bus: Bus) -> Node:
-    return bus.node("sender")
-
-
-@pytest.fixture
-def receiver(bus: Bus) -> Node:
-    return bus.node("receiver")
-
-
-@pytest.fixture
-def buffer(receiver: Node) -> Iterator[Buffer]:
-    """The buffer of the receiver's listener."""
-    buffer = Buffer()
-    with TransformListener(buffer, receiver):
-        yield buffer
-
-
-def x_of(buffer: Buffer, target: str = "world", source: str = "turtle1") -> float | None:
-    """Where the source is along the target's x axis; None while it is unknown."""
-    if not buffer.can_transform(target, source):
-        return None
-    return float(buffer.lookup_transform(target, source).transform.xyz[0])
-
-
-def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
-    """Send again and again until the condition holds, as a broadcaster does."""
-
-    def sent() -> bool:
-        broadcast()
-        return condition()
-
-    eventually(sent)
 
 
 def test_a_transform_that_is_sent_is_in_the_listeners_buffer(sender: Node, buffer: Buffer) -> None:
     """What is broadcast can be looked up elsewhere, with its stamp and the stream it came in."""
     broadcaster = TransformBroadcaster(sender)
     send_until(
-        lambda: broadcaster.send_transform(at(1.5)),
+        lambda: broadcaster.send_transform(at(1.5, stamp_ns=STAMP_NS)),
         lambda: buffer.can_transform("world", "turtle1"),
     )
     found = buffer.lookup_transform("world", "turtle1")
@@ -103,7 +57,7 @@ def test_what_is_sent_in_one_call_goes_in_one_message(sender: Node, receiver: No
     payloads: list[bytes] = []
     receiver.session.subscriber("tf/sender", lambda key, payload: payloads.append(payload))
     broadcaster = TransformBroadcaster(sender)
-    transforms = [at(1), at(2, "turtle1", "drone")]
+    transforms = [at(1), at(2, "drone", parent="turtle1")]
     send_until(lambda: broadcaster.send_transform(transforms), lambda: bool(payloads))
     assert msgpack.unpackb(payloads[0])["frames"] == ["world", "turtle1", "drone"]
 
@@ -114,7 +68,7 @@ def test_one_several_or_columns_may_be_sent(sender: Node, buffer: Buffer) -> Non
     batch = TransformBatch(
         ("world", "d"),
         np.uint32([[0, 1]]),
-        np.array([STAMP_NS]),
+        np.array([S]),
         np.array([[4.0, 0, 0, 0, 0, 0, 1]]),
     )
 
@@ -174,7 +128,7 @@ def test_a_stream_can_be_named(bus: Bus, sender: Node, buffer: Buffer) -> None:
 def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
     """Early and late listeners learn a stream's node, epoch and frames without its data."""
     early = StreamWatch(receiver.session, lambda state: None)
-    TransformBroadcaster(sender).send_transform([at(1), at(2, "turtle1", "drone")])
+    TransformBroadcaster(sender).send_transform([at(1), at(2, "drone", parent="turtle1")])
     StaticTransformBroadcaster(sender).send_transform(at(3, child="camera"))
     wanted = StreamDescription(
         v=1,
@@ -203,7 +157,7 @@ def test_a_stream_describes_its_frames(sender: Node, receiver: Node) -> None:
 
 def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: Node) -> None:
     """A bad message is counted by its stream and reported once; the good ones go on."""
-    log = Lines(receiver)
+    log = Lines(receiver.log)
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         publisher = sender.session.publisher("tf/sender")
@@ -218,7 +172,7 @@ def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: 
 
 def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) -> None:
     """A message of another version is refused by a line that says which is to be updated."""
-    log = Lines(receiver)
+    log = Lines(receiver.log)
     with TransformListener(Buffer(), receiver):
         publisher = sender.session.publisher("tf/sender")
         send_until(lambda: publisher.put(msgpack.packb({"v": 2})), lambda: bool(log.lines))
@@ -230,11 +184,11 @@ def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) 
 
 def test_a_transform_that_the_buffer_refuses_is_reported_once(sender: Node, receiver: Node) -> None:
     """An invalid pose is counted and logged once; the others of its message are kept."""
-    log = Lines(receiver)
+    log = Lines(receiver.log)
     buffer = Buffer()
     poses = np.array([[np.nan, 0, 0, 0, 0, 0, 1], [7.0, 0, 0, 0, 0, 0, 1]])
     batch = TransformBatch(
-        ("world", "bad", "turtle1"), np.uint32([[0, 1], [0, 2]]), np.full(2, STAMP_NS), poses
+        ("world", "bad", "turtle1"), np.uint32([[0, 1], [0, 2]]), np.full(2, S), poses
     )
     with TransformListener(buffer, receiver):
         broadcaster = TransformBroadcaster(sender)
@@ -269,7 +223,7 @@ def test_a_closed_listener_keeps_its_buffer(sender: Node, receiver: Node) -> Non
     send_until(lambda: broadcaster.send_transform(at(1)), lambda: x_of(buffer) == 1)
     listener.close()
     listener.close()
-    later = at(2, stamp_ns=STAMP_NS + 1)
+    later = at(2, stamp_ns=S + 1)
     send_until(lambda: broadcaster.send_transform(later), lambda: x_of(other) == 2)
     assert x_of(buffer) == 1
 
@@ -277,7 +231,7 @@ def test_a_closed_listener_keeps_its_buffer(sender: Node, receiver: Node) -> Non
 def test_a_frame_cannot_be_its_own_parent(sender: Node) -> None:
     """What no buffer would take is refused where it is sent."""
     with pytest.raises(InvalidArgumentException, match="frame 'world' cannot be its own parent"):
-        TransformBroadcaster(sender).send_transform(at(1, "world", "world"))
+        TransformBroadcaster(sender).send_transform(at(1, "world"))
 
 
 def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:

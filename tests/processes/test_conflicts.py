@@ -4,8 +4,10 @@ import signal
 
 import pytest
 
+from tests.builders import x_of
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
-from tests.processes.publishers import Lines, start
+from tests.processes.publishers import start
 from tfbus import Buffer, Change, TransformListener
 from tfbus.listen.claims import Rule
 
@@ -15,16 +17,14 @@ class Listening:
 
     def __init__(self, bus: Bus, name: str, rule: Rule) -> None:
         self.node = bus.node(name)
-        self.log = Lines(self.node)
+        self.log = Lines(self.node.log)
         self.buffer = Buffer()
         self.changes: list[Change] = []
         self.buffer.on_change(self.changes.append)
         self.listener = TransformListener(self.buffer, self.node, conflicts=rule)
 
     def x_of(self, child: str) -> float | None:
-        if not self.buffer.can_transform("world", child):
-            return None
-        return self.buffer.lookup_transform("world", child).transform.x
+        return x_of(self.buffer, "world", child)
 
     def excluded(self) -> dict[str, int]:
         return {info.name: info.excluded for info in self.listener.streams() if info.excluded}

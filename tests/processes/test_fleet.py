@@ -5,6 +5,7 @@ from signal import SIGKILL
 
 import pytest
 
+from tests.builders import S, moved, x_of
 from tests.live_bus import Bus, Process, eventually
 from tests.processes.publishers import launch
 from tfbus import (
@@ -13,10 +14,8 @@ from tfbus import (
     Fleet,
     Node,
     StaticTransformBroadcaster,
-    Transform,
     TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
 
 PATIENCE_S = 20.0
@@ -27,18 +26,6 @@ def robot(bus: Bus, number: int, *arguments: str) -> Process:
     """A robot whose wheels move in the map, as many metres ahead as its number says."""
     moving = ("--moving", "map:base_link", "--x", str(number))
     return launch(bus, "wheels", "--namespace", f"robot{number}", *moving, *arguments)
-
-
-def edge(parent: str, child: str, x: float, stamp_ns: int = 10**9) -> TransformStamped:
-    """`child` x metres ahead of its parent."""
-    return TransformStamped(stamp_ns, parent, child, Transform((x, 0, 0)))
-
-
-def x_of(buffer: Buffer, target: str, source: str) -> float | None:
-    """Where the source is along the target's x axis, to the nanometre; None while it is unknown."""
-    if not buffer.can_transform(target, source):
-        return None
-    return round(buffer.lookup_transform(target, source).transform.x, 9)
 
 
 @pytest.fixture
@@ -89,7 +76,7 @@ def test_frames_that_are_not_shared_stay_apart(bus: Bus, receiver: Node) -> None
 def test_what_is_outside_of_all_namespaces_keeps_its_names(bus: Bus, receiver: Node) -> None:
     """The tower's own frames, and those of nodes beside it, are seen as they are called."""
     robot(bus, 7)
-    StaticTransformBroadcaster(bus.node("surveyor")).send_transform(edge("world", "map", 100))
+    StaticTransformBroadcaster(bus.node("surveyor")).send_transform(moved(S, "world", "map", 100))
     buffer = Buffer()
     with TransformListener(buffer, receiver, fleet=FLEET):
         found = buffer.lookup_transform("world", "robot7/base_link", timeout_s=PATIENCE_S)
@@ -153,8 +140,8 @@ def test_a_frame_that_a_robot_removes_is_removed(bus: Bus, receiver: Node) -> No
         stamps = iter(range(10**9, 10**12))
 
         def is_there() -> bool:
-            sender.send_transform(edge("map", "base_link", 7, next(stamps)))
-            sender.send_transform(edge("base_link", "cup", 1, next(stamps)))
+            sender.send_transform(moved(next(stamps), "map", "base_link", 7))
+            sender.send_transform(moved(next(stamps), "base_link", "cup", 1))
             return buffer.can_transform("map", "robot7/cup")
 
         eventually(is_there)
@@ -169,7 +156,7 @@ def test_history_comes_from_all_robots(bus: Bus, receiver: Node) -> None:
     for number in (3, 7):
         sender = TransformBroadcaster(bus.node("wheels", namespace=f"robot{number}"))
         for i in range(2):
-            sender.send_transform(edge("map", "base_link", number, first_ns + i * 10**9))
+            sender.send_transform(moved(first_ns + i * S, "map", "base_link", number))
     buffer = Buffer()
     with TransformListener(buffer, receiver, fleet=FLEET, history_s=10):
         found = buffer.lookup_transform(
@@ -188,15 +175,15 @@ def test_only_frames_of_one_name_outside_are_in_conflict(bus: Bus, receiver: Nod
     with TransformListener(buffer, receiver, fleet=FLEET) as listener:
         for number in (3, 7):
             node = bus.node("model", namespace=f"robot{number}")
-            StaticTransformBroadcaster(node).send_transform(edge("base_link", "camera", 1))
+            StaticTransformBroadcaster(node).send_transform(moved(S, "base_link", "camera", 1))
         eventually(lambda: sum(bool(info.frames) for info in listener.streams()) == 2)
         assert told == []
         other = bus.node("other", namespace="robot7")
-        StaticTransformBroadcaster(other).send_transform(edge("base_link", "camera", 2))
+        StaticTransformBroadcaster(other).send_transform(moved(S, "base_link", "camera", 2))
         eventually(lambda: {change.frame for change in told} == {"robot7/camera"})
         for number in (3, 7):
             node = bus.node("slam", namespace=f"robot{number}")
-            StaticTransformBroadcaster(node).send_transform(edge("world", "map", number))
+            StaticTransformBroadcaster(node).send_transform(moved(S, "world", "map", number))
         eventually(lambda: {change.frame for change in told} == {"robot7/camera", "map"})
 
 

@@ -1,27 +1,22 @@
 """Publishers that are killed, closed and started again, as another process sees it."""
 
 import signal
-from collections.abc import Iterator
 
 import pytest
 
+from tests.builders import at
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
-from tests.processes.publishers import Lines, start
+from tests.processes.publishers import start
 from tfbus import (
     Buffer,
     Change,
     Node,
     StaleException,
     StaticTransformBroadcaster,
-    Transform,
     TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
-
-
-def at(x: float, child: str, stamp_ns: int = 10**9) -> TransformStamped:
-    return TransformStamped(stamp_ns, "world", child, Transform((x, 0, 0)))
 
 
 def gone(buffer: Buffer) -> list[str]:
@@ -29,25 +24,12 @@ def gone(buffer: Buffer) -> list[str]:
     return [info.name for info in buffer.all_frames() if info.gone]
 
 
-@pytest.fixture
-def receiver(bus: Bus) -> Node:
-    return bus.node("receiver")
-
-
-@pytest.fixture
-def buffer(receiver: Node) -> Iterator[Buffer]:
-    """The buffer of the receiver's listener."""
-    buffer = Buffer()
-    with TransformListener(buffer, receiver):
-        yield buffer
-
-
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "closed"])
 def test_a_publisher_that_ends_leaves_marked_frames(
     bus: Bus, buffer: Buffer, receiver: Node, number: int
 ) -> None:
     """Killed or closed, its frames stay, usable and marked, and lookups can refuse them."""
-    log = Lines(receiver)
+    log = Lines(receiver.log)
     changes: list[Change] = []
     process = start(bus, "sim", "--moving", "robot", "--static", "camera", "--x", "1.5")
     eventually(lambda: set(buffer.sent_by("sim")) == {"robot", "camera"})
@@ -75,7 +57,7 @@ def test_a_publisher_that_is_started_again_is_back(
     bus: Bus, buffer: Buffer, receiver: Node
 ) -> None:
     """A restarted publisher's frames are back, even with much older stamps."""
-    log = Lines(receiver)
+    log = Lines(receiver.log)
     changes: list[Change] = []
     first = start(bus, "sim", "--moving", "robot", "--static", "camera", "--static", "old")
     eventually(lambda: set(buffer.sent_by("sim")) == {"robot", "camera", "old"})

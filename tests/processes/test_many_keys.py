@@ -1,23 +1,17 @@
 """Transforms on more keys than a listener takes."""
 
-import logging
-
 import pytest
 
 import tfbus.listen.registry
+from tests.builders import at
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Buffer,
     StaticTransformBroadcaster,
-    Transform,
     TransformBroadcaster,
     TransformListener,
-    TransformStamped,
 )
-
-
-def at(x: float, child: str) -> TransformStamped:
-    return TransformStamped(100, "world", child, Transform((x, 0, 0)))
 
 
 def test_frames_that_come_and_go_leave_room_for_others(
@@ -47,10 +41,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
     """Of too many keys what moves is dropped, counted and told once; static transforms are not."""
     monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 2)
     buffer, sender, receiver = Buffer(), bus.node("sender"), bus.node("receiver")
-    lines: list[str] = []
-    handler = logging.Handler()
-    handler.emit = lambda record: lines.append(record.getMessage())  # type: ignore[method-assign]  # the hook of a handler
-    receiver.log.addHandler(handler)
+    log = Lines(receiver.log)
     with TransformListener(buffer, receiver) as listener:
         broadcaster = TransformBroadcaster(sender, split=True)
 
@@ -70,7 +61,7 @@ def test_what_is_static_comes_however_many_keys_there_are(
                     and buffer.lookup_transform("world", "camera").transform.x == x
                 )
             )
-    (line,) = (line for line in lines if line.startswith("Dropped"))
+    (line,) = (line for line in log.lines if line.startswith("Dropped"))
     assert line.endswith(
         "transforms come on more than 2 keys, the limit. Do not split streams of many frames. "
         "Further ones are counted, not logged"

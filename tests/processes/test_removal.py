@@ -5,15 +5,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.builders import x_of
 from tests.live_bus import Bus, eventually
 from tests.processes.publishers import start
 from tfbus import Buffer, Change, TransformListener
-
-
-def x_of(buffer: Buffer, child: str) -> float | None:
-    if not buffer.can_transform("world", child):
-        return None
-    return buffer.lookup_transform("world", child).transform.x
 
 
 @pytest.fixture
@@ -46,23 +41,23 @@ def test_a_frame_that_is_removed_leaves_every_listener(bus: Bus, buffer: Buffer)
 def test_a_corrected_static_replaces_the_old_one_everywhere(bus: Bus, buffer: Buffer) -> None:
     """A static that is sent again is the new one for those who are there and who come later."""
     process = start(bus, "sim", "--static", "camera", "--static", "lamp", "--correct", "camera")
-    eventually(lambda: x_of(buffer, "camera") == 0)
+    eventually(lambda: x_of(buffer, "world", "camera") == 0)
     process.signal(signal.SIGUSR1)
-    eventually(lambda: x_of(buffer, "camera") == 1)
+    eventually(lambda: x_of(buffer, "world", "camera") == 1)
     late = Buffer()
     with TransformListener(late, bus.node("late")):
-        eventually(lambda: x_of(late, "camera") == 1)
-        assert x_of(late, "lamp") == 0
+        eventually(lambda: x_of(late, "world", "camera") == 1)
+        assert x_of(late, "world", "lamp") == 0
 
 
 def test_statics_stay_when_a_buffer_is_cleared(bus: Bus, buffer: Buffer) -> None:
     """Clearing forgets what moves, until it is sent again, and keeps what is static."""
     process = start(bus, "sim", "--moving", "robot", "--static", "camera", "--x", "2")
-    eventually(lambda: x_of(buffer, "robot") == 2)
-    eventually(lambda: x_of(buffer, "camera") == 2)
+    eventually(lambda: x_of(buffer, "world", "robot") == 2)
+    eventually(lambda: x_of(buffer, "world", "camera") == 2)
     process.stop(signal.SIGKILL)
     buffer.clear()
-    assert x_of(buffer, "robot") is None
-    assert x_of(buffer, "camera") == 2
+    assert x_of(buffer, "world", "robot") is None
+    assert x_of(buffer, "world", "camera") == 2
     start(bus, "sim", "--moving", "robot")
-    eventually(lambda: x_of(buffer, "robot") == 0)
+    eventually(lambda: x_of(buffer, "world", "robot") == 0)

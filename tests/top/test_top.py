@@ -8,12 +8,10 @@ from pathlib import Path
 import pytest
 
 from tests import needs
-from tests.live_bus import Bus, eventually
+from tests.live_bus import Bus, eventually, keep_sending
 from tfbus import (
-    Node,
     StaticTransformBroadcaster,
     Transform,
-    TransformBroadcaster,
     TransformStamped,
 )
 from tfbus.messages import Empty
@@ -70,16 +68,6 @@ def tmux(bus: Bus, tmp_path: Path) -> Iterator[Tmux]:
 
     yield run
     run("kill-server")
-
-
-def keep_sending(node: Node, parent: str, child: str) -> None:
-    broadcaster = TransformBroadcaster(node)
-
-    def send() -> None:
-        stamped = TransformStamped(node.now_ns(), parent, child, Transform.identity())
-        broadcaster.send_transform(stamped)
-
-    node.create_timer(0.05, send)
 
 
 @pytest.mark.parametrize("columns", [80, 200])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.wire.test_transforms import EPOCH_NS, SAMPLE, messages, poses, rows
+from tests.builders import EPOCH_NS, SAMPLE, messages, poses, rows_of
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.wire.scan import scan_message
@@ -54,7 +54,7 @@ def test_what_tfbus_writes_is_found(message: TransformMessage) -> None:
     found = scan_message(payload, {})
     assert found is not None
     assert contents(found) == decoded(payload)
-    assert rows(found.batch) == rows(message.batch)
+    assert rows_of(found.batch) == rows_of(message.batch)
 
 
 @given(messages(), st.data())

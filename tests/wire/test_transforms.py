@@ -8,29 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.builders import EPOCH_NS, SAMPLE, STAMP_NS, messages, names, rows_of
 from tfbus import DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
-STAMP_NS = 1670400305709085026
-EPOCH_NS = 1670400300000064000
 TRANSFORMS = [
     TransformStamped(STAMP_NS, "world", "turtle1", Transform((1.5, -2, 0), (0, 0, 0.6, 0.8))),
     TransformStamped(STAMP_NS, "turtle1", "drone", Transform((-0.5, 0, 1), (0, 0, 0, 1))),
 ]
-
-SAMPLE = bytes.fromhex(
-    "86"
-    "a176 01"
-    "a565706f6368 cf 172e74390235b200"
-    "a66672616d6573 93 a5776f726c64 a7747572746c6531 a564726f6e65"
-    "a56564676573 c410 00000000 01000000  01000000 02000000"
-    "a67374616d7073 c410 62717e563a742e17 62717e563a742e17"
-    "a5706f736573 c470"
-    "000000000000f83f 00000000000000c0 0000000000000000"
-    "0000000000000000 0000000000000000 333333333333e33f 9a9999999999e93f"
-    "000000000000e0bf 0000000000000000 000000000000f03f"
-    "0000000000000000 0000000000000000 0000000000000000 000000000000f03f"
-)
 
 
 def sample_columns() -> dict[str, Any]:
@@ -46,36 +31,6 @@ def refusal(payload: bytes) -> str:
     return str(caught.value)
 
 
-def rows(batch: TransformBatch) -> list[tuple[str, str, int, tuple[float, ...]]]:
-    """A batch as plain rows, to be compared."""
-    return [
-        (batch.frames[parent], batch.frames[child], stamp, tuple(pose))
-        for (parent, child), stamp, pose in zip(
-            batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True
-        )
-    ]
-
-
-names = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
-int64 = st.integers(-(2**63), 2**63 - 1)
-poses = st.tuples(*[st.floats(allow_nan=False)] * 7)
-
-
-@st.composite
-def messages(draw: st.DrawFn) -> TransformMessage:
-    frames = draw(st.lists(names, min_size=1, max_size=6, unique=True))
-    index = st.integers(0, len(frames) - 1)
-    edges = draw(st.lists(st.tuples(index, index), max_size=8))
-    count = len(edges)
-    batch = TransformBatch(
-        tuple(frames),
-        np.array(edges, dtype=np.uint32).reshape(count, 2),
-        np.array(draw(st.lists(int64, min_size=count, max_size=count)), dtype=np.int64),
-        np.array(draw(st.lists(poses, min_size=count, max_size=count)), dtype=float).reshape(-1, 7),
-    )
-    return TransformMessage(batch, draw(st.integers(0, 2**63 - 1)))
-
-
 def test_the_bytes_are_frozen() -> None:
     """A message is written as exactly these bytes, in this version and every later one."""
     message = TransformMessage(TransformBatch.from_transforms(TRANSFORMS), EPOCH_NS)
@@ -86,7 +41,7 @@ def test_the_frozen_bytes_are_read() -> None:
     """The frozen bytes are the two transforms that they were written from."""
     message = decode_transforms(SAMPLE)
     assert message.epoch_ns == EPOCH_NS
-    assert rows(message.batch) == [
+    assert rows_of(message.batch) == [
         ("world", "turtle1", STAMP_NS, (1.5, -2, 0, 0, 0, 0.6, 0.8)),
         ("turtle1", "drone", STAMP_NS, (-0.5, 0, 1, 0, 0, 0, 1)),
     ]
@@ -97,7 +52,7 @@ def test_what_is_written_is_read_back(message: TransformMessage) -> None:
     """Any batch comes back as it was: names, edges, stamps and numbers to the last bit."""
     read = decode_transforms(encode_transforms(message))
     assert read.epoch_ns == message.epoch_ns
-    assert rows(read.batch) == rows(message.batch)
+    assert rows_of(read.batch) == rows_of(message.batch)
 
 
 @given(messages())
@@ -110,7 +65,7 @@ def test_the_columns_that_are_read_are_read_only(message: TransformMessage) -> N
 def test_unknown_keys_are_ignored() -> None:
     """A later tfbus may say more in a message of this version; what is not known is left out."""
     payload = msgpack.packb(sample_columns() | {"covariance": b"...", "b": {"deep": [1]}})
-    assert rows(decode_transforms(payload).batch) == rows(decode_transforms(SAMPLE).batch)
+    assert rows_of(decode_transforms(payload).batch) == rows_of(decode_transforms(SAMPLE).batch)
 
 
 def test_numbers_that_are_not_finite_are_left_to_the_buffer() -> None:
@@ -204,7 +159,7 @@ def decoded_or_refused(payload: bytes) -> None:
     except DecodeError as error:
         assert len(str(error)) < 500
     else:
-        assert rows(message.batch) is not None
+        assert rows_of(message.batch) is not None
 
 
 @given(st.binary(max_size=300))

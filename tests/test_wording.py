@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.wording import counted, did_you_mean, duration, listed, near_names
+from tfbus.wording import counted, did_you_mean, duration, listed, near_names, stamp_text
 
 
 def test_one_thing_is_singular() -> None:
@@ -38,3 +38,18 @@ def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
 def test_durations_have_the_unit_people_would_use(seconds: float | None, text: str) -> None:
     """A duration has at most three digits and one unit."""
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "text"),
+    [
+        (0, "0.000000000"),
+        (9, "0.000000009"),
+        (1_649_109_418_009_000_000, "1649109418.009000000"),
+        (-1, "-0.000000001"),
+        (-1_500_000_000, "-1.500000000"),
+    ],
+)
+def test_stamps_have_nine_digits_of_nanoseconds(stamp_ns: int, text: str) -> None:
+    """A stamp is seconds, a point, and always nine digits."""
+    assert stamp_text(stamp_ns) == text

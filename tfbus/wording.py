@@ -1,4 +1,4 @@
-"""Words in the sentences that people read: counts, lists, near names, durations."""
+"""Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
@@ -35,6 +35,12 @@ def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
     """The known names that are spelt most like this one, best first; () where none is near."""
     return tuple(get_close_matches(name, known, n=most))
+
+
+def stamp_text(stamp_ns: int) -> str:
+    """A stamp in seconds, with nine digits of nanoseconds: `1649109418.661570822`."""
+    seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
+    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{nanoseconds:09}"
 
 
 def duration(seconds: float | None) -> str:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, DecodeError, Transform, TransformStamped
-from tfbus.frames.blocks import CSV_HEADER, Numbers, csv_line, json_line
+from tfbus.frames.echo_formats import CSV_HEADER, Numbers, csv_line, json_line
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 
 NS = 1_000_000_000

@@ -21,7 +21,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.listen.past import AskedHistory
+from tfbus.listen.history import AskedHistory
 
 S = 10**9
 

@@ -20,7 +20,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.wording import listed, near_names
+from tfbus.wording import listed, near_names, stamp_text
 
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
@@ -121,8 +121,8 @@ def why_not(
         return next((error for error in missing if not may_come(error)), missing[0])
     if stamp_ns is not None and path.is_mixed():
         return ConnectivityException(
-            f"{target_frame!r} and {source_frame!r} were not connected at {_when(stamp_ns)}: a "
-            "frame between them had another parent then",
+            f"{target_frame!r} and {source_frame!r} were not connected at {stamp_text(stamp_ns)} "
+            "s: a frame between them had another parent then",
             target_frame=target_frame,
             source_frame=source_frame,
         )
@@ -210,7 +210,7 @@ def _error(
 ) -> ExtrapolationException:
     parent = history.parent.name if history.parent is not None else ""
     span = history.stamp_span()
-    when = "" if stamp_ns is None else f" at {_when(stamp_ns)}"
+    when = "" if stamp_ns is None else f" at {stamp_text(stamp_ns)} s"
     sent = f", sent by {history.authority!r}{when and ','}" if history.authority else ""
     return kind(
         f"no data for {parent!r} -> {history.name!r}{sent}{when}: {why}",
@@ -248,11 +248,6 @@ def _stale(edge: History, age_s: float | None, why: str) -> StaleException:
         age_s=age_s,
         gone=edge.gone,
     )
-
-
-def _when(stamp_ns: int) -> str:
-    sign = "-" if stamp_ns < 0 else ""
-    return f"{sign}{abs(stamp_ns) // 10**9}.{abs(stamp_ns) % 10**9:09d} s"
 
 
 def _far(difference_ns: int) -> str:

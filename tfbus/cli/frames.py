@@ -12,7 +12,7 @@ from tfbus.command.options import listening_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
 from tfbus.frames import document
-from tfbus.frames.listening import Listening, listening
+from tfbus.frames.command_listener import Listening, listening
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State

@@ -12,7 +12,7 @@ from tfbus.cli.monitor_report import as_lines
 from tfbus.cli.output import in_place, json_option, print_json, print_lines
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName, Number, own_name
-from tfbus.frames.listening import Listening, listening
+from tfbus.frames.command_listener import Listening, listening
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK

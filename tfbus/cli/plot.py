@@ -13,7 +13,7 @@ from tfbus.cli.output import say
 from tfbus.command.options import listening_options
 from tfbus.command.types import POSITIVE, FrameName, Number, OutputFile, own_name
 from tfbus.errors import LookupException, TfbusError
-from tfbus.frames.listening import Listening, listening
+from tfbus.frames.command_listener import Listening, listening
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK

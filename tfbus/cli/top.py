@@ -7,7 +7,7 @@ from tfbus.cli.output import is_terminal
 from tfbus.command.options import listening_options
 from tfbus.command.types import own_name
 from tfbus.errors import TfbusError
-from tfbus.frames.listening import listening
+from tfbus.frames.command_listener import listening
 from tfbus.wire.fleet import Fleet
 
 

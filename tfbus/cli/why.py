@@ -10,7 +10,7 @@ from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_elsewhere
-from tfbus.frames.listening import listening
+from tfbus.frames.command_listener import listening
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import duration

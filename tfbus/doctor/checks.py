@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tfbus.doctor import clock_checks, flow_checks, host_checks, tree_checks, use_checks
+from tfbus.doctor import flow_checks, host_checks, reader_checks, sim_time_checks, tree_checks
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding
 
@@ -23,7 +23,7 @@ CHECKS: dict[str, Check] = {
     "gone": tree_checks.check_gone,
     "stale": tree_checks.check_stale,
     "silent": tree_checks.check_silent,
-    "clock": clock_checks.check_clock,
+    "clock": sim_time_checks.check_clock,
     "clock-skew": flow_checks.check_clock_skew,
     "rates": flow_checks.check_rates,
     "jitter": flow_checks.check_jitter,
@@ -32,7 +32,7 @@ CHECKS: dict[str, Check] = {
     "stamps": flow_checks.check_stamps,
     "refused": flow_checks.check_refused,
     "messages": flow_checks.check_messages,
-    "unread": use_checks.check_unread,
-    "buffers": use_checks.check_buffers,
-    "dropped": use_checks.check_dropped,
+    "unread": reader_checks.check_unread,
+    "buffers": reader_checks.check_buffers,
+    "dropped": reader_checks.check_dropped,
 }

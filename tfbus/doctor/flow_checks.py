@@ -2,9 +2,9 @@
 
 from collections import Counter
 
-from tfbus.doctor.clock_checks import of_our_time, of_system_time
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
+from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
 from tfbus.frames.snapshot import who
 from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
 from tfbus.monitor.meter import EdgeFlow

@@ -11,20 +11,20 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from tfbus.frames.blocks import CSV_HEADER as CSV_HEADER
-    from tfbus.frames.blocks import Numbers as Numbers
-    from tfbus.frames.blocks import csv_line as csv_line
-    from tfbus.frames.blocks import foxy_block as foxy_block
-    from tfbus.frames.blocks import json_line as json_line
-    from tfbus.frames.blocks import tf2_block as tf2_block
+    from tfbus.frames.echo_formats import CSV_HEADER as CSV_HEADER
+    from tfbus.frames.echo_formats import Numbers as Numbers
+    from tfbus.frames.echo_formats import csv_line as csv_line
+    from tfbus.frames.echo_formats import foxy_block as foxy_block
+    from tfbus.frames.echo_formats import json_line as json_line
+    from tfbus.frames.echo_formats import tf2_block as tf2_block
 
 _MODULE_OF = {
-    "CSV_HEADER": "tfbus.frames.blocks",
-    "Numbers": "tfbus.frames.blocks",
-    "csv_line": "tfbus.frames.blocks",
-    "foxy_block": "tfbus.frames.blocks",
-    "json_line": "tfbus.frames.blocks",
-    "tf2_block": "tfbus.frames.blocks",
+    "CSV_HEADER": "tfbus.frames.echo_formats",
+    "Numbers": "tfbus.frames.echo_formats",
+    "csv_line": "tfbus.frames.echo_formats",
+    "foxy_block": "tfbus.frames.echo_formats",
+    "json_line": "tfbus.frames.echo_formats",
+    "tf2_block": "tfbus.frames.echo_formats",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Iterator
 
 from tfbus.buffer.info import FrameInfo
-from tfbus.frames.blocks import stamp_text
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, stamp_text
 
 Paint = Callable[[str, State], str]
 

@@ -14,10 +14,10 @@ from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.history import AskedHistory
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
-from tfbus.listen.past import AskedHistory
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery

@@ -20,8 +20,8 @@ from tfbus.geometry.columns import Columns
 from tfbus.listen.claims import Resolution
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
+from tfbus.listen.gone_marks import Marks
 from tfbus.listen.listing import Listing, Publisher
-from tfbus.listen.marks import Marks
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transforms import TransformMessage, TransformReader

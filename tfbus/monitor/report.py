@@ -5,7 +5,7 @@ from typing import Any
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
-from tfbus.frames.listening import Listening
+from tfbus.frames.command_listener import Listening
 from tfbus.frames.snapshot import FrameTree
 from tfbus.monitor.meter import EdgeFlow, TransformMeter
 from tfbus.monitor.window import Spread, Window, spread_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from tfbus.discover.graph import Graph, graph_of
 from tfbus.discover.presence import describe_all, describe_streams
 from tfbus.errors import TransformException
-from tfbus.frames.listening import Listening
+from tfbus.frames.command_listener import Listening
 from tfbus.frames.text import frame_lines
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import Report, make_report

@@ -13,9 +13,9 @@ from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.view.guest import Guest
-from tfbus.view.model.frames import Frames, frames_of
 from tfbus.view.model.placement import Floats, Placed, place, trail
 from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.urdf import Visual
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels.panel import Panel

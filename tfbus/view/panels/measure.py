@@ -5,7 +5,7 @@ from html import escape
 import viser
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.view.model.frames import Frames
+from tfbus.view.model.shown_frames import Frames
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.frame_dropdown import FrameDropdown

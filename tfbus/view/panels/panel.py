@@ -7,8 +7,8 @@ import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.view.guest import Guest
-from tfbus.view.model.frames import Frames
 from tfbus.view.model.placement import Placed, newest_common_ns
+from tfbus.view.model.shown_frames import Frames
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.display import DisplayPanel

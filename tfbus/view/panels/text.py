@@ -6,13 +6,13 @@ from html import escape
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
-from tfbus.frames.blocks import Numbers, stamp_text, tf2_block
+from tfbus.frames.echo_formats import Numbers, tf2_block
 from tfbus.frames.state import Fault
 from tfbus.geometry.transform import TransformStamped
-from tfbus.view.model.frames import Frames, ViewFrame
 from tfbus.view.model.playback import Playback
+from tfbus.view.model.shown_frames import Frames, ViewFrame
 from tfbus.view.panels.markup import sign
-from tfbus.wording import counted, duration, listed
+from tfbus.wording import counted, duration, listed, stamp_text
 
 _MOST_MISTAKES = 5
 _MOST_ROOTS = 5

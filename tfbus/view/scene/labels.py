@@ -11,9 +11,9 @@ import numpy as np
 import viser
 
 from tfbus.frames.state import State
-from tfbus.view.model.frames import ViewFrame
 from tfbus.view.model.placement import Floats, Placed
 from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.shown_frames import ViewFrame
 from tfbus.view.scene.camera import Window
 from tfbus.wording import listed
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.view.model.frames import Frames
 from tfbus.view.model.placement import Floats, Placed, arrow_points
 from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.shown_frames import Frames
 from tfbus.view.scene.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
 from tfbus.view.scene.lines import Arrows, Trails
 from tfbus.view.scene.shapes import octahedron

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tfbus.frames.state import State
-from tfbus.view.model.frames import Frames, ViewFrame
 from tfbus.view.model.placement import arrow_rows
 from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.shown_frames import Frames, ViewFrame
 
 Rgb = tuple[int, int, int]
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tfbus.geometry.transform import TransformStamped
+from tfbus.wording import stamp_text
 
 _POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw")
 CSV_HEADER = ",".join(("stamp_ns", "frame_id", "child_frame_id", *_POSE_COLUMNS))
@@ -41,12 +42,6 @@ class Numbers:
         """The numbers with all their digits, for formats that machines read."""
         # Adding 0.0 turns -0.0 into 0.0 and leaves every other number as it is.
         return [float(value) if self.raw_zeros else float(value) + 0.0 for value in values]
-
-
-def stamp_text(stamp_ns: int) -> str:
-    """Seconds and nine digits of nanoseconds: `1649109418.661570822`."""
-    seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
-    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{nanoseconds:09}"
 
 
 def tf2_block(transform: TransformStamped, numbers: Numbers) -> str:

@@ -9,13 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformStamped
-from tfbus.frames.blocks import (
+from tfbus.frames.echo_formats import (
     CSV_HEADER,
     Numbers,
     csv_line,
     foxy_block,
     json_line,
-    stamp_text,
     tf2_block,
 )
 
@@ -76,21 +75,6 @@ def test_precision_sets_the_digits_and_keeps_the_columns() -> None:
         "  0.222131  0.975017  0.000000  5.871000",
     ]
     assert tf2_block(moved(1.6), Numbers(precision=0)).split("\n")[1] == "- Translation: [2, 0, 0]"
-
-
-@pytest.mark.parametrize(
-    ("stamp_ns", "text"),
-    [
-        (0, "0.000000000"),
-        (9, "0.000000009"),
-        (1_649_109_418_009_000_000, "1649109418.009000000"),
-        (-1, "-0.000000001"),
-        (-1_500_000_000, "-1.500000000"),
-    ],
-)
-def test_stamps_have_nine_digits_of_nanoseconds(stamp_ns: int, text: str) -> None:
-    """A stamp is seconds, a point, and always nine digits."""
-    assert stamp_text(stamp_ns) == text
 
 
 @given(st.floats(-1e6, 1e6), st.integers(0, 12))

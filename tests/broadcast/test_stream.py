@@ -238,7 +238,7 @@ def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], in
 
 
 def rows_of(count: int, stamp_ns: int) -> TransformBatch:
-    """So many frames of the world, all at its origin."""
+    """Frames below the world, all at its origin."""
     edges = np.zeros((count, 2), dtype=np.uint32)
     edges[:, 1] = np.arange(count) + 1
     poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (count, 1))
@@ -356,7 +356,7 @@ def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) 
 
 
 def test_one_frame_of_a_split_stream_can_be_heard_alone(sender: Node, receiver: Node) -> None:
-    """Who subscribes to the key of one frame hears no other frame."""
+    """A subscriber of one frame's key receives no other frame."""
     heard: list[str] = []
     receiver.session.subscriber("tf/sender/b", lambda key, payload: heard.append(key))
     broadcaster = TransformBroadcaster(sender, split=True)
@@ -388,7 +388,7 @@ def test_thousands_of_frames_have_a_key_each(sender: Node, receiver: Node) -> No
 
 
 def test_a_split_stream_fills_a_buffer(sender: Node, buffer: Buffer) -> None:
-    """A listener hears all frames of a split stream, of one authority."""
+    """A listener receives all frames of a split stream, with one authority."""
     broadcaster = TransformBroadcaster(sender, split=True)
     send_until(
         lambda: broadcaster.send_transform([at(1, "arm"), at(2, "hand/left", parent="arm")]),
@@ -467,7 +467,7 @@ def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
 
 
 def describe_to(node: Node) -> list[StreamDescription]:
-    """The descriptions that the node hears from now on."""
+    """The descriptions that the node receives from now on."""
     heard: list[StreamDescription] = []
 
     def on_change(state: StreamState) -> None:

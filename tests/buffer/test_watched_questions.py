@@ -28,7 +28,7 @@ def watched(buffer: Buffer) -> list[Pair]:
 
 
 def test_a_pair_that_cannot_be_answered_is_told_at_once_and_once() -> None:
-    """Whoever watches learns of each pair before the lookup fails, the first time only."""
+    """A watcher learns of each pair before the lookup fails, the first time only."""
     buffer = Buffer()
     asked = watched(buffer)
     for _ in range(3):

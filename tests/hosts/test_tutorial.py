@@ -44,7 +44,7 @@ def is_printing(echo: Process) -> bool:
 
 @pytest.mark.parametrize("order", list(itertools.permutations(COMMANDS))[::2], ids="-".join)
 def test_two_hosts_find_each_other(network: Network, order: tuple[str, ...]) -> None:
-    """The robot's frames are seen from another host without any option, whoever starts first."""
+    """Another host sees the robot's frames without any option, whichever starts first."""
     processes = {name: start(network, *COMMANDS[name]) for name in order}
     echo = processes["echo"]
     eventually(lambda: echo.out)
@@ -88,7 +88,7 @@ def test_clients_wait_for_their_router_and_survive_its_restart(network: Network)
 
 
 def test_ctrl_c_ends_a_client_that_waits_for_its_router(network: Network) -> None:
-    """A client that waits for a router hears Ctrl-C."""
+    """Ctrl-C ends a client that waits for a router."""
     for number in (signal.SIGINT, signal.SIGTERM):
         process = start(network, *COMMANDS["sim"], client=True)
         process.wait_for_line("Waiting for a router")

@@ -88,7 +88,7 @@ class TestTopics:
         assert other.describe()["subscribes"] == {"battery": "Battery"}
 
     def test_a_node_hears_itself(self, node: Node) -> None:
-        """A subscription hears the publishers of its own node too."""
+        """A subscription receives from the publishers of its own node too."""
         heard: list[Number] = []
         node.create_subscription(Number, "count", heard.append)
         node.create_publisher(Number, "count").publish(Number(7))
@@ -153,7 +153,7 @@ class TestTopics:
             node.create_publisher(Number, "count").publish(Vector3())  # type: ignore[arg-type]  # that is the test
 
     def test_a_closed_subscription_is_not_called(self, node: Node) -> None:
-        """A subscription that is closed hears nothing more; closing it twice is fine."""
+        """A closed subscription receives nothing; closing it twice is fine."""
         heard: list[Number] = []
         closed = node.create_subscription(Number, "count", heard.append)
         closed.close()

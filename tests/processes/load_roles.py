@@ -26,8 +26,8 @@ TRICKLE_S = 0.05
 
 
 class Load:
-    """Sends: so many in a row, of so many frames each, at a rate per second (0: as many as can be);
-    then a static frame, if any, `static_x` metres ahead.
+    """Sends a number of messages, of equally many frames each, at a rate per second (0: as fast as
+    possible); then a static frame, if any, `static_x` metres ahead.
     """
 
     @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def x_of(buffer: Buffer, frame: str) -> float:
 
 
 def batch(number: int, frames: int) -> TransformBatch:
-    """So many frames below `world`, as far ahead as the number says."""
+    """`frames` frames below `world`, as far ahead as the number says."""
     names = ("world", *(f"frame_{index}" for index in range(frames)))
     edges = np.array([(0, 1 + index) for index in range(frames)], dtype=np.uint32)
     poses = np.tile([float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (frames, 1))

@@ -34,7 +34,7 @@ def oldest_ns(buffer: Buffer, child: str) -> int:
 
 
 def run_for(buffer: Buffer, seconds: float) -> None:
-    """Wait until a publisher that a buffer hears has sent for so long."""
+    """Wait until a buffer has received from a publisher for this long."""
     first_ns = oldest_ns(buffer, "robot")
     eventually(
         lambda: (
@@ -147,7 +147,7 @@ def test_history_is_a_number_of_seconds(bus: Bus, impossible: float) -> None:
 
 
 def test_a_lookup_of_the_past_waits_for_history(bus: Bus) -> None:
-    """Whoever asks for the past as soon as the present has come has it too, if there is time."""
+    """A lookup of the past, made when the first message has come, succeeds within its timeout."""
     witness = Buffer()
     TransformListener(witness, bus.node("witness"))
     start(bus, "sim", "--moving", "robot")

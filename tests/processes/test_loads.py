@@ -63,7 +63,7 @@ def not_counted(told: Told.Response) -> float:
 
 
 def after(listener: TransformListener, number: int) -> Told.Response:
-    """What the listener has received once it has heard of a send later than this."""
+    """What the listener has received by the time it knows of a send after this one."""
     return eventually(
         lambda: told if (told := heard(listener)).x > number else None, within_s=PATIENCE_S
     )
@@ -106,7 +106,7 @@ def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
     static transform.
     """
     # Where a subscriber takes nothing for seconds Zenoh gives its link up; without multicast it
-    # finds back soonest where it was told to connect.
+    # reconnects soonest to an endpoint that --connect names.
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     publisher = start(bus, "publish", TFBUS_LISTEN=endpoint)
     slow = start(bus, "listen", TFBUS_CONNECT=f"{bus.endpoint},{endpoint}")

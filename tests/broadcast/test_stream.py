@@ -615,9 +615,11 @@ def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
     assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
     with pytest.raises(LookupException, match="sends no static frame 'leg'; it sends 'camera'"):
         static.remove("leg")
-    with pytest.raises(InvalidArgumentException, match="remove it by a StaticTransformBroadcaster"):
+    with pytest.raises(
+        InvalidArgumentException, match="remove it with a StaticTransformBroadcaster"
+    ):
         broadcaster.remove("camera")
-    with pytest.raises(InvalidArgumentException, match="remove it by a TransformBroadcaster"):
+    with pytest.raises(InvalidArgumentException, match="remove it with a TransformBroadcaster"):
         static.remove("leg1")
 
 
@@ -629,7 +631,7 @@ def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
         TransformBroadcaster(sender)
     assert str(caught.value) == (
-        "stream 'sender' is sent with split=True, priority=1, history_s=10, not with split=False, "
+        "stream 'sender' already has split=True, priority=1, history_s=10, not split=False, "
         "priority=0, history_s=10: use the same options, or another stream (stream=...)"
     )
 

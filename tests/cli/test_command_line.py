@@ -103,7 +103,7 @@ class TestTools:
             (("set", "sim", "background_r", "red"), "'background_r' must be an integer, not 'red'"),
             (
                 ("get", "sim", "speed"),
-                "sim has no parameter 'speed'; there are: background_r, holonomic, title",
+                "sim has no parameter 'speed'; available: background_r, holonomic, title",
             ),
             (("get", "sin", "x"), "there is no node 'sin'; did you mean '/sim'?"),
         ):

@@ -104,7 +104,7 @@ class TestParameters:
         ("text", "sentence"),
         [
             ("[1]", "<stdin> is not a YAML map of parameters"),
-            ("{/other: {red: 1}}", "<stdin> has no parameters for /sim; there are: /other"),
+            ("{/other: {red: 1}}", "<stdin> has no parameters for /sim; available: /other"),
         ],
     )
     def test_a_file_that_is_none_is_a_usage_error(

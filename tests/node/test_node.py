@@ -547,7 +547,7 @@ class TestParameters:
         node.declare_parameter("rate", 1.5)
         node.declare_parameter("axes", [1])
         assert self.set(other, "speed", 1) == (
-            "server has no parameter 'speed'; there are: axes, rate"
+            "server has no parameter 'speed'; available: axes, rate"
         )
 
     def test_a_value_given_at_the_start_is_taken(self, bus: Bus) -> None:

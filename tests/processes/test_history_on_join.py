@@ -142,7 +142,7 @@ def test_the_history_of_split_streams_comes_from_all_keys(bus: Bus) -> None:
 @pytest.mark.parametrize("impossible", [-1.0, float("inf"), float("nan")])
 def test_history_is_a_number_of_seconds(bus: Bus, impossible: float) -> None:
     """Less than nothing, and for ever, are refused."""
-    with pytest.raises(InvalidArgumentException, match="history_s is"):
+    with pytest.raises(InvalidArgumentException, match="history_s must be"):
         TransformListener(Buffer(), bus.node("listener"), history_s=impossible)
 
 

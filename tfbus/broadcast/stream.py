@@ -101,7 +101,7 @@ class Stream:
                 self._frames.announce_soon()
             elif self._sender.options != options:
                 raise InvalidArgumentException(
-                    f"stream {self.name!r} is sent with {self._sender.options}, not with "
+                    f"stream {self.name!r} already has {self._sender.options}, not "
                     f"{options}: use the same options, or another stream (stream=...)"
                 )
             return self._sender

@@ -60,7 +60,7 @@ class Buffer:
     ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
-                f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
+                f"cache_time_s must be a number of seconds, 0 or more, not {cache_time_s!r}"
             )
         self.cache_time_s = cache_time_s
         self._store = Store(cache_time_s, sampling, clock)
@@ -602,7 +602,7 @@ def _too_few_for_twist(
     frame: str, reference_frame: str, stamp_ns: int, window_s: float
 ) -> TransformException:
     return ExtrapolationException(
-        f"no velocity of {frame!r} against {reference_frame!r}: fewer than two samples within "
+        f"no velocity of {frame!r} relative to {reference_frame!r}: fewer than two samples within "
         f"{window_s:g} s; widen window_s, or wait",
         requested_ns=stamp_ns,
     )

@@ -180,7 +180,7 @@ class Session:
                 callback(query)
             elif not self._answering.do(lambda: guarded(query)):
                 with query.answering(what):
-                    raise BusError("too many others ask at the same time; ask again later")
+                    raise BusError("too many queries at once; retry later")
 
         with bus_errors(f"serve {key}"):
             handler = direct(self.callbacks.guarded(what, on_query))
@@ -232,7 +232,7 @@ class Session:
         guarded = self.callbacks.guarded
         guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
         guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
-        with bus_errors(f"ask for {key}"):
+        with bus_errors(f"query {key}"):
             self.zenoh.get(
                 key,
                 direct(guarded_answer, lambda: guarded_end(None)),

@@ -42,7 +42,7 @@ def command(
     moment: Moment | None,
     as_json: bool,
 ) -> None:
-    """Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.
+    """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails.

@@ -70,11 +70,11 @@ class TransformListener:
     ) -> None:
         if not 0.0 <= history_s < float("inf"):
             raise InvalidArgumentException(
-                f"history_s is {history_s!r}; it is a number of seconds, 0 or more"
+                f"history_s must be a number of seconds, 0 or more, not {history_s!r}"
             )
         if reads not in get_args(Reads):
             raise InvalidArgumentException(
-                f"reads={reads!r} is not known; choose one of {', '.join(get_args(Reads))}"
+                f"reads must be one of {', '.join(get_args(Reads))}, not {reads!r}"
             )
         self.buffer = buffer
         self._node = node

@@ -93,8 +93,8 @@ def test_a_filter_sees_fields_as_attributes() -> None:
 )
 def test_an_invalid_filter_is_an_error(expression: str, sentence: str) -> None:
     """A filter that is not an expression, or fails, is a usage error."""
-    told = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
-    assert told.startswith(sentence)
+    report = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
+    assert report.startswith(sentence)
 
 
 def test_missing_fields_take_their_defaults() -> None:

@@ -309,9 +309,9 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
         healthy
     )
     assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
-    told = with_nodes(CLOCK, FOLLOWER)(odd)
-    assert {CHECKS[name](told).verdict for name in names} == {"ok"}
-    ours = replace(told, settings=NodeSettings("doctor", sim_time=True))
+    report = with_nodes(CLOCK, FOLLOWER)(odd)
+    assert {CHECKS[name](report).verdict for name in names} == {"ok"}
+    ours = replace(report, settings=NodeSettings("doctor", sim_time=True))
     assert CHECKS["clock"](ours).verdict == "ok"
     assert CHECKS["rates"](ours).verdict == "warn"
 

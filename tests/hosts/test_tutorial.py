@@ -96,11 +96,11 @@ def test_ctrl_c_ends_a_client_that_waits_for_its_router(network: Network) -> Non
         assert "Traceback" not in "".join(process.err)
 
 
-def find_xyz(told: dict[str, object]) -> list[float]:
+def find_xyz(report: dict[str, object]) -> list[float]:
     """The translation in a line of echo's JSON."""
     for key in ("xyz", "translation"):
-        if key in told:
-            value = told[key]
+        if key in report:
+            value = report[key]
             assert isinstance(value, list)
             return value
-    raise AssertionError(f"no translation in {told}")
+    raise AssertionError(f"no translation in {report}")

@@ -158,8 +158,8 @@ def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
             ["robot1", "robot2"], None
         )
     assert joined == ["robot1", "robot2"]
-    told = capsys.readouterr().err
-    assert told.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
+    report = capsys.readouterr().err
+    assert report.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
 
 
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:

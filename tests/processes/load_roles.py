@@ -50,7 +50,7 @@ class Load:
         memory: int
 
 
-class Told:
+class Report:
     """What the listener has received of the publisher."""
 
     @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Told:
         memory: int = 0
 
 
-def heard(listener: TransformListener) -> Told.Response:
+def heard(listener: TransformListener) -> Report.Response:
     """What a listener has received of the publisher, at a moment at which nothing came: what is in
     the buffer has been counted, too.
     """
@@ -81,12 +81,12 @@ def heard(listener: TransformListener) -> Told.Response:
             return before
 
 
-def _heard(listener: TransformListener) -> Told.Response:
+def _heard(listener: TransformListener) -> Report.Response:
     [stream] = [stream for stream in listener.streams() if stream.name == "publisher"] or [None]
     if stream is None:
-        return Told.Response(0, 0, -1.0, -1.0)
+        return Report.Response(0, 0, -1.0, -1.0)
     x, static_x = (x_of(listener.buffer, frame) for frame in ("frame_0", "static"))
-    return Told.Response(stream.messages, stream.missed, x, static_x)
+    return Report.Response(stream.messages, stream.missed, x, static_x)
 
 
 def x_of(buffer: Buffer, frame: str) -> float:
@@ -144,7 +144,7 @@ class SlowBuffer(Buffer):
 def listen(node: Node, buffer: Buffer) -> None:
     """Listen, and tell who asks."""
     listener = TransformListener(buffer, node)
-    node.create_service(Told, "told", lambda request: replace(heard(listener), memory=memory()))
+    node.create_service(Report, "report", lambda request: replace(heard(listener), memory=memory()))
     node.spin()
 
 

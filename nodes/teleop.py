@@ -1,6 +1,6 @@
 """`tfbus teleop`: drive a turtle with the keys of turtlesim's turtle_teleop_key.
 
-Try it, beside `tfbus simulator`: tfbus teleop
+Try it, with `tfbus simulator` running: tfbus teleop
 """
 
 from collections.abc import Callable

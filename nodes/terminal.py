@@ -27,7 +27,7 @@ class RawTerminal:
 
     Ctrl-C and Ctrl-Z stay signals, and output stays as it is. However the process ends or stops,
     except by SIGKILL, the terminal gets its modes back; it is raw again when the process continues
-    after Ctrl-Z. For the main thread only. Raises NoTerminalError if `fd` is no terminal.
+    after Ctrl-Z. For the main thread only. Raises NoTerminalError if `fd` is not a terminal.
     """
 
     def __init__(self, fd: int):

@@ -463,7 +463,7 @@ def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
     assert line.startswith(
         "Stream 'sender' restarted 10 times, each within 5 s of the last, now for frame 'arm': "
     )
-    assert line.endswith("has a clock of its own, send it in a stream of its own (stream=...)")
+    assert line.endswith("has a clock of its own, send it in a separate stream (stream=...)")
 
 
 def describe_to(node: Node) -> list[StreamDescription]:

@@ -605,7 +605,7 @@ class TestNames:
         assert "[WARN]" in line
         assert "[sim]: There is another node /sim, on " in line
         assert line.endswith(
-            ": give this one a name of its own (--name), or a namespace (--namespace)"
+            ": give this one another name (--name), or a namespace (--namespace)"
         )
         assert first_log.lines == []
 

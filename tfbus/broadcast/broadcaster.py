@@ -17,7 +17,7 @@ class TransformBroadcaster:
 
     All broadcasters of a node send in the stream of the node's name, unless they have a `stream` of
     their own; those of one stream have the same options. Each call sends one message, or with
-    `split` one for each frame, on a key of its own, so that others need not receive all. Of two
+    `split` one for each frame, on its own key, so that others need not receive all. Of two
     publishers of one frame, listeners with `conflicts="priority"` accept the one of higher
     `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for listeners
     that join later and ask for them.

@@ -185,7 +185,7 @@ class Stream:
             self._log.warning(
                 "Stream %r restarted %d times, each within %g s of the last, now for frame %r: "
                 "each time listeners forget all its dynamic transforms. If that frame has a clock "
-                "of its own, send it in a stream of its own (stream=...)",
+                "of its own, send it in a separate stream (stream=...)",
                 self.name,
                 _MANY_EPOCHS,
                 _LOG_EPOCHS_EVERY_S,

@@ -70,7 +70,7 @@ class Session:
         atexit.register(self._end_with_process)
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
-        """Zenoh's session; retried here, since Zenoh's own retry does not hear Ctrl-C."""
+        """Zenoh's session; retried here, since Ctrl-C does not interrupt Zenoh's own retry."""
         deadline = time.monotonic() + patience_s
         is_waiting = False
         while True:

@@ -1,6 +1,6 @@
 """`tfbus create`: a small package with a node, to start from.
 
-The folder `template` beside this file is that package, for the robot `my_robot` and the node
+The folder `template` next to this file is that package, for the robot `my_robot` and the node
 `my_node`; `tfbus create` copies it with other names.
 """
 

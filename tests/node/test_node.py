@@ -604,9 +604,7 @@ class TestNames:
         (line,) = lines
         assert "[WARN]" in line
         assert "[sim]: There is another node /sim, on " in line
-        assert line.endswith(
-            ": give this one another name (--name), or a namespace (--namespace)"
-        )
+        assert line.endswith(": give this one another name (--name), or a namespace (--namespace)")
         assert first_log.lines == []
 
     def test_namespaces_keep_two_robots_apart(self, bus: Bus) -> None:

@@ -252,7 +252,7 @@ class Target:
         try:
             message = decode_transforms(payload)
         except DecodeError as error:
-            assert found is None, "the fast way reads what is to be refused"
+            assert found is None, "the fast way reads what must be refused"
             return str(error)
         if found is not None:
             self.fast += 1

@@ -30,7 +30,7 @@ _LONGEST_BACK_S = 3600.0
     "moment",
     metavar="TIME",
     type=MomentType(),
-    help="Seconds or ns since 1970, ISO 8601, or -3s from now; the latest time if not given.",
+    help="Seconds or ns since 1970, ISO 8601, or -3s from now (default: the latest time).",
 )
 @json_option("Print a JSON object.")
 @listening_options(own_name("_why"))

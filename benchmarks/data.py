@@ -10,12 +10,12 @@ from typing import Any
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000  # 100 Hz
-SAMPLES = 1_000  # of each edge: ten seconds, all that tf2 keeps unless told otherwise
+SAMPLES = 1_000  # of each edge: ten seconds, all that tf2 keeps by default
 RECENT = 10  # periods, in which a robot mostly asks
 COLUMNS = 50  # edges of one message
 BATCH = 50_000  # stamps in one call
-# So many transforms to insert are made at a time. Were as many made as a peer takes in some time,
-# those of a faster one would be further from the processor, while what has just arrived is near.
+# Transforms to insert are made this many at a time. If their number grew with a peer's speed, those
+# of a faster one would leave the processor's cache, where one that has just arrived still is.
 INSERTS_AT_ONCE = 5_000
 
 Pose = tuple[float, float, float, float, float, float, float]
@@ -71,5 +71,5 @@ def rows(edges: int, samples: Iterable[int]) -> Iterable[tuple[int, int]]:
 
 
 def calls(stamps: Callable[[int], Any], count: int) -> list[Any]:
-    """What so many stamps are given to a peer in: calls of BATCH each, all of the same stamps."""
+    """`count` stamps as a peer gets them: in calls of BATCH each, all of the same stamps."""
     return [stamps(min(count, BATCH))] * max(1, count // BATCH)

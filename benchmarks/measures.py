@@ -1,4 +1,4 @@
-"""What is compared with whom, and how much faster tfbus is to be."""
+"""What is compared with which peer, and how much faster tfbus must be."""
 
 from dataclasses import dataclass
 

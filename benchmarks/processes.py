@@ -66,7 +66,7 @@ def _worker(module: str) -> Callable[[Path], Process]:
 
 
 def _interpreted(folder: Path) -> Process:
-    """tfbus from a copy of its Python files, where nothing compiled is to be found."""
+    """tfbus from a copy of its Python files, without the compiled modules."""
     shutil.copytree(
         HERE.parent / "tfbus",
         folder / "tfbus",

@@ -50,7 +50,7 @@ full. Memory is resident memory.
 
 @dataclass(frozen=True)
 class Sample:
-    """What a listener told of itself, at a time since the beginning."""
+    """What a listener reported of itself, at a time since the start."""
 
     at_s: float
     resident_mb: float
@@ -59,7 +59,7 @@ class Sample:
 
 
 class Listener:
-    """A listener that tells of itself five times a second; the last of it is kept."""
+    """A listener that reports five times a second; the last report is kept."""
 
     def __init__(self, process: "subprocess.Popen[str]"):
         self.process = process
@@ -67,13 +67,13 @@ class Listener:
         threading.Thread(target=self._read, daemon=True).start()
 
     def sample(self, start_s: float) -> Sample | None:
-        """What it told last; None before it has told anything."""
+        """Its last report; None before the first."""
         if self.process.poll() is not None:
             raise RuntimeError(f"a listener has ended with {self.process.returncode}")
-        told, at_s = self._last, time.monotonic() - start_s
-        if not told:
+        last, at_s = self._last, time.monotonic() - start_s
+        if not last:
             return None
-        return Sample(at_s, told["resident_kb"] / 1e3, told["handles"], told["threads"])
+        return Sample(at_s, last["resident_kb"] / 1e3, last["handles"], last["threads"])
 
     def _read(self) -> None:
         assert self.process.stdout is not None
@@ -126,9 +126,9 @@ class Soak:
         self.killed["router"] += 1
 
     def samples(self, start_s: float) -> dict[str, Sample]:
-        """What each listener tells of itself now."""
-        told = {name: listener.sample(start_s) for name, listener in self._listeners.items()}
-        return {name: sample for name, sample in told.items() if sample is not None}
+        """The last report of each listener."""
+        reported = {name: listener.sample(start_s) for name, listener in self._listeners.items()}
+        return {name: sample for name, sample in reported.items() if sample is not None}
 
     def _start_router(self) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", "tfbus", "router", "--config", str(self._config)]
@@ -152,8 +152,8 @@ class Soak:
 
 
 def soak(minutes: float) -> tuple[dict[str, list[Sample]], dict[str, int]]:
-    """What the listeners told, and how many were killed."""
-    told: dict[str, list[Sample]] = {name: [] for name in LISTENERS}
+    """What the listeners reported, and how many processes were killed."""
+    reported: dict[str, list[Sample]] = {name: [] for name in LISTENERS}
     with TemporaryDirectory() as folder:
         world = Soak(Path(folder))
         start_s = time.monotonic()
@@ -167,20 +167,20 @@ def soak(minutes: float) -> tuple[dict[str, list[Sample]], dict[str, int]]:
                     world.kill_router()
                     due["router"] = now_s + KILL_ROUTER_EVERY_S
                 for name, sample in world.samples(start_s).items():
-                    told[name].append(sample)
+                    reported[name].append(sample)
                 time.sleep(SAMPLE_EVERY_S)
         finally:
             world.close()
-    return told, world.killed
+    return reported, world.killed
 
 
-def write(told: dict[str, list[Sample]], killed: dict[str, int], minutes: float) -> None:
+def write(reported: dict[str, list[Sample]], killed: dict[str, int], minutes: float) -> None:
     """The page and its plot."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 6))
     axes = figure.subplots(3, 1, sharex=True)
-    for name, samples in told.items():
+    for name, samples in reported.items():
         minutes_in = [sample.at_s / 60 for sample in samples]
         for one, field in zip(axes, ("resident_mb", "handles", "threads"), strict=True):
             one.plot(minutes_in, [getattr(s, field) for s in samples], label=name, linewidth=1)
@@ -192,7 +192,7 @@ def write(told: dict[str, list[Sample]], killed: dict[str, int], minutes: float)
     axes[2].set_xlabel("minutes")
     figure.savefig(DOCS / "soak.svg", bbox_inches="tight")
     rows = []
-    for name, samples in told.items():
+    for name, samples in reported.items():
         early, late = samples[len(samples) // 10], samples[-1]
         rows.append(
             [

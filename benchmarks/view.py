@@ -159,7 +159,7 @@ def publish(count: int) -> None:
 
 @contextmanager
 def serving(count: int) -> Iterator[tuple[str, int]]:
-    """A view of so many frames: its address, and the id of its process."""
+    """A view of `count` frames: its address, and the id of its process."""
     python = [sys.executable, "-m"]
     with ExitStack() as stack:
         log = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "log"
@@ -170,7 +170,7 @@ def serving(count: int) -> Iterator[tuple[str, int]]:
 
 
 def measure(count: int, browsers: int, address: str, server: int, seconds: float) -> Cost:
-    """What is used while so many browsers have the page open."""
+    """What is used while this many browsers have the page open."""
     with ExitStack() as stack:
         counters = [stack.enter_context(Counter(address)) for _ in range(browsers)]
         time.sleep(_SETTLE_S)
@@ -251,7 +251,7 @@ def running(command: list[str], log: Path | None = None) -> Iterator["subprocess
 
 
 def wait_for_address(log: Path) -> str:
-    """The address that the view has told in its log."""
+    """The address that the view has logged."""
     deadline_s = time.monotonic() + 60.0
     while "View: " not in log.read_text():
         if time.monotonic() > deadline_s:

@@ -30,7 +30,7 @@ class Loop:
     # the time.
     count: int = 1
     fill_ns: int = 50_000_000
-    # No more items are made at a time.
+    # At most this many items are made at a time.
     at_once: int = sys.maxsize
     # What goes on meanwhile.
     beside: Callable[[], AbstractContextManager[Any]] = field(default=nullcontext)
@@ -55,7 +55,7 @@ class Loop:
 
 
 class Worker:
-    """Keeps what it has made and warmed up for a measure until it is told to forget."""
+    """Keeps what it has made and warmed up for a measure until it gets the order to forget."""
 
     def __init__(self, peer: ModuleType):
         self._peer = peer
@@ -82,7 +82,7 @@ class Worker:
         return str(loop.time_ns(count))
 
     def _repeat(self, measure: str, argument: str, count: str, of: str) -> str:
-        """For a profiler: make the items of so many operations, and do some of them."""
+        """For a profiler: make the items of `of` operations, and run `count` of them."""
         loop = getattr(self._peer, measure)(int(argument))
         loop.items(int(of) - int(count))
         loop.run(loop.items(int(count)))
@@ -110,7 +110,7 @@ def _resident_bytes() -> int:
 
 
 def main() -> None:
-    """Answer line by line, until there are no more."""
+    """Answer line by line, until the input ends."""
     try:
         worker = Worker(import_module(f"benchmarks.peers.{sys.argv[1]}"))
     except ImportError as error:

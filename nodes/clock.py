@@ -123,7 +123,7 @@ class SimulatedTime:
     default=0.01,
     metavar="SECONDS",
     show_default=True,
-    help="How far one step sets the time forward.",
+    help="How far one step advances the time.",
 )
 @click.option("--paused", is_flag=True, help="Start paused; clock/resume starts it.")
 @node_options("clock")

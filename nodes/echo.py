@@ -66,14 +66,14 @@ class _Echo(click.Command):
     type=click.IntRange(0, 17),
     default=3,
     show_default=True,
-    help="Digits after the point, in text.",
+    help="Decimal places, in text.",
 )
 @click.option(
     "--style",
     type=click.Choice(list(_STYLES)),
     default="tf2",
     show_default=True,
-    help="The text of the newest tf2_echo, or of Foxy's.",
+    help="Text as in the newest tf2_echo, or as in Foxy's.",
 )
 @click.option("--raw-zeros", is_flag=True, help="Keep the sign of zero: -0.000.")
 @click.option(
@@ -95,13 +95,13 @@ class _Echo(click.Command):
     "moment",
     metavar="TIME",
     type=MomentType(),
-    help="The pose at this time: seconds or ns since 1970, ISO 8601, or -3s from now.",
+    help="The time to look up: seconds or ns since 1970, ISO 8601, or -3s from now.",
 )
 @click.option(
     "--fixed-frame",
     metavar="FRAME",
     type=FrameName(),
-    help="Where SOURCE was at --at, seen from TARGET now, by way of FRAME, which stands still.",
+    help="Show where SOURCE was at --at, seen from TARGET now; FRAME must not have moved since.",
 )
 @click.option(
     "--timeout",
@@ -130,10 +130,10 @@ def main(
 ) -> None:
     """Print the pose of the frame SOURCE seen from the frame TARGET.
 
-    TARGET comes first, as in tf2_echo, which swaps the two names.
+    The order is that of tf2_echo, whose help swaps the two names.
     """
     if once and count is not None:
-        raise click.UsageError("--once and --count exclude each other: give one")
+        raise click.UsageError("--once and --count are mutually exclusive: give one")
     question = Question(target, source, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))

@@ -181,8 +181,8 @@ def _wait_for_answer(
             node.wait(_HISTORY_LOOK_S, clock=SystemClock())
         elif question.is_hopeless(reason):
             raise PastExtrapolationException(
-                f"{reason}; echo knows what is sent while it runs, and the history that publishers "
-                "keep, 10 s by default"
+                f"{reason}; echo has only what is sent while it runs, and the history that "
+                "publishers keep, 10 s by default"
             )
         elif node.clock.is_simulated:
             # It may stand still for ever; a missing transform is logged all the same.

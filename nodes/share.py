@@ -42,7 +42,7 @@ _PATIENCE_S = 2.0
     metavar="ROBOT",
     multiple=True,
     required=True,
-    help="A robot that sees them, repeatable; or all.",
+    help="A robot that sees them, or all; repeatable.",
 )
 @click.option(
     "--relative-to",
@@ -57,7 +57,7 @@ _PATIENCE_S = 2.0
     type=Number(least=0.01, most=1000.0),
     default=10.0,
     show_default=True,
-    help="The most updates per second.",
+    help="Maximum number of updates per second.",
 )
 @node_options(own_name("share"))
 def main(
@@ -76,7 +76,7 @@ def main(
     robot = _namespace(settings, robot, "ROBOT")
     named = [_namespace(settings, to, "--to") for to in recipients if to != ALL]
     if robot in named:
-        raise click.UsageError(f"--to: {robot!r} sees its own frames; name another robot")
+        raise click.UsageError(f"--to: {robot!r} already sees its own frames; name another robot")
     if relative_to in frames:
         raise click.UsageError(
             f"--relative-to: {relative_to!r} is one of the shown frames; name another"

@@ -131,7 +131,7 @@ def _edge(frames: dict[str, str], numbers: dict[str, float], degrees: bool) -> T
 
 def _edges_of_file(path: Path, degrees: bool, *, alone: bool) -> list[TransformStamped]:
     if not alone:
-        raise click.UsageError("--file excludes other frames and numbers")
+        raise click.UsageError("--file cannot be combined with frames or numbers")
     from .static_file import read_edges  # YAML, which one edge does not need
 
     return read_edges(path, degrees=degrees)

@@ -60,7 +60,7 @@ def _transform(numbers: Mapping[str, float], degrees: bool) -> Transform:
     if turned and quaternion:
         raise EdgeMistake(
             quaternion[0],
-            f"excludes {turned[0]}: give roll, pitch and yaw, or a quaternion",
+            f"cannot be combined with {turned[0]}: give roll, pitch and yaw, or a quaternion",
         )
     xyz = [numbers.get(field, 0.0) for field in XYZ]
     if not quaternion:

@@ -42,7 +42,7 @@ def _check_tree(path: Path, entries: list[Value], edges: list[TransformStamped])
     for entry, edge in zip(entries, edges, strict=True):
         place, child = entry.entries()["child_frame_id"].place, edge.child_frame_id
         if child in lines:
-            raise place.mistake(f"{child!r} has a parent already, in line {lines[child]}; keep one")
+            raise place.mistake(f"{child!r} already has a parent, in line {lines[child]}; keep one")
         lines[child] = place.line
         try:
             tree.set_transform(edge, static=True, authority=path.name)

@@ -1,6 +1,6 @@
 """`tfbus teleop`: drive a turtle with the keys of turtlesim's turtle_teleop_key.
 
-Try it, beside `tfbus simulator`: tfbus teleop
+Try it, with `tfbus simulator` running: tfbus teleop
 """
 
 from collections.abc import Callable
@@ -115,7 +115,9 @@ def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
 
 
 @click.command(epilog="Example: tfbus teleop --turtle turtle2")
-@click.option("--turtle", default="turtle1", metavar="NAME", help="The turtle to drive; turtle1.")
+@click.option(
+    "--turtle", default="turtle1", metavar="NAME", help="The turtle to drive (default turtle1)."
+)
 @node_options("teleop_turtle")
 def main(settings: NodeSettings, turtle: str) -> None:
     """Drive a turtle with the keyboard."""

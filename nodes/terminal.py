@@ -19,7 +19,7 @@ _LEAVING = (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
 
 
 class NoTerminalError(TfbusError):
-    """Standard input is no terminal, or its terminal has gone."""
+    """Standard input is not a terminal, or its terminal was closed."""
 
 
 class RawTerminal:
@@ -27,14 +27,13 @@ class RawTerminal:
 
     Ctrl-C and Ctrl-Z stay signals, and output stays as it is. However the process ends or stops,
     except by SIGKILL, the terminal gets its modes back; it is raw again when the process continues
-    after Ctrl-Z. For the main thread only. Raises NoTerminalError if `fd` is no terminal.
+    after Ctrl-Z. For the main thread only. Raises NoTerminalError if `fd` is not a terminal.
     """
 
     def __init__(self, fd: int):
         if not os.isatty(fd):
             raise NoTerminalError(
-                "standard input is no terminal to read keys from: run this in its own terminal "
-                "(over ssh: ssh -t)"
+                "standard input is not a terminal: run this in its own terminal (over ssh: ssh -t)"
             )
         self._fd = fd
         self._found = termios.tcgetattr(fd)
@@ -59,7 +58,7 @@ class RawTerminal:
     def read(self, timeout_s: float) -> bytes:
         """The next bytes typed; b"" after the timeout.
 
-        Raises NoTerminalError when the terminal has gone.
+        Raises NoTerminalError when the terminal was closed.
         """
         readable, _, _ = select.select([self._fd], [], [], timeout_s)
         if not readable:
@@ -67,7 +66,7 @@ class RawTerminal:
         with suppress(OSError):
             if data := os.read(self._fd, 4096):
                 return data
-        raise NoTerminalError("the terminal has gone")
+        raise NoTerminalError("the terminal was closed")
 
     def _make_raw(self) -> None:
         with suppress(termios.error):

@@ -51,34 +51,34 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 
 
 @click.command(epilog="Example: tfbus view --port 8080")
-@click.option("--host", default="127.0.0.1", help="The address to listen at; 127.0.0.1.")
+@click.option("--host", default="127.0.0.1", help="The address to listen on (default 127.0.0.1).")
 @click.option(
     "--port",
     default="8080",
     callback=_port,
     metavar="NUMBER",
-    help="The port, or the first free one after it; 8080.",
+    help="The port, or the first free one after it (default 8080).",
 )
 @click.option(
     "--history",
     "history_s",
     type=Number(least=1.0, most=3600.0),
     default=30.0,
-    help="How many seconds the page can go back; 30.",
+    help="How many seconds the page can go back (default 30).",
 )
 @click.option(
     "--rate",
     "rate_hz",
     type=Number(least=1.0, most=60.0),
     default=30.0,
-    help="Updates per second; 30.",
+    help="Updates per second (default 30).",
 )
 @click.option(
     "--settings",
     "path",
     type=_FILE,
     metavar="FILE",
-    help="Read the page's settings here, and save them here; view.yaml.",
+    help="Load the page's settings from here, and save them here (default view.yaml).",
 )
 @click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links at their frames.")
 @click.option(
@@ -87,7 +87,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     type=click.Path(path_type=Path, file_okay=False, exists=True),
     multiple=True,
     metavar="DIR",
-    help="A folder with packages of the URDF's meshes; repeatable.",
+    help="A folder with the packages that the URDF's meshes are in; repeatable.",
 )
 @click.option(
     "--screenshot",
@@ -101,14 +101,14 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     "after_s",
     type=Number(least=0.0, most=3600.0),
     default=3.0,
-    help="Take the picture after this many seconds; 3.",
+    help="Take the picture after this many seconds (default 3).",
 )
 @click.option(
     "--size",
     default="1280x800",
     callback=_size,
     metavar="WxH",
-    help="The picture's width and height in pixels; 1280x800.",
+    help="The picture's width and height in pixels (default 1280x800).",
 )
 @node_options("view")
 def main(

@@ -26,9 +26,9 @@ hypothesis.settings.load_profile("patient")
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say in one line what was skipped for want of what."""
     skipped = terminalreporter.getreports("skipped")
-    told = needs.summary(report.longrepr[2] for report in skipped if report.longrepr)
-    if told:
-        terminalreporter.write_line(told)
+    summary = needs.summary(report.longrepr[2] for report in skipped if report.longrepr)
+    if summary:
+        terminalreporter.write_line(summary)
 
 
 @pytest.fixture

@@ -49,7 +49,7 @@ def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T
 
 
 async def somebody_waits(buffer: Buffer, count: int = 1) -> None:
-    """Let asyncio go on until so many wait in the buffer; a TimeoutError where they never do."""
+    """Run asyncio until `count` tasks wait in the buffer; TimeoutError if they never do."""
     async with asyncio.timeout(DEADLINE_S):
         while buffer.waiting < count:
             await asyncio.sleep(0)
@@ -86,7 +86,7 @@ def send_static(node: Node, parent: str, child: str) -> None:
 
 
 def free_port() -> int:
-    """A TCP port of the loopback interface that nobody uses."""
+    """A free TCP port of the loopback interface."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -19,7 +19,7 @@ def test_a_long_list_is_cut() -> None:
 def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
     """A near name is suggested; where none is near the known ones are listed."""
     assert did_you_mean("pse", ["pose", "color"]) == "; did you mean 'pose'?"
-    assert did_you_mean("x", ["pose", "color"]) == "; there are: color, pose"
+    assert did_you_mean("x", ["pose", "color"]) == "; available: color, pose"
     assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
     assert near_names("turtle", ["turtle1", "turtle2", "world"]) == ("turtle2", "turtle1")
 

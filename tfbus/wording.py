@@ -22,14 +22,14 @@ def listed(words: Collection[str], *, most: int = _NAMED) -> str:
 def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
     """The end of a sentence about a name that is not known.
 
-    `; did you mean 'sim'?` where one is near, else `; there are: a, b and 3 more`; `none` where
+    `; did you mean 'sim'?` where one is near, else `; available: a, b and 3 more`; `none` where
     no name is known at all.
     """
     names = sorted(known)
     if not names:
         return none
     near = near_names(name, names, most=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; there are: {listed(names, most=20)}"
+    return f"; did you mean {near[0]!r}?" if near else f"; available: {listed(names, most=20)}"
 
 
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:

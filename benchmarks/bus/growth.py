@@ -22,8 +22,8 @@ _MOST_ROWS = 1_000
 
 @dataclass(frozen=True)
 class Size:
-    """A listener with so many publishers or frames: seconds until it had a transform of each,
-    bytes that its process grew by, and what it took.
+    """A listener with `size` publishers or frames: seconds until it had a transform of each,
+    bytes that its process grew by, and the cost of receiving.
     """
 
     size: int
@@ -58,8 +58,8 @@ def _once(at: Place, streams: int, rows: int) -> Size:
         listener.hear()
         with Process(at, "growth:publish", at.connecting(), streams=streams, rows=rows) as sender:
             sender.hear()
-            told = listener.hear()
-    return Size(frames, told["met_s"], told["memory"], Intake(**told["intake"]))
+            report = listener.hear()
+    return Size(frames, report["met_s"], report["memory"], Intake(**report["intake"]))
 
 
 def listen(frames: int) -> None:

@@ -56,7 +56,7 @@ def _once(at: Place, rows: int) -> Intake:
 
 
 def listen(seconds: float) -> None:
-    """The process that listens; says what came in so many seconds."""
+    """The process that listens; reports what it received within `seconds`."""
     import tfbus
 
     with tfbus.Node("listener") as node:
@@ -70,7 +70,7 @@ def listen(seconds: float) -> None:
 
 
 def during(seconds: float, counted: Any) -> dict[str, float]:
-    """What is counted, messages and transforms, in so many seconds, and the time it took."""
+    """Messages and transforms counted within `seconds`, and the time that took."""
     before, cpu, wall = counted(), time.process_time(), time.perf_counter()
     time.sleep(seconds)
     after, cpu_s, wall_s = counted(), time.process_time() - cpu, time.perf_counter() - wall
@@ -89,7 +89,7 @@ def count(listener: Any) -> tuple[int, int]:
 
 
 def flood(rows: int) -> None:
-    """The process that sends as much as the link bears, and waits where it bears no more."""
+    """The process that sends as much as the link carries, and blocks when it is full."""
     import threading
 
     import zenoh
@@ -111,7 +111,7 @@ def flood(rows: int) -> None:
 
 
 class Template:
-    """Messages of so many transforms below one frame, equal but for their stamps."""
+    """Messages of `rows` transforms below one frame, equal except for their stamps."""
 
     def __init__(self, rows: int) -> None:
         import numpy as np

@@ -18,7 +18,7 @@ from benchmarks.bus.place import Place, Process, place, say
 
 PUBLISHERS = 200
 _PROCESSES = 4
-# Each publisher sends so many frames in one message, so often.
+# Each publisher sends FRAMES frames in one message, HZ times a second.
 FRAMES = 50
 HZ = 10.0
 SECONDS = 10.0
@@ -49,7 +49,7 @@ class Cost:
 
 def measure(runs: int) -> dict[str, Cost]:
     """Of a session that listens to nothing, a listener that reads everything, and listeners that
-    read what a path over so many publishers needs; each the run with the median CPU.
+    read what a path over one or two publishers needs; each the run with the median CPU.
     """
     with place() as at, ExitStack() as stack:
         client = {**at.connecting(), "TFBUS_MODE": "client"}
@@ -130,7 +130,7 @@ def _during(counted: Callable[[], tuple[int, int, int]], look: Callable[[], obje
 
 
 def publish(first: int, count: int) -> None:
-    """A process with so many of the publishers, whose messages are spread over time."""
+    """A process with `count` of the publishers; their messages are spread over time."""
     import numpy as np
 
     import tfbus

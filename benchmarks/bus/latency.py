@@ -11,9 +11,9 @@ from typing import Any
 from benchmarks.bus.place import Place, Process, place, say
 
 PERIOD_S = 0.001
-# The two take turns of so many messages, lest one has the quiet hour.
+# The two take turns of TURN messages, so that both meet the same load of the machine.
 TURN = 250
-# The first that are sent meet memory and code that nobody has used yet.
+# The first messages meet memory and code that have not been used yet.
 _WARM_UP = 100
 _BARE_KEY = "bare"
 _KINDS = ("ours", "bare")
@@ -32,7 +32,7 @@ class Latency:
 
 
 def measure(messages: int, runs: int) -> tuple[Latency, Latency]:
-    """Of tfbus and of bare Zenoh, each sent so many messages a run."""
+    """Of tfbus and of bare Zenoh, each with this many messages a run."""
     taken: dict[str, list[float]] = {kind: [] for kind in _KINDS}
     for _ in range(runs):
         with place() as ours, place() as bare:
@@ -85,7 +85,7 @@ def _size() -> int:
 
 
 def _due(messages: int) -> Iterator[int]:
-    """The numbers of so many messages, each when it is to be sent, from when this is told."""
+    """The number of each message, yielded when it is due; the start is read from stdin."""
     starts_s = float(sys.stdin.readline())
     for number in range(messages):
         turn, step = divmod(number, TURN)

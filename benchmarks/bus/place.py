@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent.parent
 # What a library prints is not said: run.py lets it go elsewhere.
 _SPEECH = sys.stdout
 
-# zenohd's part is played by nobody: peers find each other at one endpoint.
+# There is no router: peers find each other at one endpoint.
 _CONFIG = "{scouting: {multicast: {enabled: false}}, timestamping: {enabled: true}}"
 
 
@@ -100,8 +100,8 @@ class Process:
         line = self._popen.stdout.readline()
         if not line:
             self._popen.wait()
-            told = Path(self._log).read_text().strip()[-2000:]
-            raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}\n{told}")
+            log = Path(self._log).read_text().strip()[-2000:]
+            raise RuntimeError(f"a process has ended: {self._popen.args!r:.200}\n{log}")
         return json.loads(line)
 
     def tell(self, line: str = "") -> None:
@@ -112,7 +112,7 @@ class Process:
 
 
 def free_port() -> int:
-    """A port of loopback that nobody listens to now."""
+    """A free port of loopback."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port: int = server.getsockname()[1]
     return port
@@ -124,5 +124,5 @@ def say(thing: Any) -> None:
 
 
 def wait_for_line() -> bool:
-    """In a process: whether the benchmark has told something, False where it has ended."""
+    """In a process: wait for a line from the benchmark; False if the benchmark has ended."""
     return bool(sys.stdin.readline())

@@ -25,7 +25,7 @@ class NotInstalled(Exception):
 
 
 def measure(rows: int, runs: int) -> Intake:
-    """What tf2_ros.TransformListener takes, of messages with so many transforms; the run with
+    """The cost of tf2_ros.TransformListener for messages with `rows` transforms; the run with
     the median CPU. Raises NotInstalled.
     """
     if not _is_installed():
@@ -71,7 +71,7 @@ def _once(at: Place, rows: int) -> Intake:
 
 
 def _wait_for(master: "subprocess.Popen[bytes]", port: int) -> None:
-    """Wait until the master can be connected to: nodes that come earlier look in vain for long."""
+    """Wait until the master accepts connections: nodes that start earlier retry for long."""
     deadline = time.monotonic() + _MASTER_WITHIN_S
     while True:
         try:

@@ -26,17 +26,17 @@ def measure(runs: int, *, scouting: bool) -> dict[str, float]:
             for _ in range(runs):
                 started_ns = time.time_ns()
                 with Process(at, "startup:look_up", env) as process:
-                    told = process.hear()
-                taken.append(_phases(started_ns, told))
+                    report = process.hear()
+                taken.append(_phases(started_ns, report))
     return {phase: median(one[phase] for one in taken) for phase in taken[0]}
 
 
-def _phases(started_ns: int, told: Mapping[str, int]) -> dict[str, float]:
+def _phases(started_ns: int, report: Mapping[str, int]) -> dict[str, float]:
     phases = {}
     before = started_ns
     for phase in PHASES:
-        phases[phase] = (told[phase] - before) / 1e9
-        before = told[phase]
+        phases[phase] = (report[phase] - before) / 1e9
+        before = report[phase]
     return phases | {"all": (before - started_ns) / 1e9}
 
 
@@ -67,15 +67,15 @@ def publish() -> None:
 
 def look_up() -> None:
     """The process that is started; says when it had come how far."""
-    told = {"python": time.time_ns()}
+    report = {"python": time.time_ns()}
     from tfbus import Buffer, Node, TransformListener
 
-    told["imports"] = time.time_ns()
+    report["imports"] = time.time_ns()
     with Node("starter") as node:
-        told["node"] = time.time_ns()
+        report["node"] = time.time_ns()
         buffer = Buffer()
         with TransformListener(buffer, node):
-            told["listener"] = time.time_ns()
+            report["listener"] = time.time_ns()
             buffer.lookup_transform("base_link", "frame_0", timeout_s=20.0)
-            told["lookup"] = time.time_ns()
-    say(told)
+            report["lookup"] = time.time_ns()
+    say(report)

@@ -77,7 +77,7 @@ def insert_columns(edges: int) -> Loop:
 
 
 def memory(samples: int) -> Any:
-    """So many samples, over 100 edges; its window of 120 s holds 12,000 of each."""
+    """`samples` in total, over 100 edges; its window of 120 s holds 12,000 of each."""
     return _chain(100, samples // 100)
 
 

@@ -166,7 +166,7 @@ int64_t now_ns() {
       .count();
 }
 
-// No more than so many operations are made at a time.
+// Makes at most at_once operations at a time.
 int64_t elapsed_ns(const Loop& loop, int64_t count, int64_t at_once) {
   int64_t elapsed = 0;
   for (int64_t done = 0; done < count; done += std::min(at_once, count - done)) {

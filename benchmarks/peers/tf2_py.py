@@ -52,7 +52,7 @@ insert_columns = insert
 
 
 def memory(samples: int) -> Any:
-    """So many samples, over 100 edges."""
+    """`samples` in total, over 100 edges."""
     return _chain(100, samples // 100)
 
 

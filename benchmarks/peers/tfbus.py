@@ -107,7 +107,7 @@ def lookup_beside_inserts(edges: int) -> Loop:
 
 
 def memory(samples: int) -> Any:
-    """So many samples, over 100 edges."""
+    """`samples` in total, over 100 edges."""
     return _chain(100, samples // 100)
 
 

@@ -93,7 +93,7 @@ insert_columns = insert  # it has columns of the samples of one edge only
 
 
 def memory(samples: int) -> Any:
-    """So many samples, over 100 edges, in a capacity for just as many."""
+    """`samples` in total, over 100 edges, in a capacity for just as many."""
     return _Chain(100, samples // 100)
 
 

@@ -96,7 +96,7 @@ class Turtle:
         """
         if abs(request.linear) >= FARTHEST_JUMP_M:
             raise ServiceError(
-                f"linear is {request.linear:g}; a turtle jumps less than {FARTHEST_JUMP_M:g} m"
+                f"linear must be less than {FARTHEST_JUMP_M:g} m, not {request.linear:g}"
             )
         self._teleports.append(request)
 

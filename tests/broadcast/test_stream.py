@@ -228,7 +228,7 @@ def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], in
 
 
 def rows_of(count: int, stamp_ns: int) -> TransformBatch:
-    """So many frames of the world, all at its origin."""
+    """Frames below the world, all at its origin."""
     edges = np.zeros((count, 2), dtype=np.uint32)
     edges[:, 1] = np.arange(count) + 1
     poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (count, 1))
@@ -318,7 +318,7 @@ def test_a_stream_without_a_history_keeps_nothing(sender: Node, receiver: Node) 
 
 
 def test_one_frame_of_a_split_stream_can_be_heard_alone(sender: Node, receiver: Node) -> None:
-    """Who subscribes to the key of one frame hears no other frame."""
+    """A subscriber of one frame's key receives no other frame."""
     heard: list[str] = []
     receiver.session.subscriber("tf/sender/b", lambda key, payload: heard.append(key))
     broadcaster = TransformBroadcaster(sender, split=True)
@@ -350,7 +350,7 @@ def test_thousands_of_frames_have_a_key_each(sender: Node, receiver: Node) -> No
 
 
 def test_a_split_stream_fills_a_buffer(sender: Node, buffer: Buffer) -> None:
-    """A listener hears all frames of a split stream, of one authority."""
+    """A listener receives all frames of a split stream, with one authority."""
     broadcaster = TransformBroadcaster(sender, split=True)
     send_until(
         lambda: broadcaster.send_transform([at(1, "arm"), at(2, "hand/left", parent="arm")]),
@@ -419,11 +419,11 @@ def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
     assert line.startswith(
         "Stream 'sender' restarted 10 times, each within 5 s of the last, now for frame 'arm': "
     )
-    assert line.endswith("has a clock of its own, send it in a stream of its own (stream=...)")
+    assert line.endswith("has a clock of its own, send it in a separate stream (stream=...)")
 
 
 def describe_to(node: Node) -> list[StreamDescription]:
-    """The descriptions that the node hears from now on."""
+    """The descriptions that the node receives from now on."""
     heard: list[StreamDescription] = []
 
     def on_change(state: StreamState) -> None:
@@ -571,9 +571,11 @@ def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
     assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
     with pytest.raises(LookupException, match="sends no static frame 'leg'; it sends 'camera'"):
         static.remove("leg")
-    with pytest.raises(InvalidArgumentException, match="remove it by a StaticTransformBroadcaster"):
+    with pytest.raises(
+        InvalidArgumentException, match="remove it with a StaticTransformBroadcaster"
+    ):
         broadcaster.remove("camera")
-    with pytest.raises(InvalidArgumentException, match="remove it by a TransformBroadcaster"):
+    with pytest.raises(InvalidArgumentException, match="remove it with a TransformBroadcaster"):
         static.remove("leg1")
 
 
@@ -585,7 +587,7 @@ def test_broadcasters_of_one_stream_agree(sender: Node) -> None:
     with pytest.raises(InvalidArgumentException) as caught:
         TransformBroadcaster(sender)
     assert str(caught.value) == (
-        "stream 'sender' is sent with split=True, priority=1, history_s=10, not with split=False, "
+        "stream 'sender' already has split=True, priority=1, history_s=10, not split=False, "
         "priority=0, history_s=10: use the same options, or another stream (stream=...)"
     )
 

@@ -141,7 +141,7 @@ def test_what_is_older_than_the_cache_is_refused_and_counted():
 
 
 def test_old_samples_leave_as_new_ones_come():
-    """The history holds the cache time and no more, however long it goes on."""
+    """The history holds at most the cache time, however long samples come."""
     buffer = Buffer(1.0)
     for i in range(5000):
         buffer.set_transform(moved(i * S // 100, "world", "robot", float(i)))
@@ -474,7 +474,7 @@ def test_sampling_is_checked_when_made():
 
 def test_listeners_are_told_of_every_change():
     """Added, reparented, static, dynamic, conflict, too old, removed: each with who did it; a
-    new parent before what moves to it.
+    new parent before the frames that move to it.
     """
     heard: list[Change] = []
     buffer = Buffer(1.0)
@@ -545,7 +545,7 @@ def test_a_quaternion_within_tolerance_is_normalised():
 
 
 def test_the_reasons_of_rejections_have_an_end() -> None:
-    """Whatever names come from the bus, no more than 100 reasons are kept; the rest is counted."""
+    """Whatever names come from the bus, at most 100 reasons are kept; the rest is counted."""
     buffer = Buffer()
     for at in range(150):
         loop = TransformStamped(1, f"frame{at}", f"frame{at + 1}", Transform())

@@ -149,7 +149,7 @@ def test_waiting_in_vain_says_what_was_stale(buffer: Buffer) -> None:
 def test_an_age_is_a_number_of_seconds(buffer: Buffer) -> None:
     """An age below zero, or one that is no number, is refused."""
     for impossible in (-1.0, float("nan")):
-        with pytest.raises(InvalidArgumentException, match="max_age_s is"):
+        with pytest.raises(InvalidArgumentException, match="max_age_s must be"):
             buffer.lookup_transform("world", "robot", max_age_s=impossible)
 
 

@@ -90,7 +90,7 @@ def test_rows_are_put_into_about_the_order_of_their_times(stamps):
         return
     assert sorted(rows.tolist()) == list(range(len(stamps)))
     ordered = stamps[rows].astype(float)
-    # Of at least so many buckets none is longer than that, but for the rounding of doubles.
+    # With at least this many buckets none is longer than that, except for rounding.
     bucket = (ordered.max() - ordered.min()) / (len(stamps) // 8 - 1)
     assert (np.maximum.accumulate(ordered) - ordered <= bucket * 1.001 + 2048).all()
 

@@ -22,7 +22,7 @@ def watched(buffer: Buffer) -> list[Pair]:
 
 
 def test_a_pair_that_cannot_be_answered_is_told_at_once_and_once() -> None:
-    """Whoever watches learns of each pair before the lookup fails, the first time only."""
+    """A watcher learns of each pair before the lookup fails, the first time only."""
     buffer = Buffer()
     asked = watched(buffer)
     for _ in range(3):
@@ -123,7 +123,7 @@ def test_a_watcher_may_say_why_a_frame_is_missing() -> None:
         buffer.lookup_transform("map", "camera")
     with pytest.raises(ConnectivityException, match=r"^far away$"):
         buffer.lookup_transform("map", "arm")
-    with pytest.raises(LookupException, match=r"^there is no frame 'tool'; there are"):
+    with pytest.raises(LookupException, match=r"^there is no frame 'tool'; available"):
         buffer.lookup_transform("map", "tool")
     with pytest.raises(TimeoutException, match=r"timed out after 0\.01 s: on its way"):
         buffer.lookup_transform("map", "camera", timeout_s=0.01)

@@ -106,7 +106,7 @@ def test_queries_beyond_the_limit_of_long_answers_are_refused(bus: Bus) -> None:
             "long", None, answers.append, lambda at=number: ended.append(at), timeout_s=60.0
         )
     eventually(lambda: len(ended) == 2)
-    refusal = "too many others ask at the same time; ask again later"
+    refusal = "too many queries at once; retry later"
     assert [answer.refusal for answer in answers] == [refusal, refusal]
     go_on.set()
     eventually(lambda: len(ended) == 70)

@@ -103,7 +103,7 @@ class TestTools:
             (("set", "sim", "background_r", "red"), "'background_r' must be an integer, not 'red'"),
             (
                 ("get", "sim", "speed"),
-                "sim has no parameter 'speed'; there are: background_r, holonomic, title",
+                "sim has no parameter 'speed'; available: background_r, holonomic, title",
             ),
             (("get", "sin", "x"), "there is no node 'sin'; did you mean '/sim'?"),
         ):
@@ -176,13 +176,13 @@ class TestOthers:
     def serve_evil(bus: Bus) -> Declaration:
         """A process that answers as no node of tfbus does."""
         session = bus.node("looker").session
-        for key, told in (
+        for key, report in (
             ("@tfbus/node/evil", {"name": 5}),
             ("@tfbus/param/evil/x", {"value": 3}),
         ):
 
-            def answer(query: Query, key: str = key, told: dict[str, int] = told) -> None:
-                query.answer(key, encode_map(told))
+            def answer(query: Query, key: str = key, report: dict[str, int] = report) -> None:
+                query.answer(key, encode_map(report))
                 query.close()
 
             session.queryable(key, answer)
@@ -192,15 +192,15 @@ class TestOthers:
         """A node with an unreadable description does not hide the others."""
         serve(bus)
         token = self.serve_evil(bus)
-        told = "the description of node '/evil' is unreadable: field 'name' must be a text"
+        report = "the description of node '/evil' is unreadable: field 'name' must be a text"
         code, out, err = run(bus, "node", "list")
         assert (code, out) == (0, ["/evil", "/looker", "/robot7/sim", "/sim"])
-        assert err == [f"Warning: {told}, not an integer"]
+        assert err == [f"Warning: {report}, not an integer"]
         code, out, err = run(bus, "param", "list")
         assert (code, out[-4:]) == (0, ["/sim:", "  background_r", "  holonomic", "  title"])
         assert len(err) == 1
         assert err[0].startswith("Warning: the parameters of node '/evil' are unreadable")
-        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {told}, not an integer"])
+        assert run(bus, "node", "info", "evil")[::2] == (1, [f"Error: {report}, not an integer"])
         assert run(bus, "param", "get", "evil", "x")[0] == 1
         code, _, err = run(bus, "call", "spwan")
         assert (code, len(err)) == (1, 2)

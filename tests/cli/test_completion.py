@@ -360,7 +360,7 @@ class TestCommand:
         assert bus.run("completion", env={"SHELL": "/bin/zsh"}).stdout.startswith("#compdef tfbus")
         done = bus.run("completion", env={"SHELL": "/bin/tcsh"})
         assert done.returncode == 2
-        assert done.stderr.endswith("Error: which shell? Give one of bash, zsh, fish\n")
+        assert done.stderr.endswith("Error: $SHELL is none of bash, zsh, fish: name a shell\n")
 
     def test_every_command_of_the_list_is_a_candidate(self) -> None:
         """Commands are completed without importing any."""

@@ -25,12 +25,12 @@ def test_the_files_bear_the_names_given(tmp_path: Path, package: str, node: str)
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["tfbus"], "'tfbus' is the name of another Python package"),
-        (["tests"], "'tests' is the name of another Python package"),
-        (["json"], "'json' is the name of another Python package"),
+        (["tfbus"], "'tfbus' is already the name of a Python package"),
+        (["tests"], "'tests' is already the name of a Python package"),
+        (["json"], "'json' is already the name of a Python package"),
         (["1st"], "'1st' cannot be a Python package"),
-        (["mine", "--node", "echo"], "`tfbus echo` is a command already"),
-        (["mine", "--node", "launch"], "`tfbus launch` is a command already"),
+        (["mine", "--node", "echo"], "`tfbus echo` is already a command"),
+        (["mine", "--node", "launch"], "`tfbus launch` is already a command"),
         (["mine", "--node", "class"], "'class' cannot be a Python package"),
         (["mine", "--node", "mine"], "need different names"),
     ],

@@ -91,8 +91,8 @@ def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
     keep_sending(robot, "world", "base")
     code, found = examined(bus, "--for", "1")
     assert code == 0
-    told = "the stamps of 1 of 1 publisher follow it, and this doctor does not"
-    assert told in found["clock"]["evidence"][0]
+    report = "the stamps of 1 of 1 publisher follow it, and this doctor does not"
+    assert report in found["clock"]["evidence"][0]
     assert "--sim-time" in found["clock"]["remedy"]
     assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}
     code, found = examined(bus, "--for", "1", "--sim-time")

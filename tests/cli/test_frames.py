@@ -95,12 +95,12 @@ def test_mistakes_are_errors(bus: Bus, arguments: list[str], message: str) -> No
 
 def test_json_is_for_scripts(robot: Bus) -> None:
     """--json prints one object: frames, streams and problems."""
-    told = json.loads(robot.run("frames", "--json").stdout)
-    frames = {frame["name"]: frame for frame in told["frames"]}
+    report = json.loads(robot.run("frames", "--json").stdout)
+    frames = {frame["name"]: frame for frame in report["frames"]}
     assert frames["camera"]["static"]
     assert frames["base"]["rate_hz"] == pytest.approx(20.0, rel=0.5)
-    assert {stream["name"] for stream in told["streams"]} == {"odometry", "mount"}
-    assert told["problems"] == []
+    assert {stream["name"] for stream in report["streams"]} == {"odometry", "mount"}
+    assert report["problems"] == []
 
 
 def test_watching_follows_what_changes(robot: Bus) -> None:

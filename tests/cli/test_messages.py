@@ -37,9 +37,9 @@ def test_a_part_is_found_by_its_path(path: str, part: object) -> None:
 @pytest.mark.parametrize(
     ("path", "sentence"),
     [
-        ("z", "there is no field 'z': no 'z' there; there are: cells, linear, x"),
-        ("liner.x", "there is no field 'liner.x': no 'liner' there; did you mean 'linear'?"),
-        ("x.y", "there is no field 'x.y': there is a value without fields, not 'y'"),
+        ("z", "there is no field 'z': no 'z'; available: cells, linear, x"),
+        ("liner.x", "there is no field 'liner.x': no 'liner'; did you mean 'linear'?"),
+        ("x.y", "there is no field 'x.y': the value there has no fields, so no 'y'"),
         ("cells[2]", "there is no field 'cells[2]': '2' is not an index of a list of 2"),
     ],
 )
@@ -86,15 +86,15 @@ def test_a_filter_sees_fields_as_attributes() -> None:
 @pytest.mark.parametrize(
     ("expression", "sentence"),
     [
-        ("m.z > 1", "--filter 'm.z > 1' fails: AttributeError: no field 'z'; there are: cells, "),
+        ("m.z > 1", "--filter 'm.z > 1' fails: AttributeError: no field 'z'; available: cells, "),
         ("m.x >", "--filter 'm.x >' is not a Python expression: invalid syntax"),
         ("m.x.y", "--filter 'm.x.y' fails: AttributeError: 'float' object has no attribute 'y'"),
     ],
 )
 def test_an_invalid_filter_is_an_error(expression: str, sentence: str) -> None:
     """A filter that is not an expression, or fails, is a usage error."""
-    told = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
-    assert told.startswith(sentence)
+    report = usage_error(lambda: MessageFilter(expression).takes(MESSAGE))
+    assert report.startswith(sentence)
 
 
 def test_missing_fields_take_their_defaults() -> None:
@@ -109,13 +109,13 @@ def test_missing_fields_take_their_defaults() -> None:
     ("values", "message_type", "sentence"),
     [
         ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),
-        ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; there are: x, y, z"),
-        ({"linear": 2}, Twist, "this is no Twist: field 'linear' must be a map, not an integer"),
-        ({"r": 1, "g": 2}, Color, "this is no Color: field 'b' is missing"),
+        ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; available: x, y, z"),
+        ({"linear": 2}, Twist, "not a valid Twist: field 'linear' must be a map, not an integer"),
+        ({"r": 1, "g": 2}, Color, "not a valid Color: field 'b' is missing"),
         (
             {"r": 300, "g": 0, "b": 0},
             Color,
-            "this is no Color: r must be from 0 to 255, not 300",
+            "not a valid Color: r must be from 0 to 255, not 300",
         ),
     ],
 )

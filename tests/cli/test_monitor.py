@@ -22,8 +22,8 @@ def test_all_edges_and_streams_are_measured(robot: Bus) -> None:
     """It has rate, jitter, delay, age and order of each edge; rate and bytes of each stream."""
     done = robot.run("monitor", "--once", "--json")
     assert (done.returncode, done.stderr) == (0, "")
-    told = json.loads(done.stdout)
-    edges = {edge["name"]: edge for edge in told["edges"]}
+    report = json.loads(done.stdout)
+    edges = {edge["name"]: edge for edge in report["edges"]}
     assert edges.keys() == {"base", "arm", "camera"}
     assert 10.0 < edges["base"]["rate_hz"] < 60.0
     assert edges["base"]["jitter_s"] < 0.1
@@ -31,7 +31,7 @@ def test_all_edges_and_streams_are_measured(robot: Bus) -> None:
     assert edges["arm"]["delays_s"]["p50"] > edges["base"]["delays_s"]["p50"]
     assert edges["arm"]["out_of_order"] == 0
     assert edges["camera"]["static"]
-    streams = {stream["name"]: stream for stream in told["streams"]}
+    streams = {stream["name"]: stream for stream in report["streams"]}
     assert streams["odometry"]["bytes_per_s"] > 1_000.0
     assert streams["odometry"]["missed"] == 0
     assert streams["odometry"]["node"] == "/odometry"

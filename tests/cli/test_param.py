@@ -104,15 +104,15 @@ class TestParameters:
         ("text", "sentence"),
         [
             ("[1]", "<stdin> is not a YAML map of parameters"),
-            ("{/other: {red: 1}}", "<stdin> has no parameters for /sim; there are: /other"),
+            ("{/other: {red: 1}}", "<stdin> has no parameters for /sim; available: /other"),
         ],
     )
     def test_a_file_that_is_none_is_a_usage_error(
         self, bus: Bus, sim: Node, text: str, sentence: str
     ) -> None:
         """A file that is not a map, or has nothing for the node, is an error; nothing is set."""
-        code, out, told = run(bus, "param", "load", "sim", "-", stdin=text)
-        assert (code, out, told) == (2, "", f"Error: Invalid value for FILE: {sentence}")
+        code, out, report = run(bus, "param", "load", "sim", "-", stdin=text)
+        assert (code, out, report) == (2, "", f"Error: Invalid value for FILE: {sentence}")
 
     def test_parameters_are_described(self, bus: Bus, sim: Node) -> None:
         """A description has the type, what it is for, and the bounds."""
@@ -164,8 +164,8 @@ class TestServices:
 
     def test_a_refusal_and_a_missing_service_end_with_1(self, bus: Bus, sim: Node) -> None:
         """The error has the reason if the service refuses or does not exist."""
-        code, _, told = run(bus, "service", "call", "spawn", "{z: 1}")
-        assert (code, told[:30]) == (1, "Error: there is no field 'z'; ")
+        code, _, report = run(bus, "service", "call", "spawn", "{z: 1}")
+        assert (code, report[:30]) == (1, "Error: there is no field 'z'; ")
         assert run(bus, "service", "call", "spwan") == (
             1,
             "",

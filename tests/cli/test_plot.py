@@ -103,7 +103,7 @@ def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) ->
     already = len(sent)
     eventually(lambda: len(sent) > already + 25)
     assert plot.stop() == 0
-    plot.wait_for_line("Interrupted: plotting what has come so far")
+    plot.wait_for_line("Interrupted: plotting what has arrived so far")
     plot.wait_for_line(r"Wrote .*turtle1.svg: \d+ poses over ")
 
 

@@ -224,9 +224,9 @@ class TestEcho:
         assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
 
     def test_a_mistake_is_one_sentence(self, bus: Bus) -> None:
-        """Options that exclude each other, and unknown fields, are usage errors."""
+        """Options that are mutually exclusive, and unknown fields, are usage errors."""
         for arguments, sentence in (
-            (("x", "--csv", "--json"), "--csv, --json and --raw exclude each other: give one"),
+            (("x", "--csv", "--json"), "--csv, --json and --raw are mutually exclusive: give one"),
             (
                 ("/x",),
                 "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "

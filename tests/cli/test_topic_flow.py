@@ -38,9 +38,9 @@ class TestMeasure:
             out,
         )
         _, out, _ = run(bus, "delay", "turtle1/pose", "--once", "--json")
-        told = json.loads(out)
-        assert told["mean_s"] == pytest.approx(node.now_ns() / 1e9 - 1.0, abs=60.0)
-        assert (told["topic"], told["window"] > 1) == ("turtle1/pose", True)
+        report = json.loads(out)
+        assert report["mean_s"] == pytest.approx(node.now_ns() / 1e9 - 1.0, abs=60.0)
+        assert (report["topic"], report["window"] > 1) == ("turtle1/pose", True)
 
     def test_several_topics_are_a_table(self, bus: Bus) -> None:
         """Several topics are measured together, a line each, transforms too."""

@@ -27,7 +27,7 @@ def run(bus: Bus, *arguments: str) -> tuple[int, str, str]:
 
 
 def sim(bus: Bus, namespace: str = "") -> Node:
-    """A node that says and hears as the simulator does: a pose fifty times a second."""
+    """A node with the topics of the simulator: it publishes a pose fifty times a second."""
     node = bus.node("sim", namespace=namespace)
     poses = node.create_publisher(Pose, "turtle1/pose")
     node.create_subscription(Twist, "turtle1/cmd_vel", lambda twist: None)

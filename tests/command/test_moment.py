@@ -72,7 +72,7 @@ def test_nanoseconds_are_read_back_as_they_are(ns: int) -> None:
         ("-9999999999s", "too far away"),
         ("9223372036854775808", "too far away"),
         ("-3d", "unknown unit 'd'"),
-        ("1649109418661", "write its unit after it"),
+        ("1649109418661", "append its unit"),
     ],
 )
 def test_what_is_no_time_gets_a_sentence(text: str, reason: str) -> None:

@@ -87,7 +87,7 @@ def test_an_unknown_node_is_refused_with_the_nearest_name(bus: Bus) -> None:
     assert str(caught.value) == "there is no node '/simulater'; did you mean '/simulator'?"
     with pytest.raises(BusError) as caught:
         describe_nodes(session, "xyz")
-    assert str(caught.value) == "there is no node 'xyz'; there are: /looker, /simulator"
+    assert str(caught.value) == "there is no node 'xyz'; available: /looker, /simulator"
 
 
 def test_an_empty_bus_is_reported(bus: Bus) -> None:

@@ -207,11 +207,11 @@ TROUBLES = {
     "rates": (
         with_flow(rate_hz=3.0),
         "warn",
-        "'base' comes at 3.0 Hz, by its stamps it is sent at 10.0 Hz",
+        "'base' arrives at 3.0 Hz; by its stamps it is sent at 10.0 Hz",
     ),
     "jitter": (with_flow(jitter_s=0.08), "warn", "but with a jitter of 80 ms"),
     "gaps": (with_flow(longest_gap_s=1.5), "warn", "'base' paused for 1.5 s"),
-    "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' came after"),
+    "order": (with_flow(out_of_order=4), "warn", "4 samples of 'base' arrived after"),
     "stamps": (
         with_flow(delays_s=spread_of([-0.5])),
         "fail",
@@ -235,12 +235,12 @@ TROUBLES = {
     "buffers": (
         with_nodes(replace(SIM, buffers=(BufferDescription(2.0, 12, 0.75),))),
         "warn",
-        "/sim keeps 2.0 s, but 12 lookups asked for times before that, by up to 750 ms",
+        "/sim keeps 2.0 s, but 12 lookups asked for older data, by up to 750 ms",
     ),
     "dropped": (
         with_nodes(replace(SIM, buffers=(BufferDescription(10.0, dropped=3),))),
         "fail",
-        "/sim dropped 3 messages: transforms come on more keys than it takes",
+        "/sim dropped 3 messages: transforms come on more keys than it accepts",
     ),
 }
 
@@ -271,13 +271,13 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
 def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
-    assert finding.evidence == ("2 samples of 'base' came with the stamp 0",)
+    assert finding.evidence == ("2 samples of 'base' arrived with the stamp 0",)
 
 
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     """Missed messages count as gaps."""
     finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
-    assert finding.evidence == ("7 messages of stream 'sim' never came",)
+    assert finding.evidence == ("7 messages of stream 'sim' never arrived",)
 
 
 @pytest.mark.parametrize(
@@ -285,7 +285,11 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     [
         ("scouting", with_host(scouted=None), "scouting is off, by the mode or the configuration"),
         ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
-        ("rates", lambda seen: replace(seen, flows=()), "no dynamic frame came while listening"),
+        (
+            "rates",
+            lambda seen: replace(seen, flows=()),
+            "no dynamic transform arrived while listening",
+        ),
         ("buffers", with_nodes(), "no node has a buffer"),
         ("dropped", with_nodes(), "no node has a buffer"),
     ],
@@ -305,9 +309,9 @@ def test_a_simulated_time_explains_rates_and_stamps(healthy: Examination) -> Non
         healthy
     )
     assert [CHECKS[name](odd).verdict for name in names] == ["warn", "fail", "warn", "warn"]
-    told = with_nodes(CLOCK, FOLLOWER)(odd)
-    assert {CHECKS[name](told).verdict for name in names} == {"ok"}
-    ours = replace(told, settings=NodeSettings("doctor", sim_time=True))
+    report = with_nodes(CLOCK, FOLLOWER)(odd)
+    assert {CHECKS[name](report).verdict for name in names} == {"ok"}
+    ours = replace(report, settings=NodeSettings("doctor", sim_time=True))
     assert CHECKS["clock"](ours).verdict == "ok"
     assert CHECKS["rates"](ours).verdict == "warn"
 

@@ -89,10 +89,10 @@ def test_problems_fit_the_width_too() -> None:
     """Sentences about publishers and problems are wrapped and indented."""
     tree = tree_of(buffer_of(("world", "turtle1"), ("isle", "palm")))
     lines = document.summary(tree, width=50)
-    told = lines[lines.index("Problems:") + 1 :]
-    assert told[0].startswith("  disconnected: ")
-    assert all(line.startswith("    ") for line in told[1:])
-    assert len(told) > 1
+    report = lines[lines.index("Problems:") + 1 :]
+    assert report[0].startswith("  disconnected: ")
+    assert all(line.startswith("    ") for line in report[1:])
+    assert len(report) > 1
     assert max(map(len, lines)) <= 50
 
 
@@ -127,8 +127,8 @@ class TestProblems:
     def test_two_publishers(self) -> None:
         """Two living publishers of one frame are named with their nodes, hosts and parents."""
         edge = ("world", "turtle1")
-        told = self.problems(buffer_of(edge), stream("a", edge), stream("b", ("map", "turtle1")))
-        assert told == [
+        report = self.problems(buffer_of(edge), stream("a", edge), stream("b", ("map", "turtle1")))
+        assert report == [
             (
                 "conflict",
                 "'turtle1' is published by several at once: /a on robot7, pid 42 under 'world'; "
@@ -140,12 +140,12 @@ class TestProblems:
 
     def test_a_loop(self) -> None:
         """A loop that publishers would make together is a problem; a buffer never closes it."""
-        told = self.problems(
+        report = self.problems(
             buffer_of(("a", "b"), ("b", "c")),
             stream("one", ("a", "b"), ("b", "c")),
             stream("two", ("c", "a")),
         )
-        kind, text = told[0]
+        kind, text = report[0]
         assert kind == "loop"
         assert text.startswith("'b' -> 'c' -> 'a' -> 'b' is a loop, made by ")
         assert "/one on robot7, pid 42" in text
@@ -179,18 +179,18 @@ class TestDocuments:
 
     def test_json(self) -> None:
         """JSON has every frame with its parent, rate, age and publisher."""
-        told = json.loads(document.as_json(self.tree))
-        frames = {frame["name"]: frame for frame in told["frames"]}
-        assert told["roots"] == ["world"]
+        report = json.loads(document.as_json(self.tree))
+        frames = {frame["name"]: frame for frame in report["frames"]}
+        assert report["roots"] == ["world"]
         assert frames["camera"]["static"]
         assert frames['a "b"']["rate_hz"] == pytest.approx(10.0)
         assert (frames['a "b"']["parent"], frames['a "b"']["node"]) == ("world", "/sim")
 
     def test_yaml(self) -> None:
         """YAML has the form of tf2's, which its readers know."""
-        told = yaml.safe_load(document.as_tf2_yaml(self.tree))
-        assert told["camera"]["parent"] == "world"
-        assert told["camera"]["rate"] == 10000.0
+        report = yaml.safe_load(document.as_tf2_yaml(self.tree))
+        assert report["camera"]["parent"] == "world"
+        assert report["camera"]["rate"] == 10000.0
 
     def test_mermaid(self) -> None:
         """Mermaid's flowchart names each frame once, with special characters escaped."""

@@ -148,7 +148,7 @@ def test_all_say_the_same_of_what_was_recorded(name: str) -> None:
 
 
 def test_a_root_is_a_root() -> None:
-    """Without a parent nothing is wrong with a frame, whoever lists it."""
+    """A frame without a parent is not a fault, whichever stream lists it."""
     above = [replace(stream, frames=(("odom", "map", False),)) for stream in (ARM, LEFT)]
     tree = frame_tree(buffer_of(), above, NOW_NS)
     assert state(tree, tree.frames["map"]) == "root"

@@ -78,20 +78,20 @@ def buffer() -> Buffer:
 class TestExplain:
     def test_on_a_good_path_each_edge_is_ok(self, buffer: Buffer) -> None:
         """A lookup with an answer has its path from target to source, and no remedies."""
-        told = ask(buffer, "camera", "arm")
-        assert told.answer is not None
-        assert (told.failure, told.remedies) == ("", ())
-        assert verdicts(told) == [("camera", "ok"), ("base", "ok"), ("arm", "ok")]
-        assert told.steps[1].facts == ("0.0 ms old", "10.0 Hz over 2.0 s", "by sim")
+        report = ask(buffer, "camera", "arm")
+        assert report.answer is not None
+        assert (report.failure, report.remedies) == ("", ())
+        assert verdicts(report) == [("camera", "ok"), ("base", "ok"), ("arm", "ok")]
+        assert report.steps[1].facts == ("0.0 ms old", "10.0 Hz over 2.0 s", "by sim")
 
     def test_an_edge_with_two_publishers_is_a_bad_sign(self, buffer: Buffer) -> None:
         """The answer is from one of them, and the explanation says so."""
         sim = replace(SIM, frames=(("base", "arm", False),))
         tree = frame_tree(buffer, [sim, replace(sim, name="rival")], NOW_NS)
-        told = explain(tree, buffer, "world", "arm")
-        assert verdicts(told) == [("base", "ok"), ("arm", "warn")]
-        assert fault(told, "arm").reason == "the answer is from one of its publishers"
-        assert told.remedies[0].startswith("'arm' is published by several at once: ")
+        report = explain(tree, buffer, "world", "arm")
+        assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
+        assert fault(report, "arm").reason == "the answer is from one of its publishers"
+        assert report.remedies[0].startswith("'arm' is published by several at once: ")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""
@@ -99,14 +99,14 @@ class TestExplain:
 
     def test_a_misspelt_frame_is_named_with_the_nearest(self, buffer: Buffer) -> None:
         """An unknown name fails, with the nearest as a remedy."""
-        told = ask(buffer, "wrld", "arm")
-        assert told.failure == "there is no frame 'wrld'; did you mean 'world'?"
-        assert told.remedies == ("use 'world' if you mean that",)
+        report = ask(buffer, "wrld", "arm")
+        assert report.failure == "there is no frame 'wrld'; did you mean 'world'?"
+        assert report.remedies == ("use 'world' if you mean that",)
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
         """The remedy for a frame that only another namespace has names that namespace."""
-        told = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
-        assert told.remedies == (
+        report = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
+        assert report.remedies == (
             "look from within its namespace, which has 'gripper': --namespace robot7",
             "look at all robots together, where it is 'robot7/gripper': --fleet",
             "start the node that publishes 'gripper'",
@@ -114,65 +114,65 @@ class TestExplain:
 
     def test_a_frame_as_a_fleet_names_it_needs_the_fleet(self, buffer: Buffer) -> None:
         """The remedy for a frame with its robot's name in front is --fleet."""
-        told = ask(buffer, "world", "robot7/gripper", elsewhere={("robot7", "gripper")})
-        assert told.remedies[0] == "look at all robots together: --fleet"
+        report = ask(buffer, "world", "robot7/gripper", elsewhere={("robot7", "gripper")})
+        assert report.remedies[0] == "look at all robots together: --fleet"
 
     def test_two_trees_are_named_by_their_roots(self, buffer: Buffer) -> None:
         """For unconnected frames the steps are all edges above both; the remedy joins the roots."""
         static(buffer, "isle", "palm")
-        told = ask(buffer, "arm", "palm")
-        assert verdicts(told) == [("arm", "ok"), ("base", "ok"), ("palm", "ok")]
-        assert told.remedies == ("publish a transform between 'world' and 'isle'",)
+        report = ask(buffer, "arm", "palm")
+        assert verdicts(report) == [("arm", "ok"), ("base", "ok"), ("palm", "ok")]
+        assert report.remedies == ("publish a transform between 'world' and 'isle'",)
 
     def test_the_edge_that_starts_too_late_fails(self, buffer: Buffer) -> None:
         """A time before the oldest sample fails at the edges that do not reach back to it."""
         dynamic(buffer, "world", "base", oldest_s=9.0, newest_s=2.1)
-        told = ask(buffer, "world", "arm", -3.0)
-        assert verdicts(told) == [("base", "ok"), ("arm", "fail")]
-        assert fault(told, "arm").reason == "the time is 1.0 s before its oldest sample"
-        assert told.remedies == ("query a later time: no publisher has kept older samples",)
+        report = ask(buffer, "world", "arm", -3.0)
+        assert verdicts(report) == [("base", "ok"), ("arm", "fail")]
+        assert fault(report, "arm").reason == "the time is 1.0 s before its oldest sample"
+        assert report.remedies == ("query a later time: no publisher has kept older samples",)
 
     def test_the_edge_that_is_late_fails(self, buffer: Buffer) -> None:
         """A time after the newest sample fails; waiting helps."""
-        told = ask(buffer, "camera", "base", 0.5)
-        assert verdicts(told) == [("camera", "ok"), ("base", "fail")]
-        assert fault(told, "base").reason == "the time is 500 ms after its newest sample"
-        assert told.remedies == ("wait for it (timeout_s), or query the latest",)
+        report = ask(buffer, "camera", "base", 0.5)
+        assert verdicts(report) == [("camera", "ok"), ("base", "fail")]
+        assert fault(report, "base").reason == "the time is 500 ms after its newest sample"
+        assert report.remedies == ("wait for it (timeout_s), or query the latest",)
 
     def test_an_edge_of_a_gone_publisher_is_a_bad_sign(self, buffer: Buffer) -> None:
         """The lookup still has an answer; the remedy is to start the publisher again."""
         buffer.mark_gone(["arm"], True, "sim")
-        told = ask(buffer, "world", "arm")
-        assert told.answer is not None
-        assert verdicts(told) == [("base", "ok"), ("arm", "warn")]
+        report = ask(buffer, "world", "arm")
+        assert report.answer is not None
+        assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
         restart = "start the publisher of 'arm' again: /sim on lab, pid 7"
-        assert told.remedies == (restart,)
+        assert report.remedies == (restart,)
         assert restart in ask(buffer, "world", "arm", 0.5).remedies
 
     def test_a_stale_edge_is_a_bad_sign(self, buffer: Buffer) -> None:
         """It has been silent for longer than its rate allows."""
         dynamic(buffer, "arm", "hand", oldest_s=9.0, newest_s=5.0)
-        told = ask(buffer, "base", "hand")
-        assert verdicts(told) == [("arm", "ok"), ("hand", "warn")]
-        assert fault(told, "hand").reason == "no sample for 5.0 s"
-        assert "/sim on lab, pid 7 still sends 'hand'" in told.remedies[0]
+        report = ask(buffer, "base", "hand")
+        assert verdicts(report) == [("arm", "ok"), ("hand", "warn")]
+        assert fault(report, "hand").reason == "no sample for 5.0 s"
+        assert "/sim on lab, pid 7 still sends 'hand'" in report.remedies[0]
 
     def test_a_skewed_clock_is_a_bad_sign(self, buffer: Buffer) -> None:
         """If the publisher's clock differs from ours, its stamps mislead."""
         stream = StreamInfo("sim", "/sim", "lab", 7, alive=True, clock_offset_s=-2.5)
-        told = ask(buffer, "world", "base", stream=stream)
-        assert fault(told, "base").reason == "the clock of its publisher is 2.5 s behind ours"
-        assert told.remedies == ("synchronize the clocks of lab and this host by NTP",)
+        report = ask(buffer, "world", "base", stream=stream)
+        assert fault(report, "base").reason == "the clock of its publisher is 2.5 s behind ours"
+        assert report.remedies == ("synchronize the clocks of lab and this host by NTP",)
 
     def test_problems_of_the_tree_near_the_path_have_remedies(self, buffer: Buffer) -> None:
         """A loop, or a frame that is listed but not sent, can keep two frames unconnected."""
         static(buffer, "isle", "palm")
         frames = (("isle", "world", False), ("world", "base", False))
-        told = ask(buffer, "world", "palm", stream=StreamInfo("sim", "/sim", frames=frames))
-        assert told.remedies == ("publish a transform between 'world' and 'isle'",)
+        report = ask(buffer, "world", "palm", stream=StreamInfo("sim", "/sim", frames=frames))
+        assert report.remedies == ("publish a transform between 'world' and 'isle'",)
         alive = StreamInfo("sim", "/sim", "lab", 7, alive=True, frames=(("isle", "new", False),))
-        told = ask(buffer, "world", "palm", stream=alive)
-        assert told.remedies[-1] == (
+        report = ask(buffer, "world", "palm", stream=alive)
+        assert report.remedies[-1] == (
             "no transform of 'new' has come, though /sim on lab, pid 7 lists it: "
             "check that it is sent at all: tfbus topic hz tf"
         )
@@ -196,11 +196,11 @@ class TestCommand:
         pose = TransformStamped(1, "turtle1", "camera", Transform((1.0, 2.0, 3.0)))
         StaticTransformBroadcaster(node).send_transform(pose)
 
-        def told() -> list[str]:
+        def report() -> list[str]:
             code, lines = self.run(bus, "world", "camera")
             return lines if code == 0 else []
 
-        lines = eventually(told)
+        lines = eventually(report)
         assert lines[0].startswith("camera seen from world: there is an answer, ")
         assert lines[1].startswith("  ok    world -> turtle1  ")
         assert lines[2] == "  ok    turtle1 -> camera  static, by sim"
@@ -219,8 +219,8 @@ class TestCommand:
         StaticTransformBroadcaster(node).send_transform(pose)
         eventually(lambda: self.run(bus, "world", "camera", "--namespace", "robot7")[0] == 0)
         code, (line,) = self.run(bus, "world", "camera", "--json")
-        told = json.loads(line)
-        assert (code, told["answer"], told["steps"]) == (1, None, [])
-        assert "--namespace robot7" in told["remedies"][0]
+        report = json.loads(line)
+        assert (code, report["answer"], report["steps"]) == (1, None, [])
+        assert "--namespace robot7" in report["remedies"][0]
         _, (line,) = self.run(bus, "world", "camera", "--namespace", "robot7", "--json")
         assert json.loads(line)["answer"]["xyz"] == [1.0, 2.0, 3.0]

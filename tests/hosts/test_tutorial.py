@@ -44,7 +44,7 @@ def is_printing(echo: Process) -> bool:
 
 @pytest.mark.parametrize("order", list(itertools.permutations(COMMANDS))[::2], ids="-".join)
 def test_two_hosts_find_each_other(network: Network, order: tuple[str, ...]) -> None:
-    """The robot's frames are seen from another host without any option, whoever starts first."""
+    """Another host sees the robot's frames without any option, whichever starts first."""
     processes = {name: start(network, *COMMANDS[name]) for name in order}
     echo = processes["echo"]
     eventually(lambda: echo.out)
@@ -88,7 +88,7 @@ def test_clients_wait_for_their_router_and_survive_its_restart(network: Network)
 
 
 def test_ctrl_c_ends_a_client_that_waits_for_its_router(network: Network) -> None:
-    """A client that waits for a router hears Ctrl-C."""
+    """Ctrl-C ends a client that waits for a router."""
     for number in (signal.SIGINT, signal.SIGTERM):
         process = start(network, *COMMANDS["sim"], client=True)
         process.wait_for_line("Waiting for a router")
@@ -96,11 +96,11 @@ def test_ctrl_c_ends_a_client_that_waits_for_its_router(network: Network) -> Non
         assert "Traceback" not in "".join(process.err)
 
 
-def find_xyz(told: dict[str, object]) -> list[float]:
+def find_xyz(report: dict[str, object]) -> list[float]:
     """The translation in a line of echo's JSON."""
     for key in ("xyz", "translation"):
-        if key in told:
-            value = told[key]
+        if key in report:
+            value = report[key]
             assert isinstance(value, list)
             return value
-    raise AssertionError(f"no translation in {told}")
+    raise AssertionError(f"no translation in {report}")

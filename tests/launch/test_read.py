@@ -353,7 +353,7 @@ MISTAKES = [
     (
         "nodes:\n  - {node: a, after: b}\n  - {node: b, after: a}",
         "2: nodes[0]",
-        "in a circle: /a after /b after /a",
+        "waits for itself: /a after /b after /a",
     ),
     ("arguments: [a]\nnodes: []", "1: arguments", "must be a mapping"),
     ("arguments: {a b: }\nnodes: []", "1: arguments.a b", "cannot be the name of an argument"),
@@ -372,7 +372,7 @@ MISTAKES = [
     (
         "includes:\n  - file: robot.yaml",
         "2: includes[0].file",
-        "a circle: robot.yaml includes robot.yaml",
+        "includes itself: robot.yaml includes robot.yaml",
     ),
 ]
 
@@ -391,7 +391,9 @@ def test_a_circle_of_includes_names_its_files(tmp_path: Path) -> None:
     """The error names the files of the circle in order."""
     write(tmp_path, "includes:\n  - file: ./b.yaml\n", "a.yaml")
     write(tmp_path, "includes:\n  - file: ./robot.yaml\n", "b.yaml")
-    with pytest.raises(YamlFileError, match=r"b\.yaml:2: includes\[0\].*circle: .*robot.yaml$"):
+    with pytest.raises(
+        YamlFileError, match=r"b\.yaml:2: includes\[0\].*includes itself: .*robot.yaml$"
+    ):
         read(tmp_path, "includes:\n  - file: ./a.yaml\n")
 
 
@@ -512,7 +514,7 @@ def test_an_unknown_name_is_answered_with_a_near_one_or_all(tmp_path: Path) -> N
     write(tmp_path, "", "mine.yaml")
     with pytest.raises(LaunchError, match=r"; did you mean 'turtle'\?"):
         find_launch_file("turtel")
-    with pytest.raises(LaunchError, match=r"; there are: carrot, .*turtle"):
+    with pytest.raises(LaunchError, match=r"; available: carrot, .*turtle"):
         find_launch_file("xyz")
     with pytest.raises(LaunchError, match=r"; did you mean '\./mine\.yaml'\?"):
         find_launch_file("mine", tmp_path)
@@ -654,7 +656,7 @@ def test_the_documentation_knows_every_key(tmp_path: Path, title: str, mistake: 
     documented = [key for row in re.findall(r"^\| (`.*?) \|", table, re.M) for key in split(row)]
     with pytest.raises(YamlFileError) as caught:
         read(tmp_path, mistake)
-    known = str(caught.value).split("; there are: ")[1].split(", ")
+    known = str(caught.value).split("; available: ")[1].split(", ")
     assert sorted(documented) == sorted(known)
 
 

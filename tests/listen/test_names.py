@@ -51,8 +51,8 @@ def test_a_table_of_names_is_made_once() -> None:
 
 def test_a_description_is_seen_from_outside() -> None:
     """The frames in a description are called as those of its transforms."""
-    told = StreamDescription(1, "/robot7/sim", 1, (("map", "base", False), ("base", "arm", True)))
-    assert NAMES.description_outside(told).frames == (
+    report = StreamDescription(1, "/robot7/sim", 1, (("map", "base", False), ("base", "arm", True)))
+    assert NAMES.description_outside(report).frames == (
         ("map", "robot7/base", False),
         ("robot7/base", "robot7/arm", True),
     )

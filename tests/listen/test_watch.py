@@ -69,10 +69,10 @@ def test_streams_are_known_without_their_data(bus: Bus, watching: Watching) -> N
     """Publishers and their frames are known from tokens and descriptions."""
     node = bus.node("sim")
     broadcast(node, stream="arm/left *")()
-    told = eventually(lambda: watching.described("arm/left *"))
+    report = eventually(lambda: watching.described("arm/left *"))
     eventually(lambda: watching.alive() == ["arm/left *"])
-    assert (told.node, told.epoch) == ("/sim", node.started_ns)
-    assert told.frames == (("world", "robot", False),)
+    assert (report.node, report.epoch) == ("/sim", node.started_ns)
+    assert report.frames == (("world", "robot", False),)
     assert watching.changes[-1] == watching.watch.streams()["arm/left *"]
     node.close()
     eventually(lambda: watching.alive() == [])
@@ -93,8 +93,8 @@ def test_streams_of_all_namespaces_can_be_watched(bus: Bus, watching: Watching) 
     broadcast(bus.node("sim", namespace="robot7"))()
     broadcast(bus.node("sim"))()
     eventually(lambda: everywhere.alive() == ["robot7/sim", "sim"])
-    told = eventually(lambda: everywhere.described("robot7/sim"))
-    assert told.node == "/robot7/sim"
+    report = eventually(lambda: everywhere.described("robot7/sim"))
+    assert report.node == "/robot7/sim"
     eventually(lambda: watching.alive() == ["sim"])
 
 
@@ -112,8 +112,8 @@ def test_a_token_that_comes_back_is_not_taken_for_the_former_process(
     second = bus.node("sim")
     broadcast(second, "arm")()
     eventually(lambda: watching.alive() == ["sim"])
-    told = [state.description for state in watching.changes[before:] if state.alive]
-    assert {description.epoch for description in told if description} == {second.started_ns}
+    report = [state.description for state in watching.changes[before:] if state.alive]
+    assert {description.epoch for description in report if description} == {second.started_ns}
 
 
 def test_a_token_that_comes_back_to_the_same_process_is_taken(bus: Bus, watching: Watching) -> None:
@@ -272,7 +272,7 @@ def test_publishers_that_join_later_are_described_too(bus: Bus) -> None:
         listens = NodeSettings("watcher", config=config, listen=(meeting_point,))
         with Node(settings=listens) as watcher:
             watching = Watching(watcher)
-            told = eventually(lambda: watching.described("early"))
-            assert told.frames == (("world", "robot", False),)
+            report = eventually(lambda: watching.described("early"))
+            assert report.frames == (("world", "robot", False),)
             eventually(lambda: watching.alive() == ["early"])
             watching.watch.close()

@@ -88,7 +88,7 @@ class TestTopics:
         assert other.describe()["subscribes"] == {"battery": "Battery"}
 
     def test_a_node_hears_itself(self, node: Node) -> None:
-        """A subscription hears the publishers of its own node too."""
+        """A subscription receives from the publishers of its own node too."""
         heard: list[Number] = []
         node.create_subscription(Number, "count", heard.append)
         node.create_publisher(Number, "count").publish(Number(7))
@@ -153,7 +153,7 @@ class TestTopics:
             node.create_publisher(Number, "count").publish(Vector3())  # type: ignore[arg-type]  # that is the test
 
     def test_a_closed_subscription_is_not_called(self, node: Node) -> None:
-        """A subscription that is closed hears nothing more; closing it twice is fine."""
+        """A closed subscription receives nothing; closing it twice is fine."""
         heard: list[Number] = []
         closed = node.create_subscription(Number, "count", heard.append)
         closed.close()
@@ -547,7 +547,7 @@ class TestParameters:
         node.declare_parameter("rate", 1.5)
         node.declare_parameter("axes", [1])
         assert self.set(other, "speed", 1) == (
-            "server has no parameter 'speed'; there are: axes, rate"
+            "server has no parameter 'speed'; available: axes, rate"
         )
 
     def test_a_value_given_at_the_start_is_taken(self, bus: Bus) -> None:
@@ -604,9 +604,7 @@ class TestNames:
         (line,) = lines
         assert "[WARN]" in line
         assert "[sim]: There is another node /sim, on " in line
-        assert line.endswith(
-            ": give this one a name of its own (--name), or a namespace (--namespace)"
-        )
+        assert line.endswith(": give this one another name (--name), or a namespace (--namespace)")
         assert first_log.lines == []
 
     def test_namespaces_keep_two_robots_apart(self, bus: Bus) -> None:

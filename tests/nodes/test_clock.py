@@ -12,21 +12,21 @@ def test_it_publishes_its_rate_and_whether_it_is_paused(bus: Bus) -> None:
     """A clock publishes its time, its rate and whether it is paused; the rate is a parameter."""
     start_clock(bus, "--paused", "--start", "7s", "--rate", "2")
     node = bus.node("here")
-    told: list[Clock] = []
-    node.create_subscription(Clock, "clock", told.append)
-    eventually(lambda: Clock(7 * SECOND, rate=2.0, paused=True) in told)
+    report: list[Clock] = []
+    node.create_subscription(Clock, "clock", report.append)
+    eventually(lambda: Clock(7 * SECOND, rate=2.0, paused=True) in report)
     assert bus.run("param", "set", "clock", "rate", "50").returncode == 0
     Remote(node).resume()
-    eventually(lambda: told[-1].rate == 50.0 and not told[-1].paused)
+    eventually(lambda: report[-1].rate == 50.0 and not report[-1].paused)
 
 
 def test_time_goes_on_in_whole_steps(bus: Bus) -> None:
     """All published times are whole steps from the start, in order."""
     start_clock(bus, "--start", "5s", "--step", "0.25", "--rate", "20")
-    told: list[Clock] = []
-    bus.node("here").create_subscription(Clock, "clock", told.append)
-    eventually(lambda: len(told) > 20)
-    stamps = [clock.stamp_ns for clock in told]
+    report: list[Clock] = []
+    bus.node("here").create_subscription(Clock, "clock", report.append)
+    eventually(lambda: len(report) > 20)
+    stamps = [clock.stamp_ns for clock in report]
     assert {stamp % (SECOND // 4) for stamp in stamps} == {0}
     assert sorted(stamps) == stamps
 

@@ -131,7 +131,8 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     done = bus.run("echo", "world", "hand", "--at", "2022-04-04T21:56:58Z")
     assert done.returncode == 1
     assert (
-        "echo knows what is sent while it runs, and the history that publishers keep" in done.stderr
+        "echo has only what is sent while it runs, and the history that publishers keep"
+        in done.stderr
     )
     assert "Waiting" not in done.stderr
 
@@ -269,7 +270,7 @@ def node_name(process: Process) -> str:
         (["world", "turtle1", "--timeout", "-1"], "must be more than 0"),
         (["world", "turtle1", "--precision", "-1"], "0<=x<=17"),
         (["world", "turtle1", "--at", "noon"], "is not a time"),
-        (["world", "turtle1", "--once", "--count", "2"], "exclude each other"),
+        (["world", "turtle1", "--once", "--count", "2"], "mutually exclusive"),
         (["world"], "Missing argument 'SOURCE'"),
         (["world", "turtle1", "2.5"], "the rate is an option: --rate 2.5"),
     ],

@@ -152,8 +152,8 @@ def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
             ["robot1", "robot2"], None
         )
     assert joined == ["robot1", "robot2"]
-    told = capsys.readouterr().err
-    assert told.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
+    report = capsys.readouterr().err
+    assert report.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
 
 
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
@@ -179,7 +179,7 @@ def test_a_missing_frame_is_logged(bus: Bus) -> None:
     [
         (["robot7", "--to", "robot1"], "Missing argument 'FRAMES...'"),
         (["robot7", "base_link"], "Missing option '--to'"),
-        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' sees its own frames;"),
+        (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' already sees its own frames;"),
         (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the shown frames"),
         (["robot7", "/base", "--to", "robot1"], "must not start with a slash"),
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),

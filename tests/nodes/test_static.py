@@ -113,10 +113,10 @@ def test_other_rows_are_not_the_form_of_ros(words: str) -> None:
         (["world"], "--child-frame-id: is missing"),
         (["world", "world"], "--child-frame-id: 'world' is the parent's name too"),
         (["world", "camera", "--frame-id", "map"], "not both"),
-        (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: excludes roll"),
+        (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: cannot be combined with roll"),
         (["world", "camera", "--x", "nan"], "'--x': must be finite, not nan"),
         (["world", "camera", "--qx", "1"], "divided by its norm it is qx 0.707106781"),
-        (["world", "camera", "--file", "edges.yaml"], "--file excludes other frames and numbers"),
+        (["world", "camera", "--file", "edges.yaml"], "--file cannot be combined with frames"),
     ],
 )
 def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:

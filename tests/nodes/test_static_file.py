@@ -50,7 +50,7 @@ def test_degrees_are_radians_of_another_size(roll: float, pitch: float, yaw: flo
         ({"frame_id": "a", "child_frame_id": "/b"}, {}, "child_frame_id", "write 'b'"),
         (FRAMES, {"x": math.nan}, "x", "must be finite, not nan"),
         (FRAMES, {"qw": math.inf}, "qw", "must be finite, not inf"),
-        (FRAMES, {"yaw": 1.0, "qz": 1.0}, "qz", "excludes yaw"),
+        (FRAMES, {"yaw": 1.0, "qz": 1.0}, "qz", "cannot be combined with yaw"),
         (FRAMES, {"qx": 1.0, "qw": 1.0}, "qx", "divided by its norm it is qx 0.707106781 "),
         (FRAMES, {"qw": 0.0}, "qw", "norm 0"),
     ],
@@ -138,7 +138,7 @@ def test_degrees_can_hold_for_a_whole_file(tmp_path: Path) -> None:
         ),
         (
             "- {frame_id: a, child_frame_id: b}\n- {frame_id: c, child_frame_id: b}",
-            r"edges.yaml:2: \[\d\].child_frame_id: 'b' has a parent already, in line 1",
+            r"edges.yaml:2: \[\d\].child_frame_id: 'b' already has a parent, in line 1",
         ),
         (
             "- {frame_id: a, child_frame_id: b}\n- {frame_id: b, child_frame_id: a}",

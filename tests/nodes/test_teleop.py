@@ -308,6 +308,4 @@ def test_without_a_terminal_it_says_so(bus: Bus) -> None:
     done = bus.run("teleop", stdin="q")
     assert done.returncode == 1
     assert done.stdout == ""
-    assert re.fullmatch(
-        r"Error: standard input is no terminal to read keys from: .*\n", done.stderr
-    )
+    assert re.fullmatch(r"Error: standard input is not a terminal: .*\n", done.stderr)

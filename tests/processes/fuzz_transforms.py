@@ -252,7 +252,7 @@ class Target:
         try:
             message = decode_transforms(payload)
         except DecodeError as error:
-            assert found is None, "the fast way reads what is to be refused"
+            assert found is None, "the fast way reads what must be refused"
             return str(error)
         if found is not None:
             self.fast += 1
@@ -300,27 +300,27 @@ def _check_equal(scanned: TransformMessage, message: TransformMessage) -> None:
 def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
     """Send this many payloads in at most this time: how many were sent, read, and refused why."""
     made = Payloads(seed)
-    told: Counter[str] = Counter()
+    report: Counter[str] = Counter()
     ends = time.monotonic() + seconds
-    while told["payloads"] < payloads and time.monotonic() < ends:
+    while report["payloads"] < payloads and time.monotonic() < ends:
         target = Target()
-        for number in range(min(ROUND, payloads - told["payloads"])):
+        for number in range(min(ROUND, payloads - report["payloads"])):
             payload = made.next()
             try:
                 target.receive(payload, static=number % 5 == 0)
             except BaseException:
-                print(f"seed {seed}, payload {told['payloads']}: {payload.hex()}", flush=True)
+                print(f"seed {seed}, payload {report['payloads']}: {payload.hex()}", flush=True)
                 raise
-            told["payloads"] += 1
+            report["payloads"] += 1
         target.examine()
-        told["read"] += target.stream.counts.messages
-        told["read fast"] += target.fast
-        told["outdated"] += target.stream.counts.outdated
-        told["refused"] += target.refused
-        told["rows"] += target.buffer.given
-        told["rows refused"] += target.buffer.rejected.rows
-        told.update({f"  {reason}": count for reason, count in target.reasons.items()})
-    return told
+        report["read"] += target.stream.counts.messages
+        report["read fast"] += target.fast
+        report["outdated"] += target.stream.counts.outdated
+        report["refused"] += target.refused
+        report["rows"] += target.buffer.given
+        report["rows refused"] += target.buffer.rejected.rows
+        report.update({f"  {reason}": count for reason, count in target.reasons.items()})
+    return report
 
 
 def main() -> None:

@@ -26,8 +26,8 @@ TRICKLE_S = 0.05
 
 
 class Load:
-    """Sends: so many in a row, of so many frames each, at a rate per second (0: as many as can be);
-    then a static frame, if any, `static_x` metres ahead.
+    """Sends a number of messages, of equally many frames each, at a rate per second (0: as fast as
+    possible); then a static frame, if any, `static_x` metres ahead.
     """
 
     @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Load:
         memory: int
 
 
-class Told:
+class Report:
     """What the listener has received of the publisher."""
 
     @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Told:
         memory: int = 0
 
 
-def heard(listener: TransformListener) -> Told.Response:
+def heard(listener: TransformListener) -> Report.Response:
     """What a listener has received of the publisher, at a moment at which nothing came: what is in
     the buffer has been counted, too.
     """
@@ -81,12 +81,12 @@ def heard(listener: TransformListener) -> Told.Response:
             return before
 
 
-def _heard(listener: TransformListener) -> Told.Response:
+def _heard(listener: TransformListener) -> Report.Response:
     [stream] = [stream for stream in listener.streams() if stream.name == "publisher"] or [None]
     if stream is None:
-        return Told.Response(0, 0, -1.0, -1.0)
+        return Report.Response(0, 0, -1.0, -1.0)
     x, static_x = (x_of(listener.buffer, frame) for frame in ("frame_0", "static"))
-    return Told.Response(stream.messages, stream.missed, x, static_x)
+    return Report.Response(stream.messages, stream.missed, x, static_x)
 
 
 def x_of(buffer: Buffer, frame: str) -> float:
@@ -97,7 +97,7 @@ def x_of(buffer: Buffer, frame: str) -> float:
 
 
 def batch(number: int, frames: int) -> TransformBatch:
-    """So many frames below `world`, as far ahead as the number says."""
+    """`frames` frames below `world`, as far ahead as the number says."""
     names = ("world", *(f"frame_{index}" for index in range(frames)))
     edges = np.array([(0, 1 + index) for index in range(frames)], dtype=np.uint32)
     poses = np.tile([float(number), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (frames, 1))
@@ -144,7 +144,7 @@ class SlowBuffer(Buffer):
 def listen(node: Node, buffer: Buffer) -> None:
     """Listen, and tell who asks."""
     listener = TransformListener(buffer, node)
-    node.create_service(Told, "told", lambda request: replace(heard(listener), memory=memory()))
+    node.create_service(Report, "report", lambda request: replace(heard(listener), memory=memory()))
     node.spin()
 
 

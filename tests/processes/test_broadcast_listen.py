@@ -38,7 +38,7 @@ def test_a_transform_that_is_sent_is_in_the_listeners_buffer(sender: Node, buffe
 
 
 def test_the_listener_may_start_last(bus: Bus, sender: Node) -> None:
-    """A listener that starts after the broadcaster hears the next transform."""
+    """A listener that starts after the broadcaster receives the next transform."""
     broadcaster = TransformBroadcaster(sender)
     broadcaster.send_transform(at(1))
     buffer = Buffer()
@@ -171,7 +171,7 @@ def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: 
 
 
 def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) -> None:
-    """A message of another version is refused by a line that says which is to be updated."""
+    """A message of another version is refused, and a log line says which side to update."""
     log = Lines(receiver.log)
     with TransformListener(Buffer(), receiver):
         publisher = sender.session.publisher("tf/sender")

@@ -98,9 +98,9 @@ def test_a_tool_that_is_interrupted_says_no_more_than_a_line(
     started = bus.start(*tool.split())
     eventually(lambda: len(list_nodes(watcher.session)) > 1)
     assert started.stop() in (130, code)  # it may not have begun to go on
-    told = [line for line in started.err if "Listening" not in line]
-    assert len(told) <= (code == 1)
-    assert not any(word in line for line in told for word in ("Aborted", "Traceback"))
+    report = [line for line in started.err if "Listening" not in line]
+    assert len(report) <= (code == 1)
+    assert not any(word in line for line in report for word in ("Aborted", "Traceback"))
 
 
 def test_a_node_that_imports_something_ends_as_any_other(bus: Bus) -> None:

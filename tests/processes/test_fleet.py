@@ -169,22 +169,22 @@ def test_only_frames_of_one_name_outside_are_in_conflict(bus: Bus, receiver: Nod
     """Equal names of two robots are no conflict; two publishers within a robot are, and so are
     two robots that say where a shared frame is.
     """
-    told: list[Change] = []
+    report: list[Change] = []
     buffer = Buffer()
-    buffer.on_change(lambda change: told.append(change) if change.kind == "conflict" else None)
+    buffer.on_change(lambda change: report.append(change) if change.kind == "conflict" else None)
     with TransformListener(buffer, receiver, fleet=FLEET) as listener:
         for number in (3, 7):
             node = bus.node("model", namespace=f"robot{number}")
             StaticTransformBroadcaster(node).send_transform(moved(S, "base_link", "camera", 1))
         eventually(lambda: sum(bool(info.frames) for info in listener.streams()) == 2)
-        assert told == []
+        assert report == []
         other = bus.node("other", namespace="robot7")
         StaticTransformBroadcaster(other).send_transform(moved(S, "base_link", "camera", 2))
-        eventually(lambda: {change.frame for change in told} == {"robot7/camera"})
+        eventually(lambda: {change.frame for change in report} == {"robot7/camera"})
         for number in (3, 7):
             node = bus.node("slam", namespace=f"robot{number}")
             StaticTransformBroadcaster(node).send_transform(moved(S, "world", "map", number))
-        eventually(lambda: {change.frame for change in told} == {"robot7/camera", "map"})
+        eventually(lambda: {change.frame for change in report} == {"robot7/camera", "map"})
 
 
 def test_a_fleet_may_be_in_a_namespace_itself(bus: Bus) -> None:

@@ -5,9 +5,9 @@ from tests.processes.fuzz_transforms import fuzz
 
 def test_spoilt_payloads_are_counted_and_harm_nothing() -> None:
     """Of 3,000 spoilt payloads each is read or refused for a reason, and no edge is harmed."""
-    told = fuzz(seed=1, payloads=3_000)
-    assert told["payloads"] == 3_000
-    assert told["read"] + told["outdated"] + told["refused"] == 3_000
-    assert told["read"] > 300
-    assert told["refused"] > 300
-    assert told["rows refused"] > 30
+    report = fuzz(seed=1, payloads=3_000)
+    assert report["payloads"] == 3_000
+    assert report["read"] + report["outdated"] + report["refused"] == 3_000
+    assert report["read"] > 300
+    assert report["refused"] > 300
+    assert report["rows refused"] > 30

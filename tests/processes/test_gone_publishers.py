@@ -43,8 +43,8 @@ def test_a_publisher_that_ends_leaves_marked_frames(
         buffer.lookup_transform("robot", "camera", living=True)
     assert caught.value.gone
     assert caught.value.authority == "sim"
-    told = [(change.kind, change.frame) for change in changes]
-    assert sorted(told) == [("publisher gone", "camera"), ("publisher gone", "robot")]
+    report = [(change.kind, change.frame) for change in changes]
+    assert sorted(report) == [("publisher gone", "camera"), ("publisher gone", "robot")]
     lines = eventually(lambda: [line for line in log.lines if "is gone" in line])
     assert len(lines) == 1
     assert lines[0].startswith("Stream 'sim' of /sim (host ")

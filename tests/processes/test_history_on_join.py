@@ -34,7 +34,7 @@ def oldest_ns(buffer: Buffer, child: str) -> int:
 
 
 def run_for(buffer: Buffer, seconds: float) -> None:
-    """Wait until a publisher that a buffer hears has sent for so long."""
+    """Wait until a buffer has received from a publisher for this long."""
     first_ns = oldest_ns(buffer, "robot")
     eventually(
         lambda: (
@@ -142,12 +142,12 @@ def test_the_history_of_split_streams_comes_from_all_keys(bus: Bus) -> None:
 @pytest.mark.parametrize("impossible", [-1.0, float("inf"), float("nan")])
 def test_history_is_a_number_of_seconds(bus: Bus, impossible: float) -> None:
     """Less than nothing, and for ever, are refused."""
-    with pytest.raises(InvalidArgumentException, match="history_s is"):
+    with pytest.raises(InvalidArgumentException, match="history_s must be"):
         TransformListener(Buffer(), bus.node("listener"), history_s=impossible)
 
 
 def test_a_lookup_of_the_past_waits_for_history(bus: Bus) -> None:
-    """Whoever asks for the past as soon as the present has come has it too, if there is time."""
+    """A lookup of the past, made when the first message has come, succeeds within its timeout."""
     witness = Buffer()
     TransformListener(witness, bus.node("witness"))
     start(bus, "sim", "--moving", "robot")

@@ -22,7 +22,7 @@ STATICS = 20
 KNOWN_WITHIN_S = 1.0
 # A query that is not answered within that may be lost, and is sent again.
 BARE_QUERY_S = 2.0
-# Before that: on two cores the meeting of fifty processes takes seconds, whoever they are.
+# Before that: on two cores the meeting of fifty processes takes seconds, with any program.
 MET_WITHIN_S = 90.0
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.live_bus import Bus, Process, eventually, free_port
-from tests.processes.load_roles import Load, Told, heard, memory, x_of
+from tests.processes.load_roles import Load, Report, heard, memory, x_of
 from tfbus import Buffer, Node, ServiceError, TransformListener
 from tfbus.node.service import Client
 
@@ -55,17 +55,17 @@ def load(node: Node, **asked: float) -> Load.Response:
     return response
 
 
-def not_counted(told: Told.Response) -> float:
+def not_counted(report: Report.Response) -> float:
     """How many of the sends up to the newest that was heard are neither counted as received nor as
     missed.
     """
-    return told.x + 1 - told.messages - told.missed
+    return report.x + 1 - report.messages - report.missed
 
 
-def after(listener: TransformListener, number: int) -> Told.Response:
-    """What the listener has received once it has heard of a send later than this."""
+def after(listener: TransformListener, number: int) -> Report.Response:
+    """What the listener has received by the time it knows of a send after this one."""
     return eventually(
-        lambda: told if (told := heard(listener)).x > number else None, within_s=PATIENCE_S
+        lambda: report if (report := heard(listener)).x > number else None, within_s=PATIENCE_S
     )
 
 
@@ -93,9 +93,9 @@ def test_each_send_of_a_burst_comes_or_is_counted_as_missed(
     start(bus, "publish")
     before = after(listener, 0)
     burst = load(node, sends=10_000)
-    told = after(listener, burst.number)
-    assert not_counted(told) == not_counted(before)
-    assert told.messages > before.messages
+    report = after(listener, burst.number)
+    assert not_counted(report) == not_counted(before)
+    assert report.messages > before.messages
 
 
 def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
@@ -106,19 +106,19 @@ def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
     static transform.
     """
     # Where a subscriber takes nothing for seconds Zenoh gives its link up; without multicast it
-    # finds back soonest where it was told to connect.
+    # reconnects soonest to an endpoint that --connect names.
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     publisher = start(bus, "publish", TFBUS_LISTEN=endpoint)
     slow = start(bus, "listen", TFBUS_CONNECT=f"{bus.endpoint},{endpoint}")
-    client = node.create_client(Told, "told")
+    client = node.create_client(Report, "report")
 
-    def told_by_slow() -> Told.Response:
-        told: Told.Response = answer(client, Told.Request())
-        return told
+    def slow_report() -> Report.Response:
+        report: Report.Response = answer(client, Report.Request())
+        return report
 
-    before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    before = eventually(lambda: report if (report := slow_report()).x > 0 else None)
     load(node, static_x=1.0)
-    eventually(lambda: told_by_slow().static_x == 1.0)
+    eventually(lambda: slow_report().static_x == 1.0)
     former = memory(publisher.pid)
     slow.signal(signal.SIGSTOP)
     try:
@@ -128,12 +128,13 @@ def test_a_stopped_subscriber_does_not_hold_up_others_and_counts_what_it_missed(
         assert sent.memory - former < 100 * MB
     finally:
         slow.signal(signal.SIGCONT)
-    told = eventually(
-        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+    report = eventually(
+        lambda: report if (report := slow_report()).x > sent.number else None,
+        within_s=PATIENCE_S,
     )
-    assert not_counted(told) == not_counted(before)
-    assert told.missed > 0
-    eventually(lambda: told_by_slow().static_x == 2.0, within_s=PATIENCE_S)
+    assert not_counted(report) == not_counted(before)
+    assert report.missed > 0
+    eventually(lambda: slow_report().static_x == 2.0, within_s=PATIENCE_S)
 
 
 def test_fifteen_thousand_sends_come_or_are_counted_also_where_a_subscriber_is_slow(
@@ -146,28 +147,29 @@ def test_fifteen_thousand_sends_come_or_are_counted_also_where_a_subscriber_is_s
     listener = TransformListener(Buffer(cache_time_s=0.5), node)
     publisher = start(bus, "publish")
     start(bus, "dawdle")
-    client = node.create_client(Told, "told")
+    client = node.create_client(Report, "report")
 
-    def told_by_slow() -> Told.Response:
-        told: Told.Response = answer(client, Told.Request())
-        return told
+    def slow_report() -> Report.Response:
+        report: Report.Response = answer(client, Report.Request())
+        return report
 
-    slow_before = eventually(lambda: told if (told := told_by_slow()).x > 0 else None)
+    slow_before = eventually(lambda: report if (report := slow_report()).x > 0 else None)
     before = after(listener, load(node, sends=2_000, frames=30, rate=5_000.0).number)
     former, former_here = memory(publisher.pid), memory()
 
     sent = load(node, sends=15_000, frames=30, rate=5_000.0, static_x=3.0)
-    told = after(listener, sent.number)
-    assert not_counted(told) == not_counted(before)
+    report = after(listener, sent.number)
+    assert not_counted(report) == not_counted(before)
     slow = eventually(
-        lambda: told if (told := told_by_slow()).x > sent.number else None, within_s=PATIENCE_S
+        lambda: report if (report := slow_report()).x > sent.number else None,
+        within_s=PATIENCE_S,
     )
     assert not_counted(slow) == not_counted(slow_before)
     assert slow.missed > 0
     grown = sent.memory - former, memory() - former_here, slow.memory - slow_before.memory
     assert max(grown) < 50 * MB
     eventually(lambda: heard(listener).static_x == 3.0, within_s=PATIENCE_S)
-    eventually(lambda: told_by_slow().static_x == 3.0, within_s=PATIENCE_S)
+    eventually(lambda: slow_report().static_x == 3.0, within_s=PATIENCE_S)
 
 
 def test_a_buffer_under_load_keeps_its_size(bus: Bus, node: Node) -> None:

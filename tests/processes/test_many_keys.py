@@ -38,7 +38,7 @@ def test_frames_that_come_and_go_leave_room_for_others(
 def test_what_is_static_comes_however_many_keys_there_are(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of too many keys what moves is dropped, counted and told once; static transforms are not."""
+    """Dynamic transforms on too many keys are dropped, counted and logged once; static are kept."""
     monkeypatch.setattr(tfbus.listen.registry, "MOST_KEYS", 2)
     buffer, sender, receiver = Buffer(), bus.node("sender"), bus.node("receiver")
     log = Lines(receiver.log)

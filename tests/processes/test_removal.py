@@ -51,7 +51,7 @@ def test_a_corrected_static_replaces_the_old_one_everywhere(bus: Bus, buffer: Bu
 
 
 def test_statics_stay_when_a_buffer_is_cleared(bus: Bus, buffer: Buffer) -> None:
-    """Clearing forgets what moves, until it is sent again, and keeps what is static."""
+    """Clearing forgets dynamic transforms until they are sent again, and keeps static ones."""
     process = start(bus, "sim", "--moving", "robot", "--static", "camera", "--x", "2")
     eventually(lambda: x_of(buffer, "world", "robot") == 2)
     eventually(lambda: x_of(buffer, "world", "camera") == 2)

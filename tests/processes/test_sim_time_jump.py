@@ -18,7 +18,7 @@ from tfbus import (
 
 @pytest.fixture
 def buffer(bus: Bus) -> Iterator[Buffer]:
-    """A buffer that hears a carrot around turtle1, by a clock that began at 1000 s."""
+    """A buffer that receives a carrot around turtle1, by a clock that started at 1000 s."""
     start_clock(bus, "--start", "1000s")
     bus.start("carrot", "--sim-time", "--param", "dynamic=true")
     bus.start("static", "turtle1", "mast", "--z", "1", "--sim-time")

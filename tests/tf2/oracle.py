@@ -37,7 +37,7 @@ NS_PER_S = 1_000_000_000
 
 
 def main():
-    """Answer line by line, until there are no more."""
+    """Answer line by line, until the input ends."""
     with stderr_in_a_file():
         for line in sys.stdin:
             case = json.loads(line)

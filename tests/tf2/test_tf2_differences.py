@@ -52,7 +52,7 @@ def test_a_leading_slash_is_refused_on_insert_as_it_is_on_lookup(tf2: Oracle) ->
 def test_an_unknown_frame_is_unknown_from_itself_too(
     tf2: Oracle, question: Lookup | LatestCommonTime | CanTransform, word: str
 ) -> None:
-    """tf2 sees a frame that it has never heard of from itself; tfbus checks every name."""
+    """tf2 sees an unknown frame from itself; tfbus checks every name."""
     ours, theirs = last_answers(tf2, question)
     assert ours.word == word
     if not isinstance(question, LatestCommonTime):

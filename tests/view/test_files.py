@@ -40,7 +40,7 @@ def test_settings_are_saved_and_a_bad_pattern_is_shown(
     again = bus.start("view", "--port", address.rpartition(":")[2], "--settings", str(path))
     again.wait_for_line(r"View: http://", within_s=PATIENCE_S)
     view.tab("Frames")
-    view.page.get_by_text("3 left out by Only '^t'").wait_for()
+    view.page.get_by_text("3 hidden by Only '^t'").wait_for()
     assert view.row("base").count() == 0
 
 

@@ -118,7 +118,7 @@ def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) 
     )
     # Half a turn takes three seconds, and on a busy machine a key may take longer: then the next.
     half_turns = cycle([("v", -math.pi / 2), ("r", math.pi / 2)])
-    told = view.page.get_by_role("log").filter(has_text="rotation of turtle1 canceled")
+    report = view.page.get_by_role("log").filter(has_text="rotation of turtle1 canceled")
 
     def is_ended_by(cancel: Callable[[], object]) -> bool:
         view.page.get_by_label("drive by keyboard").focus()
@@ -127,9 +127,9 @@ def test_a_turtle_is_driven_by_arrows_and_by_keys(witness: Witness, view: View) 
         view.page.keyboard.press(key)
         eventually(lambda: witness.pose().theta != start, within_s=PATIENCE_S)
         cancel()
-        is_told = view.shows(told, 3.0)
+        is_shown = view.shows(report, 3.0)
         eventually(lambda: witness.pose().angular_velocity == 0.0, within_s=PATIENCE_S)
-        return is_told and abs(witness.pose().theta - theta) > 0.1
+        return is_shown and abs(witness.pose().theta - theta) > 0.1
 
     for cancel in (
         lambda: view.page.keyboard.press("f"),

@@ -140,7 +140,7 @@ def test_names_that_no_node_can_have(name: str) -> None:
 
 def test_a_node_name_with_a_slash_points_to_the_namespace() -> None:
     """A node's name with a slash is refused with where the namespace goes."""
-    with pytest.raises(InvalidNameError, match=r"the namespace is an option of its own"):
+    with pytest.raises(InvalidNameError, match=r"give the namespace with --namespace"):
         keys.check_node_name("robot7/sim")
 
 

@@ -21,8 +21,8 @@ _ANNOUNCE_WITHIN_S = 1.0
 
 _FRAMES_NAMED = 5
 _KINDS = {
-    False: "is dynamic: remove it by a TransformBroadcaster",
-    True: "is static: remove it by a StaticTransformBroadcaster",
+    False: "is dynamic: remove it with a TransformBroadcaster",
+    True: "is static: remove it with a StaticTransformBroadcaster",
 }
 
 
@@ -124,5 +124,5 @@ def _check(parent: str, child: str) -> None:
     check_frame_id(child)
     if parent == child:
         raise InvalidArgumentException(
-            f"frame {child!r} cannot be its own parent; frame_id and child_frame_id differ"
+            f"frame {child!r} cannot be its own parent: frame_id and child_frame_id must differ"
         )

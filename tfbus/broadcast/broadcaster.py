@@ -15,18 +15,18 @@ Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 class TransformBroadcaster:
     """Sends dynamic transforms: those that change with time.
 
-    All broadcasters of a node send in the stream of the node's name, unless they have a `stream` of
-    their own; those of one stream have the same options. Each call sends one message, or with
-    `split` one for each frame, on a key of its own, so that others need not receive all. Of two
-    publishers of one frame, listeners with `conflicts="priority"` accept the one of higher
-    `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for listeners
-    that join later and ask for them.
+    All broadcasters of a node send in the stream with the node's name, unless they name another
+    `stream`; those of one stream must have the same options. Each call sends one message or, with
+    `split`, one message for each frame on its own key, so that listeners need not receive all. Of
+    two publishers of one frame, listeners with `conflicts="priority"` accept the one with the
+    higher `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for
+    listeners that join later and query them.
 
-    Where the stamps of a frame go back by more than 1 s, as of a simulator that was reset, all
+    When the stamps of a frame go back by more than 1 s, as after the reset of a simulator, all
     listeners forget what the stream sent before, except its static transforms.
 
-    Raises InvalidArgumentException where `history_s` or `priority` is invalid, or where the stream
-    has other options already.
+    Raises InvalidArgumentException if `history_s` or `priority` is invalid, or if the stream
+    already has other options.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ class NodeStreams:
         return self._by_name[name]
 
     def __call__(self) -> dict[str, list[Any]]:
-        """What the node tells about its streams."""
+        """The streams in the node's description of itself."""
         streams = dict(self._by_name)
         return {
             "streams": sorted(streams),

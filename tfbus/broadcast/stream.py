@@ -101,7 +101,7 @@ class Stream:
                 self._frames.announce_soon()
             elif self._sender.options != options:
                 raise InvalidArgumentException(
-                    f"stream {self.name!r} is sent with {self._sender.options}, not with "
+                    f"stream {self.name!r} already has {self._sender.options}, not "
                     f"{options}: use the same options, or another stream (stream=...)"
                 )
             return self._sender
@@ -185,7 +185,7 @@ class Stream:
             self._log.warning(
                 "Stream %r restarted %d times, each within %g s of the last, now for frame %r: "
                 "each time listeners forget all its dynamic transforms. If that frame has a clock "
-                "of its own, send it in a stream of its own (stream=...)",
+                "of its own, send it in a separate stream (stream=...)",
                 self.name,
                 _MANY_EPOCHS,
                 _LOG_EPOCHS_EVERY_S,

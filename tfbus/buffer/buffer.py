@@ -45,8 +45,8 @@ class Buffer:
     lookup with a timeout waits on a condition, without the lock, and never polls.
 
     `clock` returns the time, in nanoseconds since the Unix epoch, and decides the age of samples.
-    Where it is simulated (`node.clock`), timeouts count its seconds, and real ones otherwise. A
-    TransformListener gives the buffer its node's clock, unless it has another.
+    If it is simulated (`node.clock`), timeouts are in simulated seconds, otherwise in real ones. A
+    TransformListener sets the buffer's clock to its node's, unless the buffer has another.
 
     Raises InvalidArgumentException for a `cache_time_s` below 0.
     """
@@ -60,7 +60,7 @@ class Buffer:
     ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
-                f"cache_time_s is {cache_time_s!r}; it is a number of seconds, 0 or more"
+                f"cache_time_s must be a number of seconds, 0 or more, not {cache_time_s!r}"
             )
         self.cache_time_s = cache_time_s
         self._store = Store(cache_time_s, sampling, clock)
@@ -97,10 +97,11 @@ class Buffer:
     ) -> bool:
         """Store one transform; a static one holds at all times.
 
-        False where it is older than the newest of its child frame by more than the cache time.
-        One that repeats a stamp replaces the former; where it differs, that is a conflict, which
-        is counted and passed to `on_change`. Raises InvalidArgumentException for a frame that is
-        its own parent, LoopException for an edge that would close a loop; then nothing has changed.
+        Returns False if it is older than the newest of its child frame by more than the cache time.
+        A transform that repeats a stamp replaces the previous one; if the two differ, that is a
+        conflict, which is counted and passed to `on_change`. Raises InvalidArgumentException for a
+        frame that is its own parent, LoopException for an edge that would close a loop; then
+        nothing has changed.
         """
         with self._store.lock:
             stored = self._store.insert(transform, static, authority)
@@ -112,9 +113,9 @@ class Buffer:
     def set_transforms(
         self, batch: TransformBatch | Columns, *, static: bool = False, authority: str = ""
     ) -> int:
-        """Store the rows of a batch; how many were stored.
+        """Store the rows of a batch; returns how many were stored.
 
-        A row that cannot be stored harms none of the others: it is counted in `rejected`, by its
+        A row that cannot be stored does not affect the others: it is counted in `rejected`, by its
         reason.
         """
         columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
@@ -245,16 +246,16 @@ class Buffer:
     ) -> TransformStamped:
         """The transform that takes data in `source_frame` into `target_frame`.
 
-        So: the pose of the source seen from the target, at the stamp; None is the latest time
-        for which every edge between the two has data, which is 0 if all of them are static.
+        This is the pose of the source seen from the target, at the stamp. None means the latest
+        time for which every edge between the two has data, which is 0 if all of them are static.
 
         Waits at most `timeout_s` seconds for data that may still arrive. Raises
         InvalidArgumentException for a malformed name, LookupException for an unknown frame,
-        ConnectivityException where no path joins the two, a kind of ExtrapolationException where
-        the stamp is outside the samples; and TimeoutException after waiting, with the reason.
+        ConnectivityException if no path joins the two, a kind of ExtrapolationException if the
+        stamp is outside the samples, and TimeoutException, with the reason, after waiting.
 
-        With `max_age_s` the newest sample of each dynamic edge must be no older, and with `living`
-        no edge's publisher may be gone; otherwise StaleException.
+        Raises StaleException if the newest sample of a dynamic edge is older than `max_age_s`, or,
+        with `living`, if the publisher of an edge is gone.
         """
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
@@ -290,7 +291,7 @@ class Buffer:
     ) -> TransformStamped:
         """The source as it was at one time, seen from the target at another.
 
-        `fixed_frame` is one that stands still in between. The answer has the target's stamp.
+        `fixed_frame` must not move between the two times. The answer has the target's stamp.
         Waits and raises as `lookup_transform`.
         """
         questions = (
@@ -310,7 +311,7 @@ class Buffer:
         max_age_s: float | None = None,
         living: bool = False,
     ) -> bool:
-        """Whether `lookup_transform` with the same arguments answers."""
+        """Whether `lookup_transform` with the same arguments would succeed."""
         question = (target_frame, source_frame, _stamp(stamp_ns))
         fresh = _freshness(max_age_s, living)
         lookup = Lookup(self._store, (question,), sampling, fresh)
@@ -429,12 +430,12 @@ class Buffer:
         fixed_frame: str | None = None,
         sampling: Sampling | None = None,
     ) -> NDArray[np.float64]:
-        """Points (N, 3) of the source frame, taken into the target frame.
+        """Points (N, 3) of the source frame, transformed into the target frame.
 
-        `stamps_ns` is one stamp, or one for each point (N,); None is the latest. With a
-        `fixed_frame` all points go into the target as it was at `target_stamp_ns` (None: the
-        latest), which undistorts a lidar's scan, whose points have a stamp each. Raises as
-        `lookup_transform`.
+        `stamps_ns` is one stamp, or one for each point (N,); None means the latest. With a
+        `fixed_frame` all points are transformed into the target as it was at `target_stamp_ns`
+        (None: the latest), which undistorts a lidar scan, where each point has its own stamp.
+        Raises as `lookup_transform`.
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
@@ -475,12 +476,12 @@ class Buffer:
         observation_frame: str | None = None,
         window_s: float = 0.1,
     ) -> TwistStamped:
-        """The velocity of `frame` against `reference_frame`: linear in m/s, angular in rad/s.
+        """The velocity of `frame` relative to `reference_frame`: linear in m/s, angular in rad/s.
 
-        Both are written in the axes that `observation_frame` (the reference unless given) has at
-        that time. Estimated from the samples in a window of `window_s` around the stamp, shifted
-        to where there are samples; None is the latest common time. Exact where the motion in the
-        window is a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
+        Both are in the axes that `observation_frame` (by default the reference) has at that time.
+        Estimated from the samples in a window of `window_s` around the stamp, shifted to where
+        there are samples; None means the latest common time. Exact if the motion in the window is
+        a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
         """
         observer = reference_frame if observation_frame is None else observation_frame
         now = self.lookup_transform(reference_frame, frame, stamp_ns)
@@ -602,7 +603,7 @@ def _too_few_for_twist(
     frame: str, reference_frame: str, stamp_ns: int, window_s: float
 ) -> TransformException:
     return ExtrapolationException(
-        f"no velocity of {frame!r} against {reference_frame!r}: fewer than two samples within "
+        f"no velocity of {frame!r} relative to {reference_frame!r}: fewer than two samples within "
         f"{window_s:g} s; widen window_s, or wait",
         requested_ns=stamp_ns,
     )

@@ -40,7 +40,7 @@ class Freshness:
     def __post_init__(self) -> None:
         if self.max_age_s is not None and not self.max_age_s >= 0.0:
             raise InvalidArgumentException(
-                f"max_age_s is {self.max_age_s!r}; it is a number of seconds, 0 or more"
+                f"max_age_s must be a number of seconds, 0 or more, not {self.max_age_s!r}"
             )
 
     def why_stale(
@@ -91,7 +91,7 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
     if nearest:
         hint = f"did you mean {' or '.join(map(repr, nearest))}?"
     elif names:
-        hint = f"there are: {listed(names)}"
+        hint = f"available: {listed(names)}"
     else:
         hint = "no frame is known so far"
     return LookupException(f"there is no frame {frame!r}; {hint}", frame=frame, nearest=nearest)
@@ -149,8 +149,8 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
 def _not_connected(tree: Tree, target_frame: str, source_frame: str) -> ConnectivityException:
     roots = [chain(tree.frames[frame])[-1].name for frame in (target_frame, source_frame)]
     return ConnectivityException(
-        f"{target_frame!r} and {source_frame!r} are not connected: the root above the one is "
-        f"{roots[0]!r}, above the other {roots[1]!r}; a transform between the two trees is missing",
+        f"{target_frame!r} and {source_frame!r} are not connected: their roots are {roots[0]!r} "
+        f"and {roots[1]!r}; a transform between the two trees is missing",
         target_frame=target_frame,
         source_frame=source_frame,
         target_root=roots[0],

@@ -94,7 +94,7 @@ class Store:
                 try:
                     listener(change)
                 except Exception:
-                    _log.exception("A listener of changes failed")
+                    _log.exception("A change callback failed")
         if tree.unreported:
             self.report_questions()
 

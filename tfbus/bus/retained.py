@@ -23,8 +23,8 @@ _RETAINED = "/@adv/pub/**"
 def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
     """A publisher whose last message also reaches late joiners, and is sent again where lost.
 
-    It has the priority of dynamic transforms: at that of topics a put waited 0.2 s beside a camera
-    that filled the link.
+    It has the priority of dynamic transforms: at that of topics a put waited 0.2 s when a camera
+    filled the link.
     """
     with bus_errors(f"publish {key}"):
         publisher = ext.declare_advanced_publisher(

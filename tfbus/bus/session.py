@@ -70,7 +70,7 @@ class Session:
         atexit.register(self._end_with_process)
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
-        """Zenoh's session; retried here, since Zenoh's own retry does not hear Ctrl-C."""
+        """Zenoh's session; retried here, since Ctrl-C does not interrupt Zenoh's own retry."""
         deadline = time.monotonic() + patience_s
         is_waiting = False
         while True:
@@ -180,7 +180,7 @@ class Session:
                 callback(query)
             elif not self._answering.do(lambda: guarded(query)):
                 with query.answering(what):
-                    raise BusError("too many others ask at the same time; ask again later")
+                    raise BusError("too many queries at once; retry later")
 
         with bus_errors(f"serve {key}"):
             handler = direct(self.callbacks.guarded(what, on_query))
@@ -232,7 +232,7 @@ class Session:
         guarded = self.callbacks.guarded
         guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
         guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
-        with bus_errors(f"ask for {key}"):
+        with bus_errors(f"query {key}"):
             self.zenoh.get(
                 key,
                 direct(guarded_answer, lambda: guarded_end(None)),

@@ -36,7 +36,7 @@ TOOLS = {
     "service": "List, show and call services.",
     "top": "Watch nodes, streams, frames and topics on one screen.",
     "topic": "List, show, print, measure and publish topics.",
-    "why": "Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.",
+    "why": "Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.",
 }
 # Tools of several files.
 _IN_PACKAGES = {"completion": "completion.command", "param": "param.group", "topic": "topic.group"}
@@ -135,7 +135,7 @@ _CALLED_IN_ROS = {
     hints={theirs: f"use: tfbus {ours}" for theirs, ours in _CALLED_IN_ROS.items()}
     | {"run": "a node is a command itself, as in: tfbus simulator"},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Begin with: tfbus launch turtle",
+    epilog="To get started: tfbus launch turtle",
 )
 @click.version_option(package_name="tfbus", message="%(package)s %(version)s")
 def main() -> None:

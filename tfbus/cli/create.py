@@ -1,6 +1,6 @@
 """`tfbus create`: a small package with a node, to start from.
 
-The folder `template` beside this file is that package, for the robot `my_robot` and the node
+The folder `template` next to this file is that package, for the robot `my_robot` and the node
 `my_node`; `tfbus create` copies it with other names.
 """
 
@@ -35,13 +35,13 @@ def _check_module_name(ctx: click.Context, param: click.Parameter, value: str) -
 
 def _check_package(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if value in {"tfbus", "tests"} | sys.stdlib_module_names:
-        raise click.BadParameter(f"{value!r} is the name of another Python package")
+        raise click.BadParameter(f"{value!r} is already the name of a Python package")
     return _check_module_name(ctx, param, value)
 
 
 def _check_node(ctx: click.Context, param: click.Parameter, value: str) -> str:
     if value in {*TOOLS, *NODES}:
-        raise click.BadParameter(f"`tfbus {value}` is a command already")
+        raise click.BadParameter(f"`tfbus {value}` is already a command")
     return _check_module_name(ctx, param, value)
 
 
@@ -60,8 +60,8 @@ def _check_node(ctx: click.Context, param: click.Parameter, value: str) -> str:
 def command(package: str, node: str, directory: Path) -> None:
     """Create a small package with a node, a launch file and a test.
 
-    It installs and runs as it is; its pyproject.toml makes the node a command of tfbus. Existing
-    files are not overwritten.
+    The package installs and runs unchanged; its pyproject.toml makes the node a command of tfbus.
+    Existing files are not overwritten.
     """
     if package == node:
         raise click.UsageError("the package and the node need different names")

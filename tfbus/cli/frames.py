@@ -49,7 +49,7 @@ _ROLES: dict[State, str] = {
     multiple=True,
     type=OutputFile(*_ENDINGS),
     metavar="FILE",
-    help=f"Write a file of the kind that its ending says: {' '.join(_ENDINGS)}; repeatable.",
+    help=f"Write a file; its extension sets the format: {' '.join(_ENDINGS)}; repeatable.",
 )
 @click.option("-w", "--watch", is_flag=True, help="Refresh it in place every 0.5 s, until Ctrl-C.")
 @click.option("-l", "--long", is_flag=True, help="Print all facts of each edge.")
@@ -62,7 +62,7 @@ _ROLES: dict[State, str] = {
     default=2.0,
     metavar="SECONDS",
     show_default=True,
-    help="Listen for at most this long; less once every stream is complete.",
+    help="Listen for at most this long; stop once every stream is complete.",
 )
 @click.option("--check", is_flag=True, help="Exit with 1 if something is wrong with the tree.")
 @listening_options(own_name("_frames"))

@@ -55,7 +55,7 @@ from tfbus.launch.run.supervisor import Presence
 @click.option(
     "--log-level", type=click.Choice(LOG_LEVELS), help="The log level of all nodes (default info)."
 )
-@click.option("--sim-time", is_flag=True, help="Let all nodes take the time from the topic clock.")
+@click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")
 @click.option(
     "--for",
     "longest_s",
@@ -69,7 +69,7 @@ from tfbus.launch.run.supervisor import Presence
     metavar="SECONDS",
     default=5.0,
     show_default=True,
-    help="From SIGINT to SIGTERM.",
+    help="Time between SIGINT and SIGTERM.",
 )
 @click.option(
     "--sigkill-timeout",
@@ -77,7 +77,7 @@ from tfbus.launch.run.supervisor import Presence
     metavar="SECONDS",
     default=5.0,
     show_default=True,
-    help="From SIGTERM to SIGKILL.",
+    help="Time between SIGTERM and SIGKILL.",
 )
 def command(
     file: str,
@@ -92,7 +92,7 @@ def command(
     """Start the processes of a launch file, and stop them together.
 
     FILE is a launch file of tfbus, such as turtle, or a path. Ctrl-C stops all processes; a second
-    Ctrl-C sends the next signal at once.
+    Ctrl-C escalates to the next signal at once.
     """
     with _as_click_errors():
         path = find_launch_file(file)

@@ -51,7 +51,7 @@ def command(
 ) -> None:
     """Measure rate, delay and order of transforms: all, or those between two frames.
 
-    With two frames: the edges on the path of SOURCE seen from TARGET.
+    With two frames, measure the edges on the path between TARGET and SOURCE.
     """
     if target is not None and source is None:
         raise click.UsageError(f"give two frames, as in: tfbus monitor {target} FRAME; or none")

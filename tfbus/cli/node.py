@@ -25,7 +25,7 @@ def command() -> None:
 
 @command.command("list", epilog="Example: tfbus node list")
 @click.option("-a", "--all", "everyone", is_flag=True, help="Include names that start with _.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @json_option("Print a JSON list.")
 @bus_options("node")
 def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_json: bool) -> None:

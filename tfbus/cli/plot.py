@@ -45,14 +45,14 @@ _MOST_S = 86_400.0
     "for_s",
     type=Number(least=0.0, most=_MOST_S, more_than_least=True),
     metavar="SECONDS",
-    help="Listen for this long; if not given, plot the last 10 s, which publishers keep.",
+    help="Listen for this long; by default, plot the last 10 s, which publishers keep.",
 )
 @click.option(
     "--from",
     "recording",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Plot what tfbus echo --format csv (or json) wrote.",
+    help="Plot a file written by tfbus echo --format csv (or json).",
 )
 @click.option(
     "--show",
@@ -60,7 +60,7 @@ _MOST_S = 86_400.0
     type=click.Choice(PANELS),
     multiple=True,
     default=PANELS,
-    help="What to plot; repeatable; all if not given.",
+    help="What to plot; repeatable (default all).",
 )
 @click.option(
     "--rate", "rate_hz", type=POSITIVE, default=50.0, show_default=True, help="Poses per second."
@@ -111,7 +111,7 @@ def _listen(
         if for_s is None:
             from_ns -= int(_KEPT_S * 1e9)
         elif not _wait(heard, for_s):
-            say("Interrupted: plotting what has come so far")
+            say("Interrupted: plotting what has arrived so far")
         # Up to the newest known pose, not to now: later lookups would fail.
         try:
             newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()

@@ -18,8 +18,8 @@ DEFAULT_ENDPOINT = "tcp/[::]:7447"
 def command(settings: NodeSettings) -> None:
     """Run a Zenoh router, which connects networks.
 
-    Nodes reach it by `--connect tcp/HOST:7447`; with `--mode client` all their messages go through
-    it. Routers join each other by `--connect`.
+    Nodes reach it with `--connect tcp/HOST:7447`; with `--mode client`, all their messages go
+    through it. Routers join each other with `--connect`.
     """
     listen = settings.listen or (() if settings.config else (DEFAULT_ENDPOINT,))
     settings = replace(settings, mode="router", listen=listen)

@@ -28,7 +28,7 @@ def command() -> None:
 
 @command.command("list", epilog="Example: tfbus service list -t")
 @click.option("-t", "--show-types", is_flag=True, help="Print their types too.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @json_option("Print a JSON list of objects, with all servers and clients.")
 @bus_options("service")
 def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_json: bool) -> None:
@@ -53,7 +53,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 @json_option("Print a JSON object.")
 @bus_options("service")
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
-    """Print the type of SERVICE, and the numbers of its servers and clients."""
+    """Print the type of SERVICE, and the number of its servers and clients."""
     with open_bus(settings) as session:
         info = _find(session, service)
     if as_json:
@@ -75,7 +75,7 @@ def type_command(settings: NodeSettings, service: str) -> None:
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
 @click.argument("type_name", metavar="TYPE")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @bus_options("service")
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
     """Print the names of the services and actions of TYPE, one per line."""
@@ -96,8 +96,8 @@ def call_command(
 ) -> None:
     """Call SERVICE and print its response as YAML.
 
-    REQUEST is a YAML map of fields. TYPE is optional; a service of another type is an error. An
-    action answers several times, as in `tfbus call`.
+    REQUEST is a YAML map of fields. TYPE is optional; it is an error if the service has another
+    type. An action gives several answers, as in `tfbus call`.
     """
     type_name, text = _split(request)
     payload = encode_values(checked_map(text, "REQUEST"), "REQUEST")

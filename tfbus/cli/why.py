@@ -30,7 +30,7 @@ _LONGEST_BACK_S = 3600.0
     "moment",
     metavar="TIME",
     type=MomentType(),
-    help="Seconds or ns since 1970, ISO 8601, or -3s from now; the latest time if not given.",
+    help="Seconds or ns since 1970, ISO 8601, or -3s from now (default: the latest time).",
 )
 @json_option("Print a JSON object.")
 @listening_options(own_name("_why"))
@@ -42,7 +42,7 @@ def command(
     moment: Moment | None,
     as_json: bool,
 ) -> None:
-    """Explain why SOURCE is not seen from TARGET, edge by edge, and what to do.
+    """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
     fails.

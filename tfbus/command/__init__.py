@@ -1,6 +1,6 @@
 """What every command line shares: options, argument types, completion.
 
-What nodes use of it is listed in `__all__`, beside what `tfbus` itself has, and imported when
+`__all__` lists what nodes use of it, in addition to the names of `tfbus`; each is imported when
 first used.
 """
 

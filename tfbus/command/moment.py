@@ -70,7 +70,7 @@ def _implied_unit(text: str, sign: str, digits: str) -> str:
         return "ns"
     raise ValueError(
         f"{text!r} is too large for seconds and too small for nanoseconds since 1970; "
-        "write its unit after it (ns, us, ms, s)"
+        "append its unit (ns, us, ms, s)"
     )
 
 
@@ -81,7 +81,7 @@ def _dated(text: str) -> Moment:
     except ValueError as error:
         raise ValueError(
             f"{text!r} is not a time; write seconds or nanoseconds since 1970, "
-            "a date as 2026-11-21T09:00:00.5Z, or a time from now as -3s"
+            "a date such as 2026-11-21T09:00:00.5Z, or a time from now such as -3s"
         ) from error
     since_epoch = moment.astimezone(UTC) - datetime.fromtimestamp(0, UTC)
     whole_ns = (since_epoch.days * 86_400 + since_epoch.seconds) * 1_000_000_000

@@ -171,14 +171,14 @@ _BUS_OPTIONS = {
         "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, in JSON5."
     ),
     "log_level": click.option(
-        "--log-level", type=click.Choice(LOG_LEVELS), help="The least level to log (default info)."
+        "--log-level", type=click.Choice(LOG_LEVELS), help="The lowest level to log (default info)."
     ),
 }
 _FLEET_OPTIONS = (
     click.option(
         "--fleet",
         is_flag=True,
-        help="Include the robots in namespaces below; their frames are robot7/base_link.",
+        help="Include robots in namespaces below; frames are named like robot7/base_link.",
     ),
     click.option(
         "--shared",

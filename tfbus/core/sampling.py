@@ -30,16 +30,16 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.interpolation not in _INTERPOLATIONS:
             raise InvalidArgumentException(
-                f"interpolation is {self.interpolation!r}; it is one of "
-                + ", ".join(map(repr, _INTERPOLATIONS))
+                f"interpolation must be one of {', '.join(map(repr, _INTERPOLATIONS))}, "
+                f"not {self.interpolation!r}"
             )
         for name in ("tolerance_s", "extrapolation_s"):
             if not 0.0 <= getattr(self, name) <= 1e6:
                 raise InvalidArgumentException(
-                    f"{name} is {getattr(self, name)!r}; it is a number of seconds, 0 or more"
+                    f"{name} must be a number of seconds from 0 to 1e6, not {getattr(self, name)!r}"
                 )
         if self.tolerance_s and self.interpolation != "nearest":
-            raise InvalidArgumentException('tolerance_s goes with interpolation="nearest" only')
+            raise InvalidArgumentException('tolerance_s is only for interpolation="nearest"')
         if self.extrapolation_s and self.interpolation == "nearest":
             raise InvalidArgumentException(
                 "the nearest sample is not extrapolated: omit extrapolation_s"

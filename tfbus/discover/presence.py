@@ -1,4 +1,4 @@
-"""The nodes and streams on the bus, and what each tells about itself."""
+"""The nodes and streams on the bus, and how each describes itself."""
 
 import threading
 from collections.abc import Callable

@@ -57,7 +57,7 @@ def check_rates(seen: Examination) -> Finding:
             factor = flow.rate_hz / before_hz
             if not 1 / _RATE_FACTOR < factor < _RATE_FACTOR:
                 evidence.append(
-                    f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, by its stamps it is sent at "
+                    f"{flow.child!r} arrives at {flow.rate_hz:.1f} Hz; by its stamps it is sent at "
                     f"{before_hz:.1f} Hz"
                 )
     return _of_flows(
@@ -68,7 +68,7 @@ def check_rates(seen: Examination) -> Finding:
 def check_jitter(seen: Examination) -> Finding:
     """Frames come regularly."""
     evidence = [
-        f"{flow.child!r} comes at {flow.rate_hz:.1f} Hz, but with a jitter of "
+        f"{flow.child!r} arrives at {flow.rate_hz:.1f} Hz, but with a jitter of "
         f"{duration(flow.jitter_s)}"
         # Simulated time goes in steps, and so fast at times that any delay is long.
         for flow in of_system_time(seen)
@@ -86,11 +86,11 @@ def check_gaps(seen: Examination) -> Finding:
         limit_s = max(_LEAST_GAP_S, _GAP_PERIODS / flow.rate_hz if flow.rate_hz else 0.0)
         if flow.longest_gap_s > limit_s:
             evidence.append(
-                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in between "
-                "interpolate across that"
+                f"{flow.child!r} paused for {duration(flow.longest_gap_s)}: lookups in that time "
+                "interpolate across the gap"
             )
     evidence += [
-        f"{counted(stream.missed, 'message')} of stream {stream.name!r} never came"
+        f"{counted(stream.missed, 'message')} of stream {stream.name!r} never arrived"
         for stream in seen.tree.streams.values()
         if stream.missed
     ]
@@ -105,19 +105,19 @@ def check_gaps(seen: Examination) -> Finding:
 def check_order(seen: Examination) -> Finding:
     """Samples come in the order of their stamps."""
     evidence = [
-        f"{counted(flow.out_of_order, 'sample')} of {flow.child!r} came after a newer one"
+        f"{counted(flow.out_of_order, 'sample')} of {flow.child!r} arrived after a newer one"
         for flow in seen.flows
         if flow.out_of_order
     ]
     return _of_flows(
-        seen, "warn", evidence, "publish each frame from one place, with rising stamps"
+        seen, "warn", evidence, "publish each frame from one place, with increasing stamps"
     )
 
 
 def check_stamps(seen: Examination) -> Finding:
     """No stamp is in the future, or zero."""
     evidence = [
-        f"{counted(flow.at_zero, 'sample')} of {flow.child!r} came with the stamp 0"
+        f"{counted(flow.at_zero, 'sample')} of {flow.child!r} arrived with the stamp 0"
         for flow in seen.flows
         if flow.at_zero
     ]
@@ -175,7 +175,7 @@ def check_refused(seen: Examination) -> Finding:
 
 def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:
     if not seen.flows:
-        return skipped("no dynamic frame came while listening")
+        return skipped("no dynamic transform arrived while listening")
     if evidence:
         return Finding("fail" if verdict == "fail" else "warn", tuple(evidence), remedy)
     frames = {flow.child for flow in seen.flows}

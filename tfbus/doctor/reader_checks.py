@@ -31,7 +31,7 @@ def check_buffers(seen: Examination) -> Finding:
         return skipped("no node has a buffer")
     short = [
         f"{node.name} keeps {duration(buffer.cache_time_s)}, but "
-        f"{counted(buffer.too_old, 'lookup')} asked for times before that, by up to "
+        f"{counted(buffer.too_old, 'lookup')} asked for older data, by up to "
         f"{duration(buffer.missed_by_s)}"
         for node, buffer in buffers
         if buffer.too_old
@@ -51,7 +51,7 @@ def check_dropped(seen: Examination) -> Finding:
         return skipped("no node has a buffer")
     dropped = [
         f"{node.name} dropped {counted(buffer.dropped, 'message')}: transforms come on more keys "
-        "than it takes"
+        "than it accepts"
         for node, buffer in buffers
         if buffer.dropped
     ]

@@ -23,7 +23,7 @@ def check_clock(seen: Examination) -> Finding:
     return Finding(
         "warn",
         (f"{published}; {follow}, and this doctor does not",),
-        "give --sim-time to this tool, and to all that look up these frames",
+        "give --sim-time to this tool, and to all nodes that look up these frames",
     )
 
 

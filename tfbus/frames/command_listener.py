@@ -27,7 +27,7 @@ _QUIET_S = 0.3
 
 @dataclass(frozen=True)
 class Listening:
-    """A command's own node, and what it hears: of a whole fleet, or of its namespace."""
+    """A command's own node, and what it receives: from a whole fleet, or from its namespace."""
 
     node: Node
     buffer: Buffer

@@ -5,7 +5,7 @@
 - *root*: it has no parent.
 - *gone*: the publisher of its last sample has left the bus; the pose is the last one sent.
 - *conflict*: two or more living streams list it. A frame can be gone and in conflict: its state is
-  gone, and the conflict is mentioned beside.
+  gone, and the conflict is mentioned with it.
 - *static*: it holds at all times.
 - *stale*: silent for longer than 1 s and than 3 of its own periods; where a single sample gives no
   rate, for longer than 3 s.

@@ -142,7 +142,7 @@ def _faults(
     if not frame.static:
         yield from _out_of_time(tree, frame, stamp_ns, restart)
     if frame.gone:
-        yield "warn", "its publisher is gone, and its last pose grows old", restart
+        yield "warn", "its publisher is gone, and its last pose is no longer updated", restart
     elif is_stale(tree, frame):
         yield (
             "warn",

@@ -136,8 +136,8 @@ def euler_axes(axes: str) -> tuple[list[int], bool]:
     good = len(order) == 3 and -1 not in order and order[1] not in (order[0], order[2])
     if not good or axes not in (axes.lower(), axes.upper()):
         raise InvalidArgumentException(
-            f"{axes!r} does not name axes: three of x, y, z, no two neighbours alike, such as "
-            "'xyz' (fixed axes) or 'ZYX' (turning axes)"
+            f"axes must be three of x, y, z, no two adjacent ones equal, such as 'xyz' (fixed) or "
+            f"'ZYX' (rotating), not {axes!r}"
         )
     return order, axes.islower()
 

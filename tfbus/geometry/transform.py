@@ -432,10 +432,10 @@ def check_frame_id(frame_id: object, what: str = "frame id") -> str:
     """The frame id. Raises InvalidArgumentException, which calls it `what`, if it cannot be one."""
     if not isinstance(frame_id, str):
         raise InvalidArgumentException(
-            f"{what} is a {type(frame_id).__name__}; a frame id is a text such as 'base_link'"
+            f"{what} must be a str such as 'base_link', not {type(frame_id).__name__}"
         )
     if not frame_id:
-        raise InvalidArgumentException(f"{what} is empty; a frame id is a text like 'base_link'")
+        raise InvalidArgumentException(f"{what} must not be empty")
     if frame_id[0] == "/":
         raise InvalidArgumentException(
             f"{what} {frame_id!r} begins with a slash; write {frame_id.lstrip('/')!r}"
@@ -449,7 +449,7 @@ def check_stamp(stamp_ns: object) -> int:
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
         raise InvalidArgumentException(
-            f"a stamp is a whole number of nanoseconds since the Unix epoch, not {stamp_ns!r}"
+            f"a stamp must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}"
         ) from None
     if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
         raise InvalidArgumentException(

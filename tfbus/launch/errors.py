@@ -1,4 +1,4 @@
-"""What can be wrong with a launch, beside mistakes in its files (YamlFileError)."""
+"""What can be wrong with a launch, besides mistakes in its files (YamlFileError)."""
 
 from tfbus.errors import TfbusError
 

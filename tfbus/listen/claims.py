@@ -64,7 +64,7 @@ class Claims:
     def __init__(self, rule: Rule) -> None:
         if rule not in get_args(Rule):
             raise InvalidArgumentException(
-                f"conflicts={rule!r} is not known; choose one of {', '.join(get_args(Rule))}"
+                f"conflicts must be one of {', '.join(get_args(Rule))}, not {rule!r}"
             )
         self.rule = rule
         self._claims: dict[str, dict[str, Claimant]] = {}

@@ -42,7 +42,7 @@ class Epochs:
     def __init__(self) -> None:
         self.present_ns: int | None = None
         # By the token: whether the publisher was there and is gone; and whether it was gone since
-        # the present epoch was last heard.
+        # the last message of the present epoch.
         self.gone = self.was_gone = False
         # The last that began with a process or a jump of its clock: no earlier one is new.
         self._newest_ns: int | None = None

@@ -37,25 +37,25 @@ Reads = Literal["everything", "needed"]
 class TransformListener:
     """Fills a buffer with the transforms on the bus, and keeps it up to date.
 
-    It works on threads of its own: there is nothing to spin, and a lookup may wait anywhere.
-    The authority of a transform is the name of its stream. A message that cannot be read is dropped
-    and counted by its stream; a transform that the buffer refuses is counted there; of each the
-    first of a stream is logged.
+    It works on its own threads: there is nothing to spin, and a lookup may wait on any thread. The
+    authority of a transform is the name of its stream. A message that cannot be read is dropped and
+    counted by its stream; a transform that the buffer refuses is counted there. The first of each
+    is logged for every stream.
 
-    Frames whose publisher is gone are marked so in the buffer. With `history_s` each stream is
-    asked for its last `history_s` seconds when the listener meets it; lookups of the past with a
-    timeout wait for them. `conflicts` decides where two live publishers send one frame: "latest",
-    the last to send wins, as in tf2; "first", the first started wins; "priority", the stream with
-    the higher priority wins, then the first started.
+    Frames whose publisher is gone are marked as gone in the buffer. With `history_s`, the listener
+    queries the last `history_s` seconds of each stream when the stream appears; lookups of the past
+    with a timeout wait for them. `conflicts` decides which of two live publishers of one frame
+    wins: "latest", the last to send, as in tf2; "first", the first started; "priority", the stream
+    with the higher priority, and of equal ones the first started.
 
-    With `reads="needed"` only the streams are read that lookups in the buffer need. The first
-    lookup of two frames has to wait for their streams, so give it a `timeout_s`, or name the frames
-    in advance with `need`.
+    With `reads="needed"`, it subscribes only to the streams that lookups in the buffer need. The
+    first lookup of two frames has to wait for their streams, so give it a `timeout_s`, or name the
+    frames in advance with `need`.
 
-    With a `fleet` the robots in the namespaces below the node's are read too, and their frames
-    have the namespace in front: `robot7/base_link`.
+    With a `fleet`, it also receives the robots in the namespaces below the node's, and prefixes
+    their frames with the namespace: `robot7/base_link`.
 
-    Raises InvalidArgumentException where an argument is none of these.
+    Raises InvalidArgumentException for any other value of an argument.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class TransformListener:
     ) -> None:
         if not 0.0 <= history_s < float("inf"):
             raise InvalidArgumentException(
-                f"history_s is {history_s!r}; it is a number of seconds, 0 or more"
+                f"history_s must be a number of seconds, 0 or more, not {history_s!r}"
             )
         if reads not in get_args(Reads):
             raise InvalidArgumentException(
-                f"reads={reads!r} is not known; choose one of {', '.join(get_args(Reads))}"
+                f"reads must be one of {', '.join(get_args(Reads))}, not {reads!r}"
             )
         self.buffer = buffer
         self._node = node

@@ -1,7 +1,7 @@
 """Receiving one stream: payloads go into the buffer.
 
 A message takes the short way through `DynamicReception.receive`: read, one look at the epoch,
-inserted. Whatever is rare has methods of its own.
+inserted. Rare cases have separate methods.
 
 The lock of a stream guards its own state only, and is never held while the buffer is filled:
 callbacks for changes of the buffer may do anything. So an epoch may end while a message of it goes
@@ -353,7 +353,7 @@ class DynamicReception:
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
         next_seq = self._next_seq
         if epoch_ns != self._epoch_ns:
-            # What was sent before the first message heard was not missed.
+            # Messages sent before the first one received do not count as missed.
             self._epoch_ns, self._next_seq = epoch_ns, seq + 1
         elif seq >= next_seq:
             self.stream.counts.missed += seq - next_seq

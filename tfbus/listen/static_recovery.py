@@ -4,7 +4,7 @@ Zenoh sends retained messages to those who join, and requests lost ones again. B
 meet at once, its request may precede the route to the publisher, or the publisher's queryable may
 be lost for good (eclipse-zenoh/zenoh#2516): then no answer comes, and nothing is sent again until
 something changes. A static transform is sent once, so here the descriptions of streams are the
-check. A stream answers on two keys: each is asked in turn.
+check. A stream answers on two keys; requests alternate between them.
 """
 
 import logging

@@ -12,7 +12,7 @@ from tfbus.monitor.window import Spread, Window, spread_of
 
 _MOST_SAMPLES = 1_000
 _NO_FLOW = EdgeFlow("", "", "")
-# What `as_map` has of an edge, beside its frame.
+# What `as_map` has of an edge, besides its frame.
 _MEASURED = ("rate_hz", "jitter_s", "delays_s", "out_of_order")
 
 

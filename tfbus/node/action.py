@@ -115,7 +115,7 @@ class GoalHandle:
         self._query.close()
 
     def _answer(self, answer: dict[str, Any]) -> None:
-        # Where the client is gone or has given up, the goal itself goes on.
+        # If the client is gone or has given up, the goal itself continues.
         with suppress(BusError):
             self._query.answer(self._name, encode_map(answer))
 

@@ -63,7 +63,7 @@ class DuplicateNameWatch:
         if other.session not in self._known and is_second:
             self._known.add(other.session)
             self._log.warning(
-                "There is another node %s, on %s with pid %s: give this one a name of its own "
+                "There is another node %s, on %s with pid %s: give this one another name "
                 "(--name), or a namespace (--namespace)",
                 self._full_name,
                 other.host,

@@ -1,4 +1,4 @@
-"""What a node tells about itself, and the queries that it answers with it."""
+"""How a node describes itself, and the queries that it answers with that."""
 
 import os
 import socket

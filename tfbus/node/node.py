@@ -317,7 +317,7 @@ class Node:
         bounds = Bounds(minimum, maximum)
         return self._parameters.declare(Parameter(name, default, description, bounds, on_change))
 
-    # What it tells about itself
+    # How it describes itself
 
     @property
     def describers(self) -> list[Describer]:

@@ -170,7 +170,7 @@ class Parameters:
 
     def _set(self, parameter: Parameter, values: dict[str, Any]) -> None:
         if "value" not in values:
-            raise ParameterError("set a parameter by a map with 'value'")
+            raise ParameterError("set a parameter with a map that has 'value'")
         parameter.set(values["value"])
         self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
 

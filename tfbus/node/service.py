@@ -27,7 +27,7 @@ def submit_or_refuse(
 ) -> None:
     """Serve the query on the node's thread, or refuse it where 100 of its kind wait already."""
     if not executor.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
-        query.refuse(f"busy: {PENDING_REQUESTS} requests wait already")
+        query.refuse(f"busy: {PENDING_REQUESTS} requests are already waiting")
         query.close()
 
 

@@ -46,7 +46,7 @@ class Executor:
     """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
     The thread starts with the first callback. Exceptions of a callback are counted; the first,
-    tenth, hundredth ... is logged with its traceback, and the thread goes on.
+    tenth, hundredth ... is logged with its traceback, and the thread continues.
     """
 
     def __init__(self, name: str, log: logging.Logger):

@@ -21,7 +21,7 @@ class Region:
 
 
 class Guest(Protocol):
-    """A tab with controls, and shapes beside the frames.
+    """A tab with controls, and shapes in the scene.
 
     `title` is the name of the tab; `style` and `script` are CSS and JavaScript for its controls.
     The page calls `join` once, and then `refresh` and `draw` again and again, on one thread.

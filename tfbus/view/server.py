@@ -1,4 +1,4 @@
-"""The server of the page, made with viser: where it listens, for whom, and its theme."""
+"""The server of the page, made with viser: where it listens, who may use it, and its theme."""
 
 import contextlib
 import io

@@ -60,7 +60,7 @@ class Fleet:
     def __init__(self, shared_frames: Iterable[str] = ()) -> None:
         if isinstance(shared_frames, str):
             raise InvalidArgumentException(
-                f"shared_frames must be several names, not a text: write ({shared_frames!r},)"
+                f"shared_frames must be several names, not a str: write ({shared_frames!r},)"
             )
         self.shared_frames = frozenset(check_frame_id(frame) for frame in shared_frames)
 

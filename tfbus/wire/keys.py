@@ -143,7 +143,7 @@ def check_node_name(name: str) -> str:
     """
     if _NODE_NAME.fullmatch(name):
         return name
-    hint = ": the namespace is an option of its own (--namespace)" if "/" in name else ""
+    hint = ": give the namespace with --namespace" if "/" in name else ""
     raise InvalidNameError(
         f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
         f"and begin with a letter, a digit or '_'{hint}"

@@ -228,7 +228,7 @@ class _Driver:
 
 def _pixels(ink: bytes, size: int, background: Color) -> NDArray[np.uint8]:
     """The ink on its background. Raises ValueError or zlib.error if it is no picture."""
-    # Unpacks no more bytes than a picture of this size has.
+    # Unpacks at most the bytes of a picture of this size.
     raw = zlib.decompressobj().decompress(ink, size * size * 4)
     layer = np.frombuffer(raw, np.uint8).reshape(size, size, 4)
     paper = np.array([background.r, background.g, background.b], np.float32)

@@ -24,8 +24,8 @@ _MORE = {
 def command(shell: str | None) -> None:
     """Print the script that completes tfbus in your shell.
 
-    It completes commands, options, launch files and their arguments; and from the bus the names of
-    frames, nodes, topics, services and parameters. The default is the shell of $SHELL.
+    It completes commands, options, launch files and their arguments, and names on the bus: frames,
+    nodes, topics, services and parameters. The default is the shell of $SHELL.
     """
     shell = shell or _own_shell()
     click.echo(script(shell, click.get_current_context().find_root().command), nl=False)
@@ -36,5 +36,5 @@ def command(shell: str | None) -> None:
 def _own_shell() -> str:
     name = Path(os.environ.get("SHELL", "")).name
     if name not in SHELLS:
-        raise click.UsageError(f"which shell? Give one of {', '.join(SHELLS)}")
+        raise click.UsageError(f"$SHELL is none of {', '.join(SHELLS)}: name a shell")
     return name

@@ -87,7 +87,7 @@ def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, 
     try:
         return as_map(from_map(message_type, values))
     except DecodeError as error:
-        raise click.UsageError(f"this is no {type_name(message_type)}: {error}") from error
+        raise click.UsageError(f"not a valid {type_name(message_type)}: {error}") from error
 
 
 def read_map(text: str) -> dict[str, Any] | None:

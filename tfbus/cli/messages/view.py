@@ -70,8 +70,8 @@ def _missing(at: Any, name: str) -> str:
     if isinstance(at, list):
         return f"{name!r} is not an index of a list of {len(at)}"
     if isinstance(at, dict):
-        return f"no {name!r} there{did_you_mean(name, map(str, at), none=', nor any other')}"
-    return f"there is a value without fields, not {name!r}"
+        return f"no {name!r}{did_you_mean(name, map(str, at), none=', nor any other')}"
+    return f"the value there has no fields, so no {name!r}"
 
 
 def csv_row(value: Any) -> str:

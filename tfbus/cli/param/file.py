@@ -27,7 +27,7 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
         return content
     nodes = [name for name in (_EVERY_NODE, node, node.strip("/")) if name in content]
     if not nodes:
-        raise _mistake(file, f"has no parameters for {node}; there are: {listed(content)}")
+        raise _mistake(file, f"has no parameters for {node}; available: {listed(content)}")
     values: dict[str, Any] = {}
     for name in nodes:
         values |= _parameters(file, name, content[name])

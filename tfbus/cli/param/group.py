@@ -41,9 +41,9 @@ def command() -> None:
 
 @command.command("list", epilog="Example: tfbus param list sim")
 @click.argument("node", type=NodeName(), required=False)
-@click.option("--filter", "pattern", metavar="REGEX", help="Only names that contain a match.")
+@click.option("--filter", "pattern", metavar="REGEX", help="Print only names that contain a match.")
 @click.option("-t", "--param-type", "with_type", is_flag=True, help="Print their types too.")
-@json_option("Print a JSON object of nodes with their lists.")
+@json_option("Print a JSON object: a list of names for each node.")
 @bus_options("param")
 def list_command(
     settings: NodeSettings, node: str | None, pattern: str | None, with_type: bool, as_json: bool
@@ -153,7 +153,7 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
     """Set the parameters of NODE from a YAML file; `-` is stdin.
 
     The file is a map of parameters, or of nodes with their parameters, as `tfbus param dump` prints
-    it; `/**` is any node. Parameters that the node refuses are printed, the others set.
+    it; `/**` matches any node. Prints the parameters that the node refuses, and sets all others.
     """
     with open_bus(settings) as session:
         values = read_parameter_file(file, full_name_of(session, node))

@@ -76,16 +76,16 @@ def _info(arrival: Arrival) -> str:
     help="Print the time of arrival and the size before each message.",
 )
 @click.option("--no-arr", is_flag=True, help="Print only the lengths of lists.")
-@click.option("--no-str", is_flag=True, help="Print only the lengths of texts.")
+@click.option("--no-str", is_flag=True, help="Print only the lengths of strings.")
 @click.option(
     "-l",
     "--truncate-length",
     type=click.IntRange(min=1),
     default=128,
     show_default=True,
-    help="Cut texts and lists at this length.",
+    help="Truncate strings and lists to this length.",
 )
-@click.option("-f", "--full-length", is_flag=True, help="Cut nothing.")
+@click.option("-f", "--full-length", is_flag=True, help="Truncate nothing.")
 @click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each message.")
 @bus_options("topic")
 def echo_command(
@@ -107,11 +107,11 @@ def echo_command(
 ) -> None:
     """Print the messages of TOPIC in YAML.
 
-    Messages of the types in tfbus.messages are checked. The transforms of a stream are the topics
-    tf/STREAM and tf_static/STREAM, those of all streams tf and tf_static.
+    Messages of the types in tfbus.messages are checked. The transforms of one stream are on the
+    topics tf/STREAM and tf_static/STREAM, those of all streams on tf and tf_static.
     """
     if as_csv + as_json + raw > 1:
-        raise click.UsageError("--csv, --json and --raw exclude each other: give one")
+        raise click.UsageError("--csv, --json and --raw are mutually exclusive: give one")
     if with_info and (as_csv or as_json or raw):
         raise click.UsageError("-i is a comment in YAML: omit --csv, --json and --raw")
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)

@@ -30,9 +30,9 @@ for _each in (echo_command, hz_command, bw_command, delay_command, pub_command):
 
 @command.command("list", epilog="Example: tfbus topic list -t")
 @click.option("-t", "--show-types", is_flag=True, help="Print their types too.")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Print the numbers of publishers and subscribers."
+    "-v", "--verbose", is_flag=True, help="Print the number of publishers and subscribers."
 )
 @json_option("Print a JSON list of objects, with all publishers and subscribers.")
 @bus_options("topic")
@@ -68,7 +68,7 @@ def list_command(
 @json_option("Print a JSON object.")
 @bus_options("topic")
 def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
-    """Print the type of TOPIC, and the numbers of its publishers and subscribers."""
+    """Print the type of TOPIC, and the number of its publishers and subscribers."""
     with open_bus(settings) as session:
         info = find_topic(look(session), topic)
     if as_json:
@@ -93,7 +93,7 @@ def type_command(settings: NodeSettings, topic: str) -> None:
 
 @command.command("find", epilog="Example: tfbus topic find Pose")
 @click.argument("type_name", metavar="TYPE")
-@click.option("-c", "--count", "only_count", is_flag=True, help="Print only their number.")
+@click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @bus_options("topic")
 def find_command(settings: NodeSettings, type_name: str, only_count: bool) -> None:
     """Print the names of the topics of TYPE, one per line."""

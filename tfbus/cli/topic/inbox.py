@@ -50,7 +50,8 @@ class Inbox:
     def __exit__(self, *_: object) -> None:
         self._subscription.close()
         if self._skipped:
-            warn(f"skipped {counted(self._skipped, 'message')}, which came faster than they print")
+            skipped = counted(self._skipped, "message")
+            warn(f"skipped {skipped}, which arrived faster than they can be printed")
 
     def __iter__(self) -> Iterator[Arrival]:
         if (first := self._first()) is not None:

@@ -64,9 +64,9 @@ def _measuring(window: int) -> Callable[[F], F]:
 def hz_command(
     settings: NodeSettings, topics: tuple[str, ...], expression: str | None, **how: Any
 ) -> None:
-    """Print every second the rate of TOPIC's messages.
+    """Print the rate of TOPIC's messages, once a second.
 
-    The rate is one over the mean of the times between messages; their spread is printed too.
+    The rate is one over the mean time between messages; the spread of these times is printed too.
     """
     wanted = MessageFilter(expression) if expression else None
 
@@ -83,9 +83,9 @@ def hz_command(
 @click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")
 @_measuring(100)
 def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
-    """Print every second the bytes per second of TOPIC, and the sizes of its messages.
+    """Print the bandwidth of TOPIC and the sizes of its messages, once a second.
 
-    These are the messages alone, without what the network adds.
+    Counts the messages alone, without the network's overhead.
     """
     _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
 
@@ -93,10 +93,10 @@ def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> N
 @click.command("delay", epilog="Example: tfbus topic delay turtle1/pose")
 @_measuring(10_000)
 def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
-    """Print every second the age of TOPIC's messages when they arrive, by their stamps.
+    """Print the age of TOPIC's messages on arrival, by their stamps, once a second.
 
-    The stamp is the field stamp_ns of the message or its header; of transforms, the newest. The
-    difference between the clocks of two machines adds to it.
+    The stamp is the field stamp_ns of the message or its header; for transforms, the newest
+    stamp. A difference between the clocks of two machines adds to the age.
     """
 
     def number_of(node: "Node", topic: str) -> Meter:

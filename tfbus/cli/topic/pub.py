@@ -65,7 +65,7 @@ _ASK_AGAIN_S = 0.2
     "wait_s",
     type=POSITIVE,
     metavar="S",
-    help="Fail if they do not come within S seconds.",
+    help="Fail if there are fewer subscribers after S seconds.",
 )
 @click.option(
     "--keep-alive",
@@ -74,7 +74,7 @@ _ASK_AGAIN_S = 0.2
     default=0.1,
     metavar="S",
     show_default=True,
-    help="Stay S seconds after the last message.",
+    help="Wait S seconds after the last message before exiting.",
 )
 @click.option(
     "-p",
@@ -103,11 +103,12 @@ def pub_command(
 ) -> None:
     """Publish the message VALUES, a YAML map of fields, on TOPIC.
 
-    TYPE is a message of tfbus.messages or package.module:Name; by default the type that other nodes
-    of the topic announce. Fields are checked against it, and missing ones get their defaults.
+    TYPE is a message of tfbus.messages or package.module:Name; the default is the type that other
+    nodes announce for the topic. Fields are checked against it, and missing ones get their
+    defaults.
     """
     if once and times is not None:
-        raise click.UsageError("--once and --times exclude each other: give one")
+        raise click.UsageError("--once and --times are mutually exclusive: give one")
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching

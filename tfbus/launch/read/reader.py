@@ -127,7 +127,7 @@ class _Reading:
         if path.resolve() in self.chain:
             names = [file.name for file in self.chain]
             circle = " includes ".join([*names[self.chain.index(path.resolve()) :], path.name])
-            raise place.mistake(f"closes a circle: {circle}")
+            raise place.mistake(f"includes itself: {circle}")
         return path
 
 
@@ -173,7 +173,7 @@ def _check_no_circle(processes: Sequence[Process]) -> None:
     def visit(name: str, chain: tuple[str, ...]) -> None:
         if name in chain:
             circle = " after ".join((*chain[chain.index(name) :], name))
-            raise by_name[name].place.mistake(f"waits for itself in a circle: {circle}")
+            raise by_name[name].place.mistake(f"waits for itself: {circle}")
         if name in done or name not in by_name:
             return
         for awaited in by_name[name].after:

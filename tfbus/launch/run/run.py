@@ -81,7 +81,7 @@ def _take_signals(supervisor: Supervisor) -> None:
             supervisor.hurry(_REASONS[number])
 
     for number in _REASONS:
-        # nohup ignores SIGHUP: its program goes on without the terminal.
+        # nohup ignores SIGHUP: its program continues without the terminal.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             loop.add_signal_handler(number, on_signal, number)
 

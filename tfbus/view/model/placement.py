@@ -68,7 +68,7 @@ def _why(buffer: Buffer, fixed_frame: str, name: str, stamp_ns: int | None) -> s
         buffer.lookup_transform(fixed_frame, name, stamp_ns)
     except TransformException as error:
         return str(error)
-    return "it has only just come"
+    return "it has only just arrived"
 
 
 def arrow_rows(

@@ -70,7 +70,7 @@ def load_settings(path: Path) -> ViewSettings:
         raise SettingsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values
     if not isinstance(values, dict):
-        raise SettingsError(f"{path} is not a map of settings; there are: {', '.join(_FIELDS)}")
+        raise SettingsError(f"{path} is not a map of settings; available: {', '.join(_FIELDS)}")
     try:
         return ViewSettings(**{name: _read(name, value) for name, value in values.items()})
     except SettingsError as error:

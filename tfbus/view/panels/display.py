@@ -88,7 +88,7 @@ class DisplayPanel:
             except PatternError as error:
                 found.append(
                     f'<div class="tf tf-alarm" role="alert">{_PATTERNS[name][0]}: '
-                    f"{escape(str(error))}. The former filter still holds.</div>"
+                    f"{escape(str(error))}. The previous filter stays in effect.</div>"
                 )
         return "".join(found)
 

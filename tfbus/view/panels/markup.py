@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from tfbus.frames.state import State
 
-# One sign per state, told apart by shape alone.
+# One sign per state; their shapes alone distinguish them.
 _SIGNS: dict[State, str] = {
     "dynamic": "●",
     "static": "■",

@@ -1,4 +1,4 @@
-"""The panel beside the scene: its headline, the time, and a tab for each kind of question."""
+"""The panel next to the scene: its headline, the time, and a tab for each kind of question."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -90,7 +90,7 @@ def facts(frame: ViewFrame, now_ns: int) -> str:
 
 
 def explained(frame: ViewFrame) -> str:
-    """A frame's state, and why; a conflict is mentioned beside gone."""
+    """A frame's state, and why; a conflict is mentioned together with gone."""
     conflict = f"conflict: sent by {' and '.join(frame.publishers)}"
     beside = f"; {conflict}" if len(frame.publishers) > 1 else ""
     return {

@@ -129,7 +129,7 @@ def _filtered(count: int, names: NameFilter) -> str:
         for word, pattern in (("Only", names.only), ("Never", names.never))
         if pattern
     )
-    return f'<div class="tf-dim">{count} left out by {patterns}</div>'
+    return f'<div class="tf-dim">{count} hidden by {patterns}</div>'
 
 
 def _nothing_selected(name: str) -> str:

@@ -17,8 +17,8 @@ _HEAD_RADIUS = 0.08
 _HEAD_LENGTH = 0.2
 
 
-# The heads of more arrows could not be told apart; without a graphics card lines are drawn ten
-# times as fast.
+# With more arrows their heads merge into each other, and without a graphics card lines are drawn
+# ten times as fast.
 MOST_ARROWS = 100
 
 

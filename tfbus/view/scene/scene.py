@@ -27,7 +27,7 @@ _SIZE = 1.0 / 10.0
 _SIZE_OF_MANY = 0.5
 _LEAST_EXTENT_M = 1.0
 
-# The grid fades out after so many of its cells.
+# The grid fades out after this many cells.
 _CELLS = 60.0
 
 

@@ -29,7 +29,7 @@ docs-api: $(VENV)/dev.stamp
 bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python -m benchmarks $(ARGS)
 
-$(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml $(wildcard setup.py tfbus/*/*.p*)
+$(VENV)-bench/bench.stamp: benchmarks/requirements.txt pyproject.toml setup.py $(shell find tfbus nodes -name '*.p*')
 	for python in python3.13 ~/.pyenv/versions/3.13.*/bin/python python3.12 \
 	  ~/.pyenv/versions/3.12.*/bin/python $(PYTHON); do \
 	  $$python -c '' 2>/dev/null && break; done; $$python -m venv $(VENV)-bench
@@ -45,7 +45,7 @@ clean:
 # An extra of pyproject.toml, installed: demo.stamp stands for [sim,view], dev.stamp for [dev].
 $(VENV)/demo.stamp: EXTRA := sim,view
 $(VENV)/dev.stamp: EXTRA := dev
-$(VENV)/%.stamp: pyproject.toml | $(BIN)/python
+$(VENV)/%.stamp: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'
 	touch $@
 

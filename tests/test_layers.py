@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 import sys
 from pathlib import Path
 
@@ -53,6 +54,19 @@ def imports(path: Path) -> set[str]:
     return found
 
 
+def is_relative(path: Path) -> bool:
+    """Whether a file imports anything relatively."""
+    nodes = ast.walk(ast.parse(path.read_text()))
+    return any(isinstance(node, ast.ImportFrom) and node.level for node in nodes)
+
+
+def packages_used(path: Path) -> set[str]:
+    """What is directly below tfbus/ of all that a source file, or a .pxd file, imports."""
+    if path.suffix == ".pxd":
+        return set(re.findall(r"^\s*(?:from|cimport) tfbus\.(\w+)", path.read_text(), re.M))
+    return {parts[1] for name in imports(path) if (parts := name.split("."))[0] == "tfbus"}
+
+
 def libraries(path: Path) -> set[str]:
     """The top-level packages that a file imports."""
     return {name.partition(".")[0] for name in imports(path)}
@@ -69,14 +83,41 @@ def test_every_package_has_a_storey_and_says_its_job() -> None:
         assert said and len(said.split("\n\n")[0].splitlines()) <= 2, folder
 
 
-@pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))
+COMPILED = sorted((ROOT / "tfbus").rglob("*.pxd"))
+assert COMPILED
+
+
+@pytest.mark.parametrize("path", LIBRARY + COMPILED, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_downwards(path: Path) -> None:
-    """A file imports its own package and packages of lower storeys; equals never."""
+    """A file imports its own package and packages of lower storeys, by their full names."""
     own = package_of(path)
-    used = {parts[1] for name in imports(path) if (parts := name.split("."))[0] == "tfbus"} & {
-        *RANK
-    }
-    assert {other for other in used - {own} if RANK[other] >= RANK[own]} == set()
+    used = packages_used(path)
+    assert used <= {*RANK, "nodes"}, "the library does not import tfbus's own public names"
+    assert {other for other in used - {own} if RANK.get(other, 99) >= RANK[own]} == set()
+    assert path.suffix == ".pxd" or not is_relative(path)
+
+
+@pytest.mark.parametrize(
+    "halves",
+    [("launch/read", "launch/run"), ("view/model", "view/scene"), ("view/model", "view/panels")],
+)
+def test_halves_do_not_know_each_other(halves: tuple[str, str]) -> None:
+    """Reading a launch file knows nothing of running it, the view's model nothing of the page."""
+    lower, upper = halves
+    used = {name for path in sources(f"tfbus/{lower}") for name in imports(path)}
+    assert not [name for name in used if name.startswith(f"tfbus.{upper.replace('/', '.')}.")]
+
+
+def test_the_architecture_page_has_these_storeys() -> None:
+    """The table of docs/internals/architecture.md is that of this file."""
+    page = (ROOT / "docs" / "internals" / "architecture.md").read_text()
+    rows = re.findall(r"^\| (\d*) ?\| `(\w+)` \|", page, re.M)
+    told: dict[str, int] = {}
+    storey = 0
+    for number, package in rows:
+        storey = int(number) if number else storey
+        told[package] = storey
+    assert told == {package: rank + 1 for package, rank in RANK.items()}
 
 
 def test_only_the_bus_imports_zenoh() -> None:
@@ -103,7 +144,14 @@ def test_the_library_knows_no_node(path: Path) -> None:
 
 
 # What nodes may use: what any other package could.
-DOORS = ("tfbus", "tfbus.messages", "tfbus.command", "tfbus.frames", "tfbus.view")
+DOORS = (
+    "tfbus",
+    "tfbus.messages",
+    "tfbus.wording",
+    "tfbus.command",
+    "tfbus.frames",
+    "tfbus.view",
+)
 
 
 @pytest.mark.parametrize("path", sources("nodes"), ids=lambda path: str(path.relative_to(ROOT)))

@@ -19,7 +19,7 @@ def injured(bus: Bus, request: pytest.FixtureRequest) -> Iterator[InjuredHosts]:
     seed = request.config.getoption("--fault-seed")
     if seed is None:
         seed = random.randrange(1_000_000)
-    print(f"pytest tests/test_faults.py --fault-seed {seed}")
+    print(f"pytest tests/hosts/test_faults.py --fault-seed {seed}")
     world = InjuredHosts(bus, seed)
     yield world
     bus.close()

@@ -1,6 +1,6 @@
 """Spoilt and random payloads through the real decoder and a listener's reception.
 
-    python tests/fuzz_transforms.py --seconds 60 [--seed N] [--payloads 1000000]
+    python tests/processes/fuzz_transforms.py --seconds 60 [--seed N] [--payloads 1000000]
 
 The seed is printed; with it and the same number of payloads all of them come again. For each
 payload it holds that nothing is raised, that the fast way to read it finds what the other one

@@ -1,6 +1,6 @@
 """The real tf2 as a process: Debian's C++ core, under Debian's own Python. Not a test itself.
 
-    /usr/bin/python3 tests/tf2_oracle.py < cases > answers
+    /usr/bin/python3 tests/tf2/oracle.py < cases > answers
 
 One line in is one case in JSON: {"cache_time_s": 10.0, "epoch_ns": 0, "steps": [...]}, put to a
 buffer of its own. One line out is the answers, one for each step:

@@ -1,6 +1,6 @@
 """What can be put to both tfbus and tf2, one step at a time. Not a test itself.
 
-A step knows how to put itself to a `tfbus.Buffer`, how to tell itself to tests/tf2_oracle.py, and
+A step knows how to put itself to a `tfbus.Buffer`, how to tell itself to tests/tf2/oracle.py, and
 how to write itself down as Python. Both sides answer with an `Answer`.
 """
 
@@ -239,7 +239,7 @@ class Clear(Step):
 
 
 def read_answer(answer: list[Any]) -> Answer:
-    """An answer of tests/tf2_oracle.py."""
+    """An answer of tests/tf2/oracle.py."""
     match answer:
         case ["transform", stamp_ns, [*pose]]:
             return Answer("transform", stamp_ns, tuple(pose))

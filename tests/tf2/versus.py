@@ -58,7 +58,7 @@ def tf2() -> Iterator["Oracle"]:
 
 
 class Oracle:
-    """The process of tests/tf2_oracle.py."""
+    """The process of tests/tf2/oracle.py."""
 
     def __init__(self, process: subprocess.Popen[str]):
         self._process = process

@@ -52,4 +52,4 @@ class Guest(Protocol):
 
     @property
     def region(self) -> Region | None:
-        """What a browser styling at first; None while the guest shows nothing."""
+        """What a browser looks at first; None while the guest shows nothing."""

@@ -78,11 +78,16 @@ RECORDED: dict[str, tuple[Buffer, list[StreamInfo], Faults]] = {
         [replace(ARM, alive=False), LEFT, RIGHT],
         ("gone", "conflict"),
     ),
-    "clock behind": (buffer_of(newest_s=HOUR_S), [replace(ARM, delay_s=HOUR_S)], ()),
-    "clock ahead": (buffer_of(newest_s=-HOUR_S), [replace(ARM, delay_s=-HOUR_S)], ()),
+    "clock behind": (buffer_of(newest_s=HOUR_S), [replace(ARM, last_delay_s=HOUR_S)], ()),
+    "clock ahead": (buffer_of(newest_s=-HOUR_S), [replace(ARM, last_delay_s=-HOUR_S)], ()),
+    "clock stepped, the mean delay lags behind": (
+        buffer_of(newest_s=HOUR_S),
+        [replace(ARM, delay_s=0.1 * HOUR_S, last_delay_s=HOUR_S)],
+        (),
+    ),
     "clock ahead, stale": (
         buffer_of(newest_s=5.0 - HOUR_S),
-        [replace(ARM, delay_s=-HOUR_S, clock_offset_s=HOUR_S)],
+        [replace(ARM, last_delay_s=-HOUR_S, clock_offset_s=HOUR_S)],
         ("stale",),
     ),
     "clock ahead, stale, only history heard": (

@@ -92,6 +92,7 @@ class StreamReception:
                 self.counts.outdated += 1
             else:
                 self._marks.invalidate()
+                self.counts.forget_delays()
             if verdict is Verdict.TAKEOVER:
                 self.statics.accept_any()
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:

@@ -164,7 +164,7 @@ class StreamWatch:
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
             elif answers:
                 self._take_back(key)
-            return bool(answers)
+            return bool(answers if epoch_ns is None else readable)
 
         def on_unanswered(turn: int) -> None:
             if turn >= _PATIENCE:

@@ -96,3 +96,19 @@ def test_an_answer_of_another_epoch_does_not_settle_the_wanted_one(questions: Qu
     asked = len(questions.asked_at_s)
     questions.run(100.0)
     assert len(questions.asked_at_s) == asked
+
+
+@pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])
+def test_a_stream_that_is_back_has_time_to_describe_itself(
+    questions: Questions, takes_s: float, least_s: float, most_s: float
+) -> None:
+    """Its old description stands only when several questions have ended without a new one."""
+    questions.takes_s = takes_s
+    questions.token(KEY, False)
+    questions.token(KEY, True)
+    questions.run(least_s)
+    assert not questions.is_alive()
+    # A lost question is not waited for.
+    assert questions.asked_at_s[1] <= 0.6
+    questions.run(most_s)
+    assert questions.is_alive()

@@ -70,7 +70,7 @@ class Questions:
 
     def epoch_ns(self) -> int | None:
         now = self.watch.streams()["sim"].description
-        return now and now.epoch
+        return None if now is None else now.epoch
 
 
 @pytest.fixture

@@ -54,9 +54,8 @@ def test_rates_are_in_real_time_where_a_simulated_clock_stands_still(bus: Bus) -
         broadcaster.send_transform(TransformStamped(sent, "world", "base", Transform.identity()))
         return next((flow for flow in meter.edges() if flow.rate_hz), None)
 
-    flow = eventually(send)
+    eventually(send)
     assert 0.0 < meter.stream("robot").messages_hz <= sent / (time.monotonic() - began_s) * 1.5
-    assert flow.rate_hz is not None
 
 
 def test_without_samples_nothing_is_measured(bus: Bus) -> None:

@@ -111,7 +111,7 @@ def test_a_watch_knows_which_nodes_are_alive(bus: Bus) -> None:
     bus.node("second", namespace="robot7")
     assert watch.wait("/robot7/second", timeout_s=10)
     first.close()
-    eventually(lambda: not watch.is_present("/first"))
+    eventually(lambda: not watch.wait("/first", timeout_s=0))
     watch.close()
 
 

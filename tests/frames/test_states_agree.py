@@ -26,6 +26,7 @@ from tfbus.frames.state import stale_after_s, state
 from tfbus.frames.text import tree_lines
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.report import Report
+from tfbus.runtime.clock import SimulatedClock
 from tfbus.top.rows import frames_table
 from tfbus.view.model.shown_frames import frames_of
 from tfbus.view.panels import text
@@ -78,11 +79,16 @@ RECORDED: dict[str, tuple[Buffer, list[StreamInfo], Faults]] = {
         [replace(ARM, alive=False), LEFT, RIGHT],
         ("gone", "conflict"),
     ),
-    "clock behind": (buffer_of(newest_s=HOUR_S), [replace(ARM, delay_s=HOUR_S)], ()),
-    "clock ahead": (buffer_of(newest_s=-HOUR_S), [replace(ARM, delay_s=-HOUR_S)], ()),
+    "clock behind": (buffer_of(newest_s=HOUR_S), [replace(ARM, last_delay_s=HOUR_S)], ()),
+    "clock ahead": (buffer_of(newest_s=-HOUR_S), [replace(ARM, last_delay_s=-HOUR_S)], ()),
+    "clock stepped, the mean delay lags behind": (
+        buffer_of(newest_s=HOUR_S),
+        [replace(ARM, delay_s=0.1 * HOUR_S, last_delay_s=HOUR_S)],
+        (),
+    ),
     "clock ahead, stale": (
         buffer_of(newest_s=5.0 - HOUR_S),
-        [replace(ARM, delay_s=-HOUR_S, clock_offset_s=HOUR_S)],
+        [replace(ARM, last_delay_s=-HOUR_S, clock_offset_s=HOUR_S)],
         ("stale",),
     ),
     "clock ahead, stale, only history heard": (
@@ -145,6 +151,14 @@ def test_all_say_the_same_of_what_was_recorded(name: str) -> None:
     """Given the same buffer and streams, in every state."""
     buffer, streams, faults = RECORDED[name]
     assert said_by_all(frame_tree(buffer, streams, NOW_NS), buffer) == faults
+
+
+def test_the_offset_of_a_clock_does_not_count_under_simulated_time() -> None:
+    """The stamps are of the simulated clock, whatever the clock of the publisher's host."""
+    buffer = buffer_of()
+    buffer.clock = SimulatedClock()
+    streams = [replace(ARM, clock_offset_s=HOUR_S)]
+    assert said_by_all(frame_tree(buffer, streams, NOW_NS), buffer) == ()
 
 
 def test_a_root_is_a_root() -> None:

@@ -337,7 +337,7 @@ def test_an_error_does_not_end_an_interest(caplog: pytest.LogCaptureFixture) -> 
     interest.close()
     assert failures == ["tf/wheels"] * 2
     assert [record.getMessage() for record in caplog.records] == [
-        "Could not subscribe to what lookups need; retrying"
+        "Could not subscribe to what lookups need; retrying. Further ones are counted, not logged"
     ]
 
 

@@ -21,6 +21,15 @@ def test_messages_are_counted(received: Received) -> None:
     assert stream.counts.delay_s == 1.0
     received.send(at(1, "robot", 9 * S))
     assert stream.counts.delay_s == pytest.approx(0.9)
+    assert stream.counts.last_delay_s == 0.0
+
+
+def test_a_new_epoch_has_delays_of_its_own(received: Received) -> None:
+    """A restarted publisher may be on a host with another clock."""
+    received.send(at(1, "robot", 8 * S))
+    received.send(at(1, "robot", 2 * S), epoch_ns=2)
+    counts = received.stream.counts
+    assert (counts.delay_s, counts.last_delay_s) == (7.0, 7.0)
 
 
 def test_what_was_sent_before_the_first_message_heard_is_not_missed(received: Received) -> None:

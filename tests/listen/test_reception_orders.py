@@ -99,7 +99,7 @@ class Orders(RuleBasedStateMachine):
         gone = {info.name for info in self.buffer.all_frames() if info.gone}
         held = set(self.buffer.sent_by("sim"))
         epoch, listed = self.listed
-        if self.stream.gone:
+        if self.stream.epochs.gone:
             assert gone == held
         elif epoch == self.stream.epoch_ns:
             assert gone.isdisjoint(listed)

@@ -1,6 +1,8 @@
 """Static transforms that are listed and have not come are requested until they come."""
 
+import gc
 import logging
+import weakref
 from collections.abc import Callable
 from typing import cast
 
@@ -179,3 +181,22 @@ def test_a_stream_that_is_gone_or_not_read_is_not_asked(
         asked.recovery.close()
     asked.no_answer_comes()
     assert len(asked.keys) == 1
+
+
+@pytest.mark.parametrize("end", ["answered", "gone", "left"])
+def test_what_is_over_is_forgotten(asked: Asked, received: Received, end: str) -> None:
+    """A listener holds nothing of streams whose questions have ended."""
+    forgotten = weakref.ref(received.stream)
+    list_static(received, "post")
+    check(asked, received)
+    if end == "answered":
+        asked.on_answer(Answer("tf_static/sim", payload([at(3, "post")])))
+    elif end == "gone":
+        received.stream.vanish()
+    else:
+        asked.recovery.leave("sim")
+    asked.no_answer_comes()
+    del asked.on_answer, asked.on_end, received.stream, received.key
+    asked.later, asked.impatient = None, lambda: None
+    gc.collect()
+    assert forgotten() is None

@@ -1,6 +1,7 @@
 """The meter of transforms: what it measures of edges and streams on a live bus."""
 
 import math
+import time
 
 from tests.live_bus import Bus, eventually
 from tfbus import Transform, TransformBroadcaster, TransformStamped
@@ -38,6 +39,23 @@ def test_an_edge_has_its_gap_order_and_delays(bus: Bus) -> None:
     assert flow().rate_hz is not None
     assert meter.stream("robot").messages_hz > 0.0
     assert 100 < meter.largest["robot"] < 1000
+
+
+def test_rates_are_in_real_time_where_a_simulated_clock_stands_still(bus: Bus) -> None:
+    """A paused clock makes neither rates without end nor a recent past without end."""
+    node = bus.node("meter", sim_time=True)
+    meter, began_s = TransformMeter(node), time.monotonic()
+    broadcaster = TransformBroadcaster(bus.node("robot"))
+    sent = 0
+
+    def send() -> EdgeFlow | None:
+        nonlocal sent
+        sent += 1
+        broadcaster.send_transform(TransformStamped(sent, "world", "base", Transform.identity()))
+        return next((flow for flow in meter.edges() if flow.rate_hz), None)
+
+    eventually(send)
+    assert 0.0 < meter.stream("robot").messages_hz <= sent / (time.monotonic() - began_s) * 1.5
 
 
 def test_without_samples_nothing_is_measured(bus: Bus) -> None:

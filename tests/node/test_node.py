@@ -62,6 +62,18 @@ def wait_until_heard(publisher_node: Node, key: str) -> None:
     querier.undeclare()  # type: ignore[no-untyped-call]  # Zenoh's stubs
 
 
+def test_describers_add_to_the_description(node: Node) -> None:
+    """What several return for a field is joined; the fields that are always sent come first."""
+    before = list(node.describe())
+    assert before[6:9] == ["streams", "unread", "buffers"]
+    assert before[9:] == ["parameters", "publishes", "subscribes", "serves", "calls"]
+    node.describers.append(lambda: {"streams": ["a"], "cameras": ["left"]})
+    node.describers.append(lambda: {"streams": ["b"]})
+    described = node.describe()
+    assert (described["streams"], described["cameras"]) == (["a", "b"], ["left"])
+    assert described["unread"] == []
+
+
 class TestTopics:
     def test_a_message_arrives_as_it_was_sent(self, node: Node, other: Node) -> None:
         """What one node publishes, another one's subscription is called back with."""

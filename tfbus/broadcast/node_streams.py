@@ -6,6 +6,7 @@ from typing import Any
 from tfbus.broadcast.stream import Stream
 from tfbus.node.node import Node
 
+# Held only while a node's streams are looked up, never while one declares itself.
 _lock = threading.Lock()
 
 
@@ -13,24 +14,27 @@ class NodeStreams:
     """The streams of one node; it finds them again among the node's describers."""
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._by_name: dict[str, Stream] = {}
 
     @classmethod
     def of(cls, node: Node) -> "NodeStreams":
-        """The streams of the node, made at the first call; hold the lock."""
-        found = next((each for each in node.describers if isinstance(each, cls)), None)
-        if found is None:
-            found = cls()
-            node.describers.append(found)
-        return found
+        """The streams of the node, made at the first call."""
+        with _lock:
+            found = next((each for each in node.describers if isinstance(each, cls)), None)
+            if found is None:
+                found = cls()
+                node.describers.append(found)
+            return found
 
     def get(self, node: Node, name: str) -> Stream:
-        """The node's stream of this name, made at the first call; hold the lock."""
-        if name not in self._by_name:
-            self._by_name[name] = Stream(
-                name, node.full_name, node.started_ns, node.session, node.executor, node.log
-            )
-        return self._by_name[name]
+        """The node's stream of this name, made at the first call."""
+        with self._lock:
+            if name not in self._by_name:
+                self._by_name[name] = Stream(
+                    name, node.full_name, node.started_ns, node.session, node.executor, node.log
+                )
+            return self._by_name[name]
 
     def __call__(self) -> dict[str, list[Any]]:
         """The streams in the node's description of itself."""
@@ -43,5 +47,4 @@ class NodeStreams:
 
 def stream_of_node(node: Node, name: str | None = None) -> Stream:
     """The stream of this name that the node publishes; of the node's own name where it is None."""
-    with _lock:
-        return NodeStreams.of(node).get(node, name or node.name)
+    return NodeStreams.of(node).get(node, name or node.name)

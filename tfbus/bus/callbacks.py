@@ -14,6 +14,8 @@ from typing import Any
 
 import zenoh
 
+from tfbus.runtime.log_once import LogOnce
+
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64
 
@@ -26,7 +28,7 @@ class Callbacks:
     """
 
     def __init__(self, log: logging.Logger) -> None:
-        self._log = log
+        self._once = LogOnce(log)
         self._is_muted = False
 
     def mute(self) -> None:
@@ -61,15 +63,12 @@ class Callbacks:
         return call
 
     def _reporter(self, what: str) -> Callable[[], None]:
-        failures = 0
+        # A key may have several callbacks.
+        kind = object()
 
         def report() -> None:
-            nonlocal failures
-            failures += 1
-            if failures == 1 and not self._is_muted:
-                self._log.exception(
-                    "Could not handle the %s. Further failures are not logged", what
-                )
+            if not self._is_muted:
+                self._once.exception(kind, "Could not handle the %s", what)
 
         return report
 

@@ -100,11 +100,6 @@ class NodeWatch:
         """End the watch."""
         self._subscriber.close()
 
-    def is_present(self, name: str) -> bool:
-        """Whether the node of this full name is alive."""
-        with self._changed:
-            return name in self._present
-
     def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
         """Wait for the node of this full name, at most `timeout_s`; whether it is alive."""
         with self._changed:

@@ -44,7 +44,8 @@ def examine(
         host = examine_host(settings, len(node.session.routers()))
         buffer = Buffer(_HISTORY_S)
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
-            meter = TransformMeter(node, fleet, recent_s=math.inf)
+            # Rates are compared with those by the stamps.
+            meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
             listened_s = _listen(node, listen_s)
             return Examination(
                 settings,

@@ -8,6 +8,7 @@ from typing import Literal
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.listen.info import StreamInfo
+from tfbus.runtime.clock import Clock
 from tfbus.wire.fleet import shared_name
 from tfbus.wording import counted, listed
 
@@ -34,12 +35,13 @@ class Problem:
 @dataclass(frozen=True)
 class FrameTree:
     """All frames and all streams by name, as they were at `recorded_ns` (ns since the Unix epoch,
-    by the listener's clock).
+    by the listener's clock, which is simulated or the system's).
     """
 
     frames: Mapping[str, FrameInfo]
     streams: Mapping[str, StreamInfo]
     recorded_ns: int
+    is_simulated: bool = False
 
     @cached_property
     def trees(self) -> list[list[tuple[int, FrameInfo]]]:
@@ -177,7 +179,9 @@ class FrameTree:
 def frame_tree(buffer: Buffer, streams: Iterable[StreamInfo], recorded_ns: int) -> FrameTree:
     """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock."""
     frames = {frame.name: frame for frame in buffer.all_frames()}
-    return FrameTree(frames, {stream.name: stream for stream in streams}, recorded_ns)
+    is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
+    by_name = {stream.name: stream for stream in streams}
+    return FrameTree(frames, by_name, recorded_ns, is_simulated)
 
 
 def who(stream: StreamInfo) -> str:

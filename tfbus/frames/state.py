@@ -11,14 +11,14 @@
   rate, for longer than 3 s.
 - *dynamic*: its samples come.
 
-Silence is the time since a sample arrived: the age of the newest stamp, less the delay at which
-the stream's samples arrive. A skewed clock, or a replay with old stamps, changes both alike, so
-that a frame whose samples keep coming is not stale. Before a live message gives the delay, the
-measured offset of the publisher's clock takes its place. Both come with every snapshot of the
-streams. Arrivals noted frame by frame would be known to long-running tools only: to `tfbus frames`,
-which listens for a second, a frame that stopped long ago arrives with the history just now. The
-price: the delay is that of a whole stream, and a frame whose stamps lag behind the others of its
-stream counts as silent for the difference.
+Silence is the time since a sample arrived: the age of the newest stamp, less the delay of the
+stream's last message. A skewed clock, or a replay with old stamps, changes both alike, so that a
+frame whose samples keep coming is not stale. Before a live message gives the delay, the measured
+offset of the publisher's clock takes its place, except under simulated time, which is no system's.
+Both come with every snapshot of the streams. Arrivals noted frame by frame would be known to
+long-running tools only: to `tfbus frames`, which listens for a second, a frame that stopped long
+ago arrives with the history just now. The price: the delay is that of a whole stream, and a frame
+whose stamps lag behind the others of its stream counts as silent for the difference.
 """
 
 from typing import Literal
@@ -65,10 +65,12 @@ def silent_s(tree: FrameTree, frame: FrameInfo) -> float | None:
     if age_s is None:
         return None
     stream = tree.publisher(frame)
-    if stream.delay_s is not None:
-        return age_s - stream.delay_s
+    if stream.last_delay_s is not None:
+        return age_s - stream.last_delay_s
+    if tree.is_simulated or stream.clock_offset_s is None:
+        return age_s
     # A clock ahead of ours makes a sample look younger than it is.
-    return age_s + (stream.clock_offset_s or 0.0)
+    return age_s + stream.clock_offset_s
 
 
 def stale_after_s(frame: FrameInfo) -> float:

@@ -22,6 +22,7 @@ class Counts:
     excluded: int = 0
     last_heard_ns: int | None = None
     delay_s: float | None = None
+    last_delay_s: float | None = None
 
     def add(self, transforms: int, size: int) -> None:
         """Count one message of `transforms` rows and `size` bytes."""
@@ -30,6 +31,11 @@ class Counts:
         self.bytes += size
 
     def add_delay(self, delay_s: float) -> None:
-        """Take the delay of one message into the mean."""
+        """Take the delay of one message, also into the mean."""
+        self.last_delay_s = delay_s
         former_s = delay_s if self.delay_s is None else self.delay_s
         self.delay_s = former_s + _SMOOTHING * (delay_s - former_s)
+
+    def forget_delays(self) -> None:
+        """Forget the delays: a new epoch may be by another clock."""
+        self.delay_s = self.last_delay_s = None

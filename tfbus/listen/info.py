@@ -19,8 +19,8 @@ class StreamInfo:
     were dropped, since another publisher has priority for their frame. `last_heard_ns` is when the
     last message came, by the system's clock, in ns since the Unix epoch. `delay_s` is how old a
     transform is when it comes, by its stamp and our clock, smoothed over about ten messages.
-    `clock_offset_s` is how far the publisher's clock is ahead of ours. All three are None while
-    they are not known.
+    `clock_offset_s` is how far the publisher's clock is ahead of ours. `last_delay_s` is the delay
+    of the last message, not smoothed. All four are None while they are not known.
     """
 
     name: str
@@ -42,6 +42,7 @@ class StreamInfo:
     last_heard_ns: int | None = None
     delay_s: float | None = None
     clock_offset_s: float | None = None
+    last_delay_s: float | None = None
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:

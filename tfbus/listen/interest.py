@@ -18,6 +18,7 @@ from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
 from tfbus.listen.watch import StreamState
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,
@@ -121,7 +122,7 @@ class Interest:
         self._forget = forget
         self._kept_s = kept_s
         self._clock = clock
-        self._log = log
+        self._once = LogOnce(log)
         # Guards the questions and the tree; only the buffer is called while it is held.
         self._lock = threading.Lock()
         self._tree = DescribedTree(self._parent_here)
@@ -129,7 +130,6 @@ class Interest:
         self._asked: dict[Pair, _Question] = {}
         self._subscriptions: dict[str, _Subscription] = {}
         self._closed = False
-        self._has_failed = False
         self._changed = threading.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
         self._thread = threading.Thread(target=self._run, name="interest", daemon=True)
@@ -241,14 +241,9 @@ class Interest:
             except BusError:
                 return  # the session is closed
             except Exception:
-                self._log_failure()
+                self._once.exception("failed", "Could not subscribe to what lookups need; retrying")
             self._changed.wait(max(next_round - self._clock(), 0.0))
             self._changed.clear()
-
-    def _log_failure(self) -> None:
-        if not self._has_failed:
-            self._has_failed = True
-            self._log.exception("Could not subscribe to what lookups need; retrying")
 
     def _forget_questions(self, now: float) -> None:
         """Forget lookups that were not repeated, and have the buffer report those that wait."""

@@ -72,11 +72,6 @@ class StreamReception:
         """The epoch that counts; None before the first message."""
         return self.epochs.present_ns
 
-    @property
-    def gone(self) -> bool:
-        """Whether the publisher was there and is gone, by its token."""
-        return self.epochs.gone
-
     # Every message
 
     def admit(self, epoch_ns: int, *, live: bool = False) -> bool:
@@ -92,6 +87,7 @@ class StreamReception:
                 self.counts.outdated += 1
             else:
                 self._marks.invalidate()
+                self.counts.forget_delays()
             if verdict is Verdict.TAKEOVER:
                 self.statics.accept_any()
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:

@@ -75,6 +75,10 @@ class StaticRecovery:
                     self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S
                 )
 
+        def on_over() -> None:
+            if self._asking.get(stream.name) is asking:
+                del self._asking[stream.name]
+
         asking = self._asking[stream.name] = AskUntil(
             self._executor,
             _WHAT,
@@ -82,6 +86,7 @@ class StaticRecovery:
             ask=ask,
             is_settled=lambda: not stream.lacks_statics(),
             on_unanswered=lambda turn: self._warn(stream.name, turn + 1),
+            on_over=on_over,
         )
         asking.start()
 

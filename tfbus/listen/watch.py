@@ -22,8 +22,9 @@ MOST_GONE = 1000
 # A token may come before its publisher can answer, or has anything to describe.
 _ANSWER_WITHIN_S = 2.0
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
-# One that is back, and not described again after this many pauses, is taken for the same.
-_PATIENCE = 3
+# One that is back is taken for the same if this many questions end without a description, one after
+# the other: about 1.5 s, or 12 s where each takes 2 s. Questions that overlap count as one.
+_PATIENCE = 4
 
 _WHAT = "a stream"
 
@@ -141,9 +142,26 @@ class StreamWatch:
         """
         known = self._state(key).description
         answers: list[StreamDescription | None] = []
+        asked = ended = next_to_count = 0
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
-            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+            nonlocal asked
+            asked = turn
+
+            def end() -> None:
+                on_end()
+                # After the answers of this question have been looked at.
+                self._do(lambda: count_end(turn))
+
+            ask_retained_later(self._session, key, on_answer, end, timeout_s=_ANSWER_WITHIN_S)
+
+        def count_end(turn: int) -> None:
+            nonlocal ended, next_to_count
+            if not asking.is_over and turn >= next_to_count:
+                next_to_count = asked + 1
+                ended += 1
+                if ended >= _PATIENCE:
+                    self._take_back(key)
 
         def on_answer(answer: Answer) -> None:
             if answer.refusal is None:
@@ -164,20 +182,11 @@ class StreamWatch:
                 self._take_description(key, max(readable, key=lambda answer: answer.epoch))
             elif answers:
                 self._take_back(key)
-            return bool(answers)
-
-        def on_unanswered(turn: int) -> None:
-            if turn >= _PATIENCE:
-                self._take_back(key)
+            return bool(answers if epoch_ns is None else readable)
 
         self._end_questions(key)
         asking = self._asking[key] = AskUntil(
-            self._executor,
-            _WHAT,
-            _PAUSES,
-            ask=ask,
-            is_settled=is_settled,
-            on_unanswered=on_unanswered,
+            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled
         )
         asking.start()
 

@@ -10,6 +10,7 @@ from tfbus.errors import DecodeError
 from tfbus.listen.names import StreamNames
 from tfbus.monitor.window import Spread, Window, spread_of
 from tfbus.node.node import Node
+from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import ALL_TRANSFORMS, ALL_TRANSFORMS_EVERYWHERE, stream_of
 from tfbus.wire.transforms import TransformMessage, decode_transforms
@@ -77,12 +78,21 @@ class TransformMeter:
     """Measures the dynamic transforms of a fleet, or of the node's namespace.
 
     From when it is made until the node is closed. Rates and delays are of the last `recent_s`
-    seconds, and of at most 5000 samples per edge. All times are by the node's clock.
+    seconds, and of at most 5000 samples per edge. Arrivals are timed by `clock`, real time by
+    default, since a simulated clock may stand still; delays are by the node's clock.
     """
 
-    def __init__(self, node: Node, fleet: Fleet | None = None, *, recent_s: float = RECENT_S):
+    def __init__(
+        self,
+        node: Node,
+        fleet: Fleet | None = None,
+        *,
+        recent_s: float = RECENT_S,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:
         self.largest: Counter[str] = Counter()  # message of each stream, in bytes
         self._node = node
+        self._clock = clock
         self._recent_s = recent_s
         self._since_s = self._elapsed_s()
         self._lock = threading.Lock()
@@ -118,7 +128,7 @@ class TransformMeter:
         return StreamFlow(len(arrivals_s) / over_s, sum(sizes) / over_s)
 
     def _elapsed_s(self) -> float:
-        return self._node.clock.elapsed_ns() / 1e9
+        return self._clock.elapsed_ns() / 1e9
 
     def _recent(self, window: Window) -> tuple[list[float], list[float]]:
         """The recent arrivals and numbers."""

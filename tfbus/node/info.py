@@ -13,9 +13,10 @@ from tfbus.node.endpoint import Endpoint
 from tfbus.node.parameters import Parameters
 from tfbus.runtime.version import installed_version
 from tfbus.wire.codec import encode_map
+from tfbus.wire.descriptions import FILLED_BY_OTHERS
 from tfbus.wire.keys import clock_key, node_key
 
-# Returns entries for `streams`, `unread` or `buffers` of the description.
+# Returns entries for fields of the description.
 Describer = Callable[[], Mapping[str, Sequence[Any]]]
 
 E = TypeVar("E", bound=Endpoint)
@@ -24,7 +25,7 @@ E = TypeVar("E", bound=Endpoint)
 class NodeInfo:
     """A node's description, the fields of a NodeDescription, and its system's clock, on the bus.
 
-    `describers` add what the node itself does not know: its streams and buffers.
+    `describers` add what the node itself does not know; what several return for a field is joined.
     """
 
     def __init__(
@@ -52,10 +53,10 @@ class NodeInfo:
 
     def describe(self) -> dict[str, Any]:
         """Who and where the node is, and what it has now."""
-        described: dict[str, list[Any]] = {"streams": [], "unread": [], "buffers": []}
+        described: dict[str, list[Any]] = {field: [] for field in FILLED_BY_OTHERS}
         for describe in list(self.describers):
             for field, entries in describe().items():
-                described[field].extend(entries)
+                described.setdefault(field, []).extend(entries)
         return {
             "name": self._full_name,
             "host": socket.gethostname(),

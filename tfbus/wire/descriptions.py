@@ -54,6 +54,10 @@ class NodeDescription:
     buffers: tuple[BufferDescription, ...] = ()
 
 
+# The fields that others than the node itself fill, in their order on the wire; always sent.
+FILLED_BY_OTHERS = ("streams", "unread", "buffers")
+
+
 STREAM_VERSION = 1
 
 

@@ -1,0 +1,47 @@
+"""The streams of each node."""
+
+import threading
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from tests.live_bus import DEADLINE_S
+from tfbus import Node
+from tfbus.broadcast import node_streams
+from tfbus.broadcast.node_streams import stream_of_node
+
+
+def node(name: str) -> Node:
+    """Stands in for a node, of which streams here need only a few values."""
+    unused: Any = None
+    given = {"name": name, "full_name": f"/{name}", "started_ns": 1, "describers": []}
+    return cast(Node, SimpleNamespace(**given, session=unused, executor=unused, log=unused))
+
+
+def test_nodes_do_not_wait_for_the_streams_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream may take long to declare itself; a second thread of its node waits for it."""
+    has_begun, may_end = threading.Event(), threading.Event()
+    made: list[str] = []
+
+    def stream(name: str, *_: object) -> object:
+        if name == "slow":
+            has_begun.set()
+            may_end.wait(DEADLINE_S)
+        made.append(name)
+        return object()
+
+    monkeypatch.setattr(node_streams, "Stream", stream)
+    slow = node("slow")
+    threads = [threading.Thread(target=stream_of_node, args=(slow,)) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    assert has_begun.wait(DEADLINE_S)
+    other = threading.Thread(target=stream_of_node, args=(node("other"),))
+    other.start()
+    other.join(2.0)
+    assert made == ["other"]
+    may_end.set()
+    for thread in [*threads, other]:
+        thread.join(DEADLINE_S)
+    assert made == ["other", "slow"]

@@ -1,0 +1,114 @@
+"""When a watch asks for the description of a stream, and when it stops, on a clock of the test."""
+
+import heapq
+import itertools
+from collections.abc import Callable
+from typing import Any, cast
+
+import pytest
+
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.listen import watch
+from tfbus.listen.watch import StreamWatch
+from tfbus.runtime.executor import Executor
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import StreamDescription
+
+KEY = "@tfbus/stream/sim"
+
+
+def description(epoch_ns: int) -> StreamDescription:
+    return StreamDescription(1, "/sim", epoch_ns, ())
+
+
+class Questions:
+    """A watch, and in the place of the bus questions that take `takes_s` seconds each."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.takes_s = 0.0
+        self.answers: list[bytes] = []
+        self.asked_at_s: list[float] = []
+        self.now_s = 0.0
+        self._order = itertools.count()
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self.token: Callable[[str, bool], None]
+        self.describe: Callable[[str, bytes], None]
+        monkeypatch.setattr(watch, "ask_retained_later", self.ask)
+        monkeypatch.setattr(watch, "declare_retained_subscriber", self.subscribe)
+        self.watch = StreamWatch(
+            cast(Session, self), lambda state: None, executor=cast(Executor, self)
+        )
+
+    def subscribe(self, session: Session, key: str, callback: Callable[[str, bytes], None]) -> None:
+        self.describe = callback
+
+    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> None:
+        self.token = callback
+
+    def ask(self, session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
+        self.asked_at_s.append(self.now_s)
+        for answer in self.answers:
+            on_answer(Answer(key, answer))
+        self.after(self.takes_s, on_end)
+
+    def submit(self, what: str, job: Callable[[], None]) -> None:
+        self.after(0.0, job)
+
+    def after(self, delay_s: float, job: Callable[[], None]) -> None:
+        heapq.heappush(self._due, (self.now_s + delay_s, next(self._order), job))
+
+    def run(self, end_s: float) -> None:
+        """Let the time go by until then."""
+        while self._due and self._due[0][0] <= end_s:
+            self.now_s, _, job = heapq.heappop(self._due)
+            job()
+        self.now_s = end_s
+
+    def is_alive(self) -> bool:
+        return self.watch.streams()["sim"].alive
+
+    def epoch_ns(self) -> int | None:
+        now = self.watch.streams()["sim"].description
+        return None if now is None else now.epoch
+
+
+@pytest.fixture
+def questions(monkeypatch: pytest.MonkeyPatch) -> Questions:
+    questions = Questions(monkeypatch)
+    questions.token(KEY, True)
+    questions.describe(KEY, encode_message(description(7)))
+    questions.run(0.0)
+    assert (questions.is_alive(), questions.epoch_ns()) == (True, 7)
+    return questions
+
+
+def test_an_answer_of_another_epoch_does_not_settle_the_wanted_one(questions: Questions) -> None:
+    """The other process may answer first, while the question is open."""
+    questions.takes_s = 2.0
+    questions.answers = [encode_message(description(7))]
+    questions.watch.ask_again(KEY, 5)
+    questions.run(3.0)
+    assert questions.epoch_ns() == 7
+    questions.answers.append(encode_message(description(5)))
+    questions.run(20.0)
+    assert questions.epoch_ns() == 5
+    asked = len(questions.asked_at_s)
+    questions.run(100.0)
+    assert len(questions.asked_at_s) == asked
+
+
+@pytest.mark.parametrize(("takes_s", "least_s", "most_s"), [(0.0, 1.0, 2.0), (2.0, 9.5, 12.5)])
+def test_a_stream_that_is_back_has_time_to_describe_itself(
+    questions: Questions, takes_s: float, least_s: float, most_s: float
+) -> None:
+    """Its old description stands only when several questions have ended without a new one."""
+    questions.takes_s = takes_s
+    questions.token(KEY, False)
+    questions.token(KEY, True)
+    questions.run(least_s)
+    assert not questions.is_alive()
+    # A lost question is not waited for.
+    assert questions.asked_at_s[1] <= 0.6
+    questions.run(most_s)
+    assert questions.is_alive()

@@ -95,7 +95,7 @@ def test_each_pair_is_reported_once() -> None:
     assert isinstance(conflict, Conflict)
     assert (conflict.first.stream, conflict.other.stream) == ("b", "a")
     assert conflict.frames == ("arm", "robot")
-    assert str(conflict.other) == "'a' of /n (host h, pid 2)"
+    assert str(conflict.other) == "'a' of /node (host h, pid 2)"
     claims.update("a", None)
     assert claims.news(claims.update("a", described("robot", epoch=3))) == []
 

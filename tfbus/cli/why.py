@@ -13,7 +13,7 @@ from tfbus.discover.other_namespaces import frames_elsewhere
 from tfbus.frames.command_listener import listening
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import duration
+from tfbus.wording import duration, stamp_text
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -87,9 +87,7 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
 
 
 def _when(it: Explanation) -> str:
-    if it.stamp_ns is None:
-        return ""
-    return f" at {it.stamp_ns // 10**9}.{it.stamp_ns % 10**9:09d}"
+    return "" if it.stamp_ns is None else f" at {stamp_text(it.stamp_ns)}"
 
 
 def _outcome(it: Explanation, now_ns: int) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from tfbus.wording import listed as listed
 
 _MODULE_OF = {
+    "POSITIVE": "tfbus.command.types",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",

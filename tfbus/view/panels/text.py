@@ -11,7 +11,7 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.view.model.playback import Playback
 from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
 from tfbus.view.panels.markup import sign
-from tfbus.wording import counted, duration, listed, stamp_text
+from tfbus.wording import and_more, counted, duration, listed, stamp_text
 
 _MOST_MISTAKES = 5
 _MOST_ROOTS = 5
@@ -54,8 +54,8 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int 
 def mistakes(found: Sequence[str]) -> str:
     """One line per mistake, at most five."""
     lines = [*found[:_MOST_MISTAKES]]
-    if len(found) > _MOST_MISTAKES:
-        lines.append(f"And {len(found) - _MOST_MISTAKES} more; see the log.")
+    if more := and_more(len(found), _MOST_MISTAKES):
+        lines.append(f"{more.capitalize()}; see the log.")
     return "".join(f'<div class="tf tf-alarm" role="alert">{escape(line)}</div>' for line in lines)
 
 

@@ -9,7 +9,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName, MomentType, own_name
-from tfbus.discover.other_namespaces import frames_elsewhere
+from tfbus.discover.other_namespaces import frames_in_other_namespaces
 from tfbus.frames.command_listener import listening
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
@@ -57,7 +57,9 @@ def command(
             target,
             source,
             moment.at(now_ns) if moment else None,
-            elsewhere=() if fleet else frames_elsewhere(heard.node.session),
+            frames_in_other_namespaces=()
+            if fleet
+            else frames_in_other_namespaces(heard.node.session),
         )
     if as_json:
         print_json(_as_map(explanation))

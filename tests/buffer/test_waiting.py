@@ -184,3 +184,20 @@ def test_an_insert_in_another_thread_wakes_the_event_loop():
         return answer.transform.x
 
     assert asyncio.run(ask()) == 4.0
+
+
+def test_time_travel_waits_in_asyncio():
+    """wait_for_transform_full waits for both of its times."""
+    buffer = Buffer()
+    buffer.set_transform(moved(1, "world", "robot", 1.0))
+
+    async def ask() -> float:
+        task = asyncio.create_task(
+            buffer.wait_for_transform_full("robot", 5, "robot", 1, "world", timeout_s=10.0)
+        )
+        await asyncio.sleep(0)
+        assert not task.done()
+        buffer.set_transform(moved(5, "world", "robot", 3.0))
+        return (await task).transform.x
+
+    assert asyncio.run(ask()) == -2.0

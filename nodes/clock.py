@@ -15,6 +15,7 @@ import click
 from tfbus import Node, NodeSettings, Number, node_options
 from tfbus.command import Moment, MomentType
 from tfbus.messages import Clock, Empty, SetClock
+from tfbus.wording import stamp_text
 
 # The time is published at most this often; shorter steps are joined.
 SHORTEST_TICK_S = 0.001
@@ -135,9 +136,8 @@ def main(settings: NodeSettings, rate: float, start: Moment, step_s: float, paus
     with Node.from_settings(replace(settings, sim_time=False)) as node:
         step_ns = round(step_s * 1e9)
         simulated = SimulatedTime(node, start_ns=start_ns, step_ns=step_ns, rate=rate)
-        seconds, nanoseconds = divmod(start_ns, 1_000_000_000)
         speed = "paused" if paused else f"at {simulated.rate:g} times the real speed"
-        node.ready(f"It is {seconds}.{nanoseconds:09} s, {speed}, in steps of {step_s:g} s")
+        node.ready(f"It is {stamp_text(start_ns)} s, {speed}, in steps of {step_s:g} s")
         if not paused:
             simulated.resume()
         node.spin()

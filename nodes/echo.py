@@ -24,7 +24,7 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import Moment, MomentType, own_name
+from tfbus.command import POSITIVE, Moment, MomentType, own_name
 from tfbus.frames import (
     CSV_HEADER,
     Numbers,
@@ -105,7 +105,7 @@ class _Echo(click.Command):
 )
 @click.option(
     "--timeout",
-    type=Number(least=0.0, most=1e9, more_than_least=True),
+    type=POSITIVE,
     metavar="SECONDS",
     help="Exit with 1 after this long without a transform.",
 )

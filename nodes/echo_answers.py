@@ -18,7 +18,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.command import Moment, listed
+from tfbus.command import Moment
+from tfbus.wording import listed
 
 # How often a missing transform is logged.
 _SAY_EVERY_S = 1.0

@@ -19,20 +19,13 @@ from tfbus import (
     TransformListener,
     node_options,
 )
+from tfbus.command import OutputFile
 from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
     from tfbus.view import Screenshot
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
-
-
-def _picture(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
-    if path is not None and path.suffix != ".png":
-        raise click.BadParameter(f"{path} must end with .png")
-    if path is not None and not path.parent.is_dir():
-        raise click.BadParameter(f"no folder {path.parent} to write {path.name} into")
-    return path
 
 
 def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
@@ -91,9 +84,8 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 )
 @click.option(
     "--screenshot",
-    type=_FILE,
+    type=OutputFile(".png"),
     metavar="FILE",
-    callback=_picture,
     help="Save a picture of the page, such as out.png, and exit.",
 )
 @click.option(

@@ -48,7 +48,7 @@ def eventually(condition: Callable[[], T], *, within_s: float = DEADLINE_S) -> T
     return value
 
 
-async def somebody_waits(buffer: Buffer, count: int = 1) -> None:
+async def lookups_wait(buffer: Buffer, count: int = 1) -> None:
     """Run asyncio until `count` tasks wait in the buffer; TimeoutError if they never do."""
     async with asyncio.timeout(DEADLINE_S):
         while buffer.waiting < count:

@@ -15,8 +15,12 @@ def counted(count: int, noun: str) -> str:
 def listed(words: Collection[str], *, most: int = _NAMED) -> str:
     """The words with commas, at most `most` of them: `a, b and 3 more`."""
     named = ", ".join(list(words)[:most])
-    rest = len(words) - most
-    return f"{named} and {rest} more" if rest > 0 else named
+    return " ".join(filter(None, (named, and_more(len(words), most))))
+
+
+def and_more(count: int, most: int) -> str:
+    """The end of a list of which only `most` are named: `and 3 more`; "" where all are."""
+    return f"and {count - most} more" if count > most else ""
 
 
 def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.builders import S, moved
 from tests.fakes import Clock
-from tests.live_bus import eventually, somebody_waits
+from tests.live_bus import eventually, lookups_wait
 from tfbus import (
     Buffer,
     Change,
@@ -128,7 +128,7 @@ def test_waiting_goes_on_until_the_publisher_is_back(buffer: Buffer, authority: 
         waiting = asyncio.create_task(
             buffer.wait_for_transform("robot", "camera", living=True, timeout_s=60.0)
         )
-        await somebody_waits(buffer)
+        await lookups_wait(buffer)
         if authority == "mount":
             buffer.mark_gone(["camera"], False, "mount")
         else:

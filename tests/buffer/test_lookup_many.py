@@ -23,7 +23,7 @@ S = 1_000_000_000
 
 
 def arm(seconds: float = 2.0) -> Buffer:
-    """Three moving edges at 100 Hz, world to hand."""
+    """Three dynamic edges at 100 Hz, world to hand."""
     buffer = Buffer(100.0)
     for i in range(round(seconds * 100) + 1):
         for edge, (parent, child) in enumerate(

@@ -7,7 +7,7 @@ import pytest
 
 from tests.builders import S, moved
 from tests.fakes import InAThread
-from tests.live_bus import eventually, somebody_waits
+from tests.live_bus import eventually, lookups_wait
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.lookup import Lookup as Question
 from tfbus.buffer.waiting import Waiter
@@ -35,7 +35,7 @@ def test_a_lookup_waits_for_the_future():
     assert lookup.result().transform.x == 1.0
 
 
-def test_a_lookup_waits_for_frames_that_nobody_knows_yet():
+def test_a_lookup_waits_for_unknown_frames():
     """Unknown frames, and trees that are not joined, may come."""
     buffer = Buffer()
     lookup = InAThread(lambda: buffer.lookup_transform("world", "hand", timeout_s=10.0))
@@ -136,17 +136,17 @@ def test_thousands_wait_at_once():
     buffer = Buffer(1e6)
     buffer.set_transform(moved(0, "world", "robot"))
 
-    async def everybody() -> list[float]:
+    async def all_answers() -> list[float]:
         tasks = [
             asyncio.create_task(buffer.wait_for_transform("world", "robot", i, timeout_s=60))
             for i in range(1, 3001)
         ]
-        await somebody_waits(buffer, len(tasks))
+        await lookups_wait(buffer, len(tasks))
         for i in range(1, 3001):
             buffer.set_transform(moved(i, "world", "robot", float(i)))
         return [(await task).transform.x for task in tasks]
 
-    assert asyncio.run(everybody()) == [float(i) for i in range(1, 3001)]
+    assert asyncio.run(all_answers()) == [float(i) for i in range(1, 3001)]
     assert buffer.waiting == 0
 
 
@@ -159,7 +159,7 @@ def test_awaiting_has_a_timeout_and_can_be_cancelled():
             await buffer.wait_for_transform("world", "robot", timeout_s=0.01)
         assert isinstance(caught.value.reason, LookupException)
         task = asyncio.create_task(buffer.wait_for_transform("world", "robot"))
-        await somebody_waits(buffer)
+        await lookups_wait(buffer)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
@@ -174,7 +174,7 @@ def test_an_insert_in_another_thread_wakes_the_event_loop():
 
     async def ask() -> float:
         task = asyncio.create_task(buffer.wait_for_transform("world", "robot", timeout_s=10.0))
-        await somebody_waits(buffer)
+        await lookups_wait(buffer)
         thread = threading.Thread(
             target=lambda: buffer.set_transform(moved(1, "world", "robot", 4.0))
         )
@@ -184,3 +184,20 @@ def test_an_insert_in_another_thread_wakes_the_event_loop():
         return answer.transform.x
 
     assert asyncio.run(ask()) == 4.0
+
+
+def test_time_travel_waits_in_asyncio():
+    """wait_for_transform_full waits for both of its times."""
+    buffer = Buffer()
+    buffer.set_transform(moved(1, "world", "robot", 1.0))
+
+    async def ask() -> float:
+        task = asyncio.create_task(
+            buffer.wait_for_transform_full("robot", 5, "robot", 1, "world", timeout_s=10.0)
+        )
+        await asyncio.sleep(0)
+        assert not task.done()
+        buffer.set_transform(moved(5, "world", "robot", 3.0))
+        return (await task).transform.x
+
+    assert asyncio.run(ask()) == -2.0

@@ -46,12 +46,19 @@ def ask(
     at_s: float | None = None,
     *,
     stream: StreamInfo = SIM,
-    elsewhere: Collection[tuple[str, str]] = (),
+    frames_in_other_namespaces: Collection[tuple[str, str]] = (),
 ) -> Explanation:
     """The explained lookup, at `at_s` seconds from now."""
     tree = frame_tree(buffer, [stream], NOW_NS)
     stamp_ns = None if at_s is None else NOW_NS + round(at_s * S)
-    return explain(tree, buffer, target, source, stamp_ns, elsewhere=elsewhere)
+    return explain(
+        tree,
+        buffer,
+        target,
+        source,
+        stamp_ns,
+        frames_in_other_namespaces=frames_in_other_namespaces,
+    )
 
 
 def verdicts(explanation: Explanation) -> list[tuple[str, str]]:
@@ -105,7 +112,7 @@ class TestExplain:
 
     def test_a_frame_of_another_namespace_is_found_there(self, buffer: Buffer) -> None:
         """The remedy for a frame that only another namespace has names that namespace."""
-        report = ask(buffer, "world", "gripper", elsewhere={("robot7", "gripper")})
+        report = ask(buffer, "world", "gripper", frames_in_other_namespaces={("robot7", "gripper")})
         assert report.remedies == (
             "look from within its namespace, which has 'gripper': --namespace robot7",
             "look at all robots together, where it is 'robot7/gripper': --fleet",
@@ -114,7 +121,9 @@ class TestExplain:
 
     def test_a_frame_as_a_fleet_names_it_needs_the_fleet(self, buffer: Buffer) -> None:
         """The remedy for a frame with its robot's name in front is --fleet."""
-        report = ask(buffer, "world", "robot7/gripper", elsewhere={("robot7", "gripper")})
+        report = ask(
+            buffer, "world", "robot7/gripper", frames_in_other_namespaces={("robot7", "gripper")}
+        )
         assert report.remedies[0] == "look at all robots together: --fleet"
 
     def test_two_trees_are_named_by_their_roots(self, buffer: Buffer) -> None:

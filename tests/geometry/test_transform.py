@@ -161,3 +161,12 @@ def test_scipy_goes_in_and_out():
     assert np.allclose(a.as_scipy_rotation().as_euler("xyz"), (0.1, 0.2, 0.3))
     if hasattr(spatial, "RigidTransform"):
         assert Transform.from_scipy(a.as_scipy()).is_close(a, TINY)
+
+
+def test_a_pose_is_seven_numbers():
+    """x y z, then the quaternion x y z w."""
+    half = math.sqrt(0.5)
+    turned = Transform.from_pose([1.0, 2.0, 3.0, 0.0, 0.0, half, half])
+    assert turned.is_close(Transform((1.0, 2.0, 3.0), (0.0, 0.0, half, half)))
+    with pytest.raises(InvalidArgumentException):
+        Transform.from_pose([1.0, 2.0, 3.0])

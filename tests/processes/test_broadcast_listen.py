@@ -244,7 +244,7 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
         static.send_transform(at(1))
 
 
-def test_streams_that_nobody_vouches_for_are_not_counted_for_ever(
+def test_streams_without_a_node_are_not_counted_for_ever(
     sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Names of streams without a token are forgotten when there are many, and they are silent;

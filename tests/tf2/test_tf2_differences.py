@@ -142,7 +142,7 @@ def test_an_edge_that_would_close_a_loop_is_refused(tf2: Oracle) -> None:
     assert (ours.word, theirs.word) == ("ConnectivityException", "LookupException")
 
 
-def test_parents_of_different_times_may_make_a_loop_that_nobody_asks_about(tf2: Oracle) -> None:
+def test_parents_of_different_times_may_make_a_loop_that_no_lookup_meets(tf2: Oracle) -> None:
     """Frames that changed places make a loop at the times in between; tf2 fails for all frames
     below it, tfbus only where the way leads through it.
     """

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import in_place, json_option, paint, print_lines, width
+from tfbus.cli.output import in_place, json_option, paint_state, print_lines, width
 from tfbus.command.options import listening_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
@@ -15,7 +15,6 @@ from tfbus.frames import document
 from tfbus.frames.command_listener import Listening, listening
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import State
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
@@ -31,14 +30,6 @@ _TEXTS: dict[str, Callable[[FrameTree], str]] = {
 }
 _PICTURES = (".svg", ".pdf", ".png")
 _ENDINGS = [*_PICTURES, *_TEXTS]
-
-_ROLES: dict[State, str] = {
-    "root": "heading",
-    "static": "faint",
-    "stale": "warning",
-    "gone": "bad",
-    "conflict": "bad",
-}
 
 
 @click.command(epilog="Examples: tfbus frames; tfbus frames -o frames.svg; tfbus frames --watch")
@@ -104,11 +95,7 @@ def command(
 def _lines(tree: FrameTree, long: bool) -> list[str]:
     if long:
         return [*edge_lines(tree), *document.summary(tree, [], width=width())]
-    return document.summary(tree, tree_lines(tree, width=width(), paint=_paint), width=width())
-
-
-def _paint(line: str, state: State) -> str:
-    return paint(line, _ROLES[state]) if state in _ROLES else line
+    return document.summary(tree, tree_lines(tree, width=width(), paint=paint_state), width=width())
 
 
 def _watch(heard: Listening, long: bool) -> None:

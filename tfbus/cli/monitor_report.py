@@ -1,16 +1,9 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
-from tfbus.cli.output import paint, table
-from tfbus.frames.state import State, faults, state
+from tfbus.cli.output import paint, paint_state, table
+from tfbus.frames.state import faults, state
 from tfbus.monitor.report import Pair, Report
 from tfbus.wording import counted, duration
-
-_ROLES: dict[State, str] = {
-    "static": "faint",
-    "stale": "warning",
-    "gone": "bad",
-    "conflict": "bad",
-}
 
 
 def as_lines(report: Report) -> list[str]:
@@ -58,10 +51,10 @@ def _edge_table(report: Report) -> list[str]:
                 duration(report.tree.age_s(frame)),
                 str(flow.out_of_order),
             ]
-        name = paint(frame.name, _ROLES[its_state]) if its_state in _ROLES else frame.name
+        name = paint_state(frame.name, its_state)
         by = frame.authority
         if wrong := faults(report.tree, frame):
-            by = paint(f"{by} {', '.join(wrong).upper()}", _ROLES[its_state])
+            by = paint_state(f"{by} {', '.join(wrong).upper()}", its_state)
         rows.append([name, by, *cells])
     return table(headings, rows, right=range(2, len(headings)))
 

@@ -28,6 +28,15 @@ _ROLES: dict[str, dict[str, Any]] = {
     "bad": {"fg": "red"},
 }
 
+# The roles of the states of frames; the others are plain.
+_STATE_ROLES = {
+    "root": "heading",
+    "static": "faint",
+    "stale": "warning",
+    "gone": "bad",
+    "conflict": "bad",
+}
+
 # Between two columns of a table, and at the end of a cut cell.
 _GAP = "  "
 _CUT = "…"
@@ -93,6 +102,11 @@ def paint(text: str, role: str) -> str:
     if not text or os.environ.get("NO_COLOR"):
         return text
     return click.style(text, **_ROLES[role])
+
+
+def paint_state(text: str, state: str) -> str:
+    """The text in the style of a frame's state."""
+    return paint(text, _STATE_ROLES[state]) if state in _STATE_ROLES else text
 
 
 def is_terminal() -> bool:

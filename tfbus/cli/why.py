@@ -9,11 +9,11 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName, MomentType, own_name
-from tfbus.discover.other_namespaces import frames_elsewhere
+from tfbus.discover.other_namespaces import frames_in_other_namespaces
 from tfbus.frames.command_listener import listening
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import duration
+from tfbus.wording import duration, stamp_text
 
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
 
@@ -57,7 +57,9 @@ def command(
             target,
             source,
             moment.at(now_ns) if moment else None,
-            elsewhere=() if fleet else frames_elsewhere(heard.node.session),
+            frames_in_other_namespaces=()
+            if fleet
+            else frames_in_other_namespaces(heard.node.session),
         )
     if as_json:
         print_json(_as_map(explanation))
@@ -87,9 +89,7 @@ def _lines(it: Explanation, now_ns: int) -> list[str]:
 
 
 def _when(it: Explanation) -> str:
-    if it.stamp_ns is None:
-        return ""
-    return f" at {it.stamp_ns // 10**9}.{it.stamp_ns % 10**9:09d}"
+    return "" if it.stamp_ns is None else f" at {stamp_text(it.stamp_ns)}"
 
 
 def _outcome(it: Explanation, now_ns: int) -> str:

@@ -5,10 +5,15 @@ first used.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+# As in tfbus/__init__.py: names are imported when first used.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
@@ -16,16 +21,15 @@ if TYPE_CHECKING:
     from tfbus.command.yaml_file import Value as Value
     from tfbus.command.yaml_file import YamlFileError as YamlFileError
     from tfbus.command.yaml_file import read_yaml_file as read_yaml_file
-    from tfbus.wording import listed as listed
 
 _MODULE_OF = {
+    "POSITIVE": "tfbus.command.types",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
     "frame_mistake": "tfbus.command.types",
-    "listed": "tfbus.wording",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.command.yaml_file",
 }
@@ -33,10 +37,12 @@ _MODULE_OF = {
 __all__ = sorted(_MODULE_OF)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'tfbus.command' has no attribute {name!r}")
-    return getattr(import_module(_MODULE_OF[name]), name)
+    value = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -200,7 +200,7 @@ class OutputFile(click.Path):
     """A file to write, whose name ends with one of `endings`; its folder must exist."""
 
     def __init__(self, *endings: str):
-        super().__init__(path_type=Path, dir_okay=False)
+        super().__init__(path_type=Path, dir_okay=False, readable=False)
         self._endings = endings
 
     def convert(
@@ -209,13 +209,14 @@ class OutputFile(click.Path):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> Path:
-        """The path; a usage error for another ending or a folder that does not exist."""
+        """The path; a usage error for another ending, no such folder, or a folder of this name."""
         path = Path(value)
         if path.suffix not in self._endings:
             one_of = "one of " if len(self._endings) > 1 else ""
             self.fail(f"{path} must end with {one_of}{', '.join(self._endings)}", param, ctx)
         if not path.parent.is_dir():
             self.fail(f"there is no folder {path.parent} to write {path.name} into", param, ctx)
+        super().convert(path, param, ctx)
         return path
 
 

@@ -11,7 +11,7 @@ from tfbus.wire.keys import namespace_of
 _NAMED = 3
 
 
-def frames_elsewhere(session: Session) -> set[tuple[str, str]]:
+def frames_in_other_namespaces(session: Session) -> set[tuple[str, str]]:
     """Namespace and name of each frame in the descriptions of streams in namespaces below."""
 
     def pass_over(error: DecodeError) -> None:
@@ -27,14 +27,14 @@ def frames_elsewhere(session: Session) -> set[tuple[str, str]]:
     }
 
 
-def where_to_look(elsewhere: Collection[tuple[str, str]], frame: str = "") -> str:
+def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame: str = "") -> str:
     """A hint which namespaces have this frame, or any frame, and how to look there; "" for none.
 
     The frame goes by its own name, or by that in a fleet: `robot7/base_link`.
     """
     having = {
         namespace
-        for namespace, name in elsewhere
+        for namespace, name in frames_in_other_namespaces
         if not frame or frame in (name, f"{namespace}/{name}")
     }
     if not having:

@@ -10,7 +10,8 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.host import examine_host
-from tfbus.errors import DecodeError, TimeoutException
+from tfbus.errors import DecodeError
+from tfbus.frames.command_listener import wait_for_clock
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.monitor.meter import TransformMeter
@@ -21,7 +22,6 @@ from tfbus.wire.fleet import Fleet
 
 # What publishers keep shows the rates before.
 _HISTORY_S = 10.0
-_CLOCK_WITHIN_S = 5.0
 
 
 def examine(
@@ -36,8 +36,7 @@ def examine(
     clock runs.
     """
     with Node(settings=replace(settings, log_level="error"), patience_s=0.0) as node:
-        if not node.wait_for_clock(_CLOCK_WITHIN_S) and node.ok:
-            raise TimeoutException("no message on 'clock' yet: start a clock (tfbus clock)")
+        wait_for_clock(node)
         node.session.settle()
         # Before we subscribe: a listener that nodes report is not ours.
         nodes = _others(node, describe_all(node.session, on_unreadable))

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from tfbus.wording import and_more
+
 _MOST_SENTENCES = 10
 
 Verdict = Literal["ok", "warn", "fail", "skipped"]
@@ -40,5 +42,5 @@ def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") ->
 
 def first_of(sentences: list[str]) -> list[str]:
     """The first ten sentences, and how many more there are."""
-    rest = len(sentences) - _MOST_SENTENCES
-    return [*sentences[:_MOST_SENTENCES], f"and {rest} more"] if rest > 0 else sentences
+    more = and_more(len(sentences), _MOST_SENTENCES)
+    return [*sentences[:_MOST_SENTENCES], *filter(None, (more,))]

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from tfbus.geometry.transform import TransformStamped
 from tfbus.wording import stamp_text
 
-_POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw")
-CSV_HEADER = ",".join(("stamp_ns", "frame_id", "child_frame_id", *_POSE_COLUMNS))
+POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+CSV_HEADER = ",".join(
+    ("stamp_ns", "frame_id", "child_frame_id", *POSE_COLUMNS, "roll", "pitch", "yaw")
+)
 
 
 @dataclass(frozen=True)

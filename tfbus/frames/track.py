@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
+from tfbus.frames.echo_formats import POSE_COLUMNS
 from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
-
-# What `tfbus echo --format csv` and `--format json` write.
-_POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def _json_rows(lines: Iterable[str]) -> Iterable[_Row]:
 def _csv_rows(lines: Iterable[str]) -> Iterable[_Row]:
     for number, row in enumerate(csv.DictReader(lines), start=2):
         try:
-            pose = [float(row[column]) for column in _POSE_COLUMNS]
+            pose = [float(row[column]) for column in POSE_COLUMNS]
             yield int(row["stamp_ns"]), row["frame_id"], row["child_frame_id"], pose
         except (ValueError, KeyError, TypeError) as error:
             raise _not_a_pose(number, error) from error

@@ -70,16 +70,16 @@ def explain(
     source: str,
     stamp_ns: int | None = None,
     *,
-    elsewhere: Collection[tuple[str, str]] = (),
+    frames_in_other_namespaces: Collection[tuple[str, str]] = (),
 ) -> Explanation:
     """Explain the lookup in this buffer; `tree` is its snapshot.
 
-    `elsewhere` are pairs of (namespace, frame) for the frames of other namespaces.
+    `frames_in_other_namespaces` are pairs of (namespace, frame) for the frames of other namespaces.
     """
     answer, error = _look_up(buffer, target, source, stamp_ns)
     steps = tuple(_judge(tree, child, stamp_ns) for child in _children(tree, target, source))
     remedies = [
-        *_remedies_of(error, elsewhere),
+        *_remedies_of(error, frames_in_other_namespaces),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
         *_remedies_of_problems(tree, {target, source, *(step.child for step in steps)}, error),
@@ -184,10 +184,10 @@ def _skew(stream: StreamInfo) -> str:
 
 
 def _remedies_of(
-    error: TransformException | None, elsewhere: Collection[tuple[str, str]]
+    error: TransformException | None, frames_in_other_namespaces: Collection[tuple[str, str]]
 ) -> Iterator[str]:
     if isinstance(error, LookupException):
-        yield from _remedies_elsewhere(error.frame, elsewhere)
+        yield from _remedies_in_other_namespaces(error.frame, frames_in_other_namespaces)
         yield (
             f"use {error.nearest[0]!r} if you mean that"
             if error.nearest
@@ -199,11 +199,15 @@ def _remedies_of(
         yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
 
 
-def _remedies_elsewhere(frame: str, elsewhere: Collection[tuple[str, str]]) -> Iterator[str]:
+def _remedies_in_other_namespaces(
+    frame: str, frames_in_other_namespaces: Collection[tuple[str, str]]
+) -> Iterator[str]:
     """For a frame of the namespaces below, by its own name or as a fleet names it."""
-    if frame in {f"{namespace}/{name}" for namespace, name in elsewhere}:
+    if frame in {f"{namespace}/{name}" for namespace, name in frames_in_other_namespaces}:
         yield "look at all robots together: --fleet"
-    namespaces = sorted(namespace for namespace, name in elsewhere if name == frame)
+    namespaces = sorted(
+        namespace for namespace, name in frames_in_other_namespaces if name == frame
+    )
     if namespaces:
         yield (
             f"look from within its namespace, which has {frame!r}: "

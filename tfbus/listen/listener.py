@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.discover.other_namespaces import frames_elsewhere, where_to_look
+from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.claims import Claimant, Rule, name_some
@@ -152,7 +152,11 @@ class TransformListener:
         """A sentence that names the namespaces below that have a frame, or any frame at all; ""
         where none has, or with a fleet. It asks all streams, which takes a moment.
         """
-        return "" if self._is_fleet else where_to_look(frames_elsewhere(self._node.session), frame)
+        return (
+            ""
+            if self._is_fleet
+            else where_to_look(frames_in_other_namespaces(self._node.session), frame)
+        )
 
     @property
     def rejected(self) -> Counter[str]:

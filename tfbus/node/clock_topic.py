@@ -11,6 +11,7 @@ from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message, encode_message
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
+from tfbus.wording import stamp_text
 
 # The last message is repeated after this time, for nodes that came late or lost it.
 _REPEAT_S = 0.2
@@ -120,8 +121,8 @@ class ClockSubscription(Endpoint):
         if str(self._jumps).strip("0") == "1":  # a power of ten
             many = f", {self._jumps} times so far; are there two clocks?"
             self._log.warning(
-                "The clock jumped back by %.3f s to %d.%09d s%s",
+                "The clock jumped back by %.3f s to %s s%s",
                 back_ns / 1e9,
-                *divmod(now_ns, 1_000_000_000),
+                stamp_text(now_ns),
                 many if self._jumps >= _MANY_JUMPS else "",
             )

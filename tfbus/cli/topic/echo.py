@@ -17,7 +17,7 @@ from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.errors import DecodeError
-from tfbus.wording import counted
+from tfbus.wording import counted, stamp_text
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
@@ -44,8 +44,8 @@ class _Form:
 
 
 def _info(arrival: Arrival) -> str:
-    seconds, nanoseconds = divmod(arrival.received_ns, 10**9)
-    return f"# arrived at {seconds}.{nanoseconds:09}, {counted(len(arrival.payload), 'byte')}"
+    size = counted(len(arrival.payload), "byte")
+    return f"# arrived at {stamp_text(arrival.received_ns)}, {size}"
 
 
 @click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")

@@ -4,7 +4,6 @@
 all streams.
 """
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
+from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
@@ -33,7 +33,7 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
     from tfbus.node.node import Node  # numpy, which completion and `--help` do not need
 
     try:
-        with Node.from_settings(settings.renamed(f"_{purpose}_{os.urandom(4).hex()}")) as node:
+        with Node.from_settings(settings.renamed(own_name(f"_{purpose}"))) as node:
             node.session.settle()
             yield node
             return

@@ -7,10 +7,13 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
 from tfbus.frames.snapshot import FrameTree
-from tfbus.frames.state import State, silent_s, stale_after_s, state
+from tfbus.frames.state import Fault, State, silent_s, stale_after_s, state
 
 # A stale frame fades to this opacity, over twice the time after which it was stale.
 FADED = 0.25
+
+# The states that mean that something is wrong.
+FAULTS: tuple[Fault, ...] = ("conflict", "gone", "stale")
 
 
 @dataclass(frozen=True)

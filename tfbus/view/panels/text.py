@@ -7,20 +7,17 @@ from html import escape
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
 from tfbus.frames.echo_formats import Numbers, tf2_block
-from tfbus.frames.state import Fault
 from tfbus.geometry.transform import TransformStamped
 from tfbus.view.model.playback import Playback
-from tfbus.view.model.shown_frames import Frames, ViewFrame
+from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
 from tfbus.view.panels.markup import sign
-from tfbus.wording import counted, duration, listed, stamp_text
+from tfbus.wording import and_more, counted, duration, listed, stamp_text
 
 _MOST_MISTAKES = 5
 _MOST_ROOTS = 5
 _MOST_CHILDREN = 20
 
 _DIGITS = Numbers(precision=3)
-
-_FAULTS: tuple[Fault, ...] = ("conflict", "gone", "stale")
 
 
 def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0) -> str:
@@ -39,7 +36,7 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int 
             f'<div class="tf" role="status"><b>There is no frame {escape(repr(fixed_frame))}</b> '
             f"to see the others from; choose another fixed frame. Roots: {known}.</div>"
         )
-    counts = {fault: sum(frame.state == fault for frame in frames) for fault in _FAULTS}
+    counts = {fault: sum(frame.state == fault for frame in frames) for fault in FAULTS}
     notes = [
         f'<span class="tf-note-whole">{sign(fault)} {count} {fault}</span>'
         for fault, count in counts.items()
@@ -57,8 +54,8 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int 
 def mistakes(found: Sequence[str]) -> str:
     """One line per mistake, at most five."""
     lines = [*found[:_MOST_MISTAKES]]
-    if len(found) > _MOST_MISTAKES:
-        lines.append(f"And {len(found) - _MOST_MISTAKES} more; see the log.")
+    if more := and_more(len(found), _MOST_MISTAKES):
+        lines.append(f"{more.capitalize()}; see the log.")
     return "".join(f'<div class="tf tf-alarm" role="alert">{escape(line)}</div>' for line in lines)
 
 

@@ -13,6 +13,7 @@ from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.frame_dropdown import FrameDropdown
 from tfbus.view.panels.markup import Channel, Html, event, sign
+from tfbus.wording import and_more
 
 # More rows are slow to show; the filter narrows them.
 MOST_ROWS = 150
@@ -75,10 +76,9 @@ class TreePanel:
             why = frame.unplaced if frame.depth == 0 else placed.missing.get(frame.name, "")
             if why:
                 rows.append(f'<div class="tf-why tf-alarm">{escape(why)}</div>')
-        if len(taken) > MOST_ROWS:
+        if more := and_more(len(taken), MOST_ROWS):
             rows.append(
-                f'<div class="tf-dim">and {len(taken) - MOST_ROWS} more: narrow them with '
-                "<i>Only</i> in the tab View</div>"
+                f'<div class="tf-dim">{more}: narrow them with <i>Only</i> in the tab View</div>'
             )
         if len(taken) < len(frames):
             rows.append(_filtered(len(frames) - len(taken), names))

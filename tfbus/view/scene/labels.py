@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import viser
 
-from tfbus.frames.state import State
 from tfbus.view.model.placement import Floats, Placed
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import ViewFrame
+from tfbus.view.model.shown_frames import FAULTS, ViewFrame
 from tfbus.view.scene.camera import Window
 from tfbus.wording import listed
 
@@ -35,8 +34,6 @@ _HEIGHT = 18.0
 
 # Longer names are cut in the middle; the tree shows them whole.
 _LONGEST = 32
-
-_SAID: tuple[State, ...] = ("stale", "gone", "conflict")
 
 
 class Names:
@@ -167,7 +164,7 @@ def _selected(frames: Sequence[ViewFrame], name: str) -> list[int]:
 def _importance(frame: ViewFrame, selected: str, shown: frozenset[str]) -> int:
     if frame.name == selected:
         return 0
-    if frame.state in _SAID:
+    if frame.state in FAULTS:
         return 1
     return 2 if frame.name in shown else 3
 
@@ -178,7 +175,7 @@ def _are_together(xyz: Floats, one: int, other: int, size: float) -> bool:
 
 def _text(frames: Sequence[ViewFrame]) -> str:
     names = [
-        f"{_short(frame.name)} ({frame.state})" if frame.state in _SAID else _short(frame.name)
+        f"{_short(frame.name)} ({frame.state})" if frame.state in FAULTS else _short(frame.name)
         for frame in frames
     ]
     return listed(names, most=_MOST_TOGETHER)

@@ -7,7 +7,7 @@ import numpy as np
 from tfbus.frames.state import State
 from tfbus.view.model.placement import arrow_rows
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import Frames, ViewFrame
+from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
 
 Rgb = tuple[int, int, int]
 
@@ -20,7 +20,6 @@ COLORS: dict[State, Rgb] = {
     "conflict": (200, 60, 190),
     "root": (140, 140, 140),
 }
-_MARKED: tuple[State, ...] = ("stale", "gone", "conflict")
 SELECTED = (255, 150, 0)
 
 
@@ -45,8 +44,8 @@ class Styling:
 
 
 def _is_marked(frame: ViewFrame, settings: ViewSettings) -> bool:
-    return frame.state in _MARKED or frame.name == settings.selected
+    return frame.state in FAULTS or frame.name == settings.selected
 
 
 def _mark_color(frame: ViewFrame) -> Rgb:
-    return COLORS[frame.state] if frame.state in _MARKED else SELECTED
+    return COLORS[frame.state] if frame.state in FAULTS else SELECTED

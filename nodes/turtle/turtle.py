@@ -5,7 +5,7 @@ The order of a tick, the constants and the log texts are turtlesim's (turtle.cpp
 
 import logging
 from dataclasses import dataclass
-from math import cos, floor, hypot, pi, sin
+from math import cos, hypot, pi, remainder, sin
 from typing import Protocol
 
 from tfbus import ServiceError
@@ -213,8 +213,7 @@ class Turtle:
 
 def wrap(angle: float) -> float:
     """The same direction in [-pi, pi)."""
-    wrapped = angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
-    # Just below -pi the rounding of the sum may give pi itself.
+    wrapped = remainder(angle, 2.0 * pi)  # exact, also for angles that rounding would spoil
     return wrapped if wrapped < pi else -pi
 
 

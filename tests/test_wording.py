@@ -2,7 +2,15 @@
 
 import pytest
 
-from tfbus.wording import counted, did_you_mean, duration, listed, near_names, stamp_text
+from tfbus.wording import (
+    counted,
+    did_you_mean,
+    duration,
+    listed,
+    near_names,
+    printable,
+    stamp_text,
+)
 
 
 def test_one_thing_is_singular() -> None:
@@ -22,6 +30,21 @@ def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
     assert did_you_mean("x", ["pose", "color"]) == "; available: color, pose"
     assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
     assert near_names("turtle", ["turtle1", "turtle2", "world"]) == ("turtle2", "turtle1")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("caf\xe9 \u4e16", "caf\xe9 \u4e16"),
+        ("\x1b[31mred\n", "\\x1b[31mred\\n"),
+        ("a\u202eb", "a\\u202eb"),
+        ("a\udc80", "a\\udc80"),
+        ("abcdefghijkl", "abcdefghi\u2026"),
+    ],
+)
+def test_text_of_strangers_is_escaped_and_cut(text: str, shown: str) -> None:
+    """What a terminal would obey or cannot encode is escaped; a long text is cut."""
+    assert printable(text, most=10) == shown
 
 
 @pytest.mark.parametrize(

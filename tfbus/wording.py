@@ -23,6 +23,20 @@ def and_more(count: int, most: int) -> str:
     return f"and {count - most} more" if count > most else ""
 
 
+def printable(text: str, most: int = 200) -> str:
+    """Text that somebody else wrote, safe in a log, a table and a terminal.
+
+    Control characters, marks of direction and lone surrogates come as escapes (`\\x1b`), and the
+    end of a text of more than `most` letters as an ellipsis. `repr` of a text escapes the same, but
+    does not cut.
+    """
+    if len(text) > most:
+        text = f"{text[: most - 1]}…"
+    if text.isprintable():
+        return text
+    return "".join([char if char.isprintable() else repr(char)[1:-1] for char in text])
+
+
 def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
     """The end of a sentence about a name that is not known.
 

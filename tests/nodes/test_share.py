@@ -184,7 +184,7 @@ def test_a_missing_frame_is_logged(bus: Bus) -> None:
         (["robot7", "base_link"], "Missing option '--to'"),
         (["robot7", "base_link", "--to", "robot7"], "--to: 'robot7' already sees its own frames;"),
         (["robot7", "map", "--to", "robot1"], "--relative-to: 'map' is one of the shown frames"),
-        (["robot7", "/base", "--to", "robot1"], "must not start with a slash"),
+        (["robot7", "/base", "--to", "robot1"], "begins with a slash"),
         (["robot 7", "base", "--to", "robot1"], "ROBOT: 'robot 7' cannot be the name of"),
         (["robot7", "base", "--to", "a*"], "--to: 'a*' cannot be the name of a namespace"),
         (["/", "base", "--to", "a"], "ROBOT: the name of a robot must not be empty"),

@@ -209,6 +209,7 @@ def test_it_drives_the_named_turtle(bus: Bus) -> None:
 
     eventually(press_until_heard)
     assert heard[0] == Twist(linear=Vector3(x=1.5))
+    terminal.wait_for("No turtle 'turtle2': start the simulator")
     assert terminal.text.count("No turtle 'turtle2': start the simulator") == 1
     terminal.type(b"Q")
     assert terminal.exit_code() == 0

@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
+from tfbus.names import mistake_in
 from tfbus.wire.keys import check_topic
 
 if TYPE_CHECKING:
@@ -82,11 +83,8 @@ class FrameName(_BusName):
 
 def frame_mistake(name: str) -> str:
     """What is wrong with a frame's name, and what to write instead; "" for a valid name."""
-    if not name:
-        return "a frame's name must not be empty"
-    if name.startswith("/"):
-        return f"{name!r} must not start with a slash: write {name.lstrip('/')!r}"
-    return ""
+    mistake = mistake_in(name)
+    return f"a frame's name {mistake}" if mistake else ""
 
 
 class NodeName(_BusName):

@@ -35,6 +35,7 @@ from tfbus.geometry.rotations import (
     quaternion_of_matrix,
     unit_quaternion,
 )
+from tfbus.names import mistake_in
 
 try:
     import cython
@@ -430,17 +431,9 @@ def make_stamped(
 
 def check_frame_id(frame_id: object, what: str = "frame id") -> str:
     """The frame id. Raises InvalidArgumentException, which calls it `what`, if it cannot be one."""
-    if not isinstance(frame_id, str):
-        raise InvalidArgumentException(
-            f"{what} must be a str such as 'base_link', not {type(frame_id).__name__}"
-        )
-    if not frame_id:
-        raise InvalidArgumentException(f"{what} must not be empty")
-    if frame_id[0] == "/":
-        raise InvalidArgumentException(
-            f"{what} {frame_id!r} begins with a slash; write {frame_id.lstrip('/')!r}"
-        )
-    return frame_id
+    if mistake := mistake_in(frame_id):
+        raise InvalidArgumentException(f"{what} {mistake}")
+    return frame_id  # type: ignore[return-value]  # judged by mistake_in
 
 
 def check_stamp(stamp_ns: object) -> int:

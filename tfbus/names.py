@@ -1,0 +1,28 @@
+"""Names of frames: which texts can be one, and why another cannot."""
+
+from tfbus.wording import printable
+
+# Longer ones come from a mistake or an attack: they would fill screens, messages and memory.
+MOST_LETTERS = 255
+
+
+def mistake_in(name: object) -> str:
+    """Why this cannot be the name of a frame, as the end of a sentence that begins with what the
+    name is for; "" where it can.
+    """
+    if not isinstance(name, str):
+        return f"must be a str such as 'base_link', not {type(name).__name__}"
+    if not name:
+        return "must not be empty"
+    shown = f"'{printable(name, most=60)}'"
+    if name[0] == "/":
+        return f"{shown} begins with a slash; write '{printable(name.lstrip('/'), most=60)}'"
+    if len(name) > MOST_LETTERS:
+        return f"{shown} has {len(name)} letters; at most {MOST_LETTERS} are allowed"
+    if not name.isprintable():
+        letter = next(letter for letter in name if not letter.isprintable())
+        return (
+            f"{shown} contains U+{ord(letter):04X}, which cannot be printed: use letters, digits, "
+            "spaces and signs"
+        )
+    return ""

@@ -45,9 +45,11 @@ clean:
 # An extra of pyproject.toml, installed: demo.stamp stands for [sim,view], dev.stamp for [dev].
 $(VENV)/demo.stamp: EXTRA := sim,view
 $(VENV)/dev.stamp: EXTRA := dev
+# [dev] holds all of [sim,view]: the demo needs no second build after it.
+$(VENV)/dev.stamp: ALSO := $(VENV)/demo.stamp
 $(VENV)/%.stamp: pyproject.toml setup.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'
-	touch $@
+	touch $@ $(ALSO)
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -59,6 +59,8 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.wire.fleet import Fleet as Fleet
 
+    __version__: str
+
 _MODULE_OF = {
     "Buffer": "tfbus.buffer.buffer",
     "BusError": "tfbus.errors",
@@ -112,9 +114,12 @@ __all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
+    if name == "__version__":
+        value = import_module("tfbus.runtime.version").installed_version()
+    elif name in _MODULE_OF:
+        value = getattr(import_module(_MODULE_OF[name]), name)
+    else:
         raise AttributeError(f"module 'tfbus' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
     globals()[name] = value
     return value
 

@@ -55,6 +55,7 @@ NAMES = [
     "TwistStamped",
     "fleet_options",
     "node_options",
+    "stamp_ns",
 ]
 
 MESSAGES = [

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from tfbus.node.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
+    from tfbus.runtime.stamps import stamp_ns as stamp_ns
     from tfbus.wire.fleet import Fleet as Fleet
 
     __version__: str
@@ -108,6 +109,7 @@ _MODULE_OF = {
     "TwistStamped": "tfbus.geometry.twist",
     "fleet_options": "tfbus.command.options",
     "node_options": "tfbus.command.options",
+    "stamp_ns": "tfbus.runtime.stamps",
 }
 
 __all__ = sorted(_MODULE_OF)

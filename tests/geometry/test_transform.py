@@ -135,7 +135,7 @@ def test_numbers_that_are_no_motion_are_refused(xyz, quat):
 
 def test_a_matrix_that_is_no_rotation_is_refused():
     """Scaled, mirrored, or of another shape."""
-    for matrix in (np.eye(4) * 2, np.diag((1, 1, -1, 1)), np.eye(3)):
+    for matrix in (np.eye(4) * 2, np.diag((1, 1, -1, 1)), np.eye(3) * 2, np.eye(2)):
         with pytest.raises(InvalidArgumentException):
             Transform.from_matrix(matrix)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.geometry.transform import Transform
+from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
 
@@ -49,15 +49,15 @@ def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[in
     return stamps[::stride]
 
 
-def fit_twist(stamps_ns: Sequence[int], poses: Sequence[Transform]) -> tuple[Floats, Floats]:
+def fit_twist(stamps_ns: Sequence[int], poses: TransformArray) -> tuple[Floats, Floats]:
     """Linear (3,) and angular (3,) velocity in the axes of the moving frame itself.
 
     The least-squares slope of the poses' logarithms, seen from the middle one, over time. It is
     exact for a motion at constant twist: lines, circles and screws. Over the window the frame
     turns by less than half a turn on each side.
     """
-    back = poses[len(poses) // 2].inverse()
-    logs = np.array([(back @ pose).log() for pose in poses])
+    middle = poses[len(poses) // 2]
+    logs = (~middle @ poses).log()
     seconds = (np.array(stamps_ns) - stamps_ns[0]) / 1e9
     seconds -= seconds.mean()
     slope = seconds @ logs / (seconds @ seconds)

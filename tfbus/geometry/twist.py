@@ -1,11 +1,13 @@
 """Velocities: the twist of one frame against another, estimated from poses over a window."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tfbus.geometry.transform import take
 from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
@@ -38,6 +40,20 @@ class TwistStamped:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name, `linear` and `angular` as lists, for JSON, YAML or msgpack;
+        `from_dict` reads it back.
+        """
+        return {**vars(self), "linear": self.linear.tolist(), "angular": self.angular.tolist()}
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "TwistStamped":
+        """From a map as `to_dict` returns it; other keys are not read.
+
+        Raises InvalidArgumentException where a key is missing.
+        """
+        return TwistStamped(*take(values, *(field.name for field in fields(TwistStamped))))
 
 
 def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[int]:

@@ -590,6 +590,18 @@ def checked_transform(value: Any, what: str = "other") -> Transform:
     return value
 
 
+def stamped_list(transforms: Any) -> list[TransformStamped]:
+    """The transforms as a list. Raises InvalidArgumentException where one is of another type."""
+    try:
+        stamped = list(transforms)
+    except TypeError:
+        raise _not_stamped(transforms) from None
+    for transform in stamped:
+        if not isinstance(transform, TransformStamped):
+            raise _not_stamped(transform)
+    return stamped
+
+
 def make_stamped(
     stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, extrapolated_ns: int
 ) -> TransformStamped:
@@ -662,6 +674,14 @@ def new_array(array: Floats, dtype: Any, copy: bool | None) -> NDArray[Any]:
     if copy is False:
         raise ValueError("the matrix of a transform is always a new array: use np.asarray")
     return array if dtype is None else array.astype(dtype, copy=False)
+
+
+def _not_stamped(value: object) -> InvalidArgumentException:
+    hint = ": TransformStamped(stamp_ns, frame_id, child_frame_id, transform) adds its frames"
+    return InvalidArgumentException(
+        f"transforms: expected tfbus.TransformStamped, got {_type_of(value)}"
+        f"{hint if isinstance(value, Transform) else ''}"
+    )
 
 
 def _type_of(value: object) -> str:

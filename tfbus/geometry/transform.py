@@ -407,8 +407,9 @@ class Transform:
         """As tf2 does: the translation on a straight line, the rotation by slerp the short way
         round. `ratio` 0 is this one, 1 the other.
         """
-        end = pose_of(checked_transform(other))
-        return make_transform(normalised(lerp_slerp(self._pose, end, ratio)))
+        return make_transform(
+            normalised(lerp_slerp(self._pose, pose_of(checked_transform(other)), ratio))
+        )
 
     def interpolate_screw(self, other: "Transform", ratio: float) -> "Transform":
         """Along the screw from this one (`ratio` 0) to the other (1), at constant speed.

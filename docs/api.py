@@ -25,7 +25,7 @@ GROUPS = {
     "Transforms in": "TransformListener Fleet",
     "The buffer": "Buffer Sampling FrameInfo Change",
     "Values": "Transform TransformStamped TransformArray TransformBatch TwistStamped",
-    "Time": "SystemClock SimulatedClock",
+    "Time": "stamp_ns SystemClock SimulatedClock",
     "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",
     "Errors": "TfbusError TransformException InvalidArgumentException LookupException"
     " ConnectivityException NoDataException ExtrapolationException PastExtrapolationException"
@@ -35,7 +35,7 @@ GROUPS = {
 }
 
 # Methods with underscores that people call all the same, by their operators.
-_OPERATORS = {"__matmul__", "__call__", "__getitem__", "__iter__", "__len__"}
+_OPERATORS = {"__matmul__", "__invert__", "__call__", "__getitem__", "__iter__", "__len__"}
 
 _HEAD = """\
 # API reference
@@ -130,10 +130,17 @@ def _definition(module: str, qualname: str) -> ast.ClassDef | ast.FunctionDef:
         node = next(
             child
             for child in ast.walk(node)
-            if isinstance(child, ast.ClassDef | ast.FunctionDef) and child.name == name
+            if isinstance(child, ast.ClassDef | ast.FunctionDef)
+            and child.name == name
+            and not _is_overload(child)
         )
     assert isinstance(node, ast.ClassDef | ast.FunctionDef)
     return node
+
+
+def _is_overload(node: ast.ClassDef | ast.FunctionDef) -> bool:
+    """Whether it is one of the signatures of a function that follows."""
+    return any(ast.unparse(decorator) == "overload" for decorator in node.decorator_list)
 
 
 def _bodies(value: type) -> Iterator[ast.ClassDef]:

@@ -19,14 +19,15 @@ def main() -> None:
         pose = Transform((float(second), 0.0, 0.0))
         buffer.set_transform(TransformStamped(START_NS + second * SECOND, "map", "robot", pose))
     lidar = Transform((0.2, 0.0, 0.5))
-    buffer.set_transform(TransformStamped(START_NS, "robot", "lidar", lidar), static=True)
+    mount = TransformStamped(frame_id="robot", child_frame_id="lidar", transform=lidar)
+    buffer.set_transform(mount, static=True)
 
     between = buffer.lookup_transform("map", "lidar", START_NS + 2 * SECOND + SECOND // 4)
     print("at 2.25 s:", between.transform.xyz)
 
     stamps_ns = START_NS + np.linspace(0, 10 * SECOND, 1001, dtype=np.int64)
     track = buffer.lookup_transforms("map", "lidar", stamps_ns)
-    print("track:", track.xyz.shape, "from", track.xyz[0], "to", track.xyz[-1])
+    print("track:", len(track), "poses from", track[0].xyz, "to", track.xyz[-1])
 
     too_late = START_NS + 10 * SECOND + SECOND // 10
     try:

@@ -1,5 +1,6 @@
 """The public names: what other packages may rely on."""
 
+import importlib.metadata
 import inspect
 
 import pytest
@@ -54,6 +55,7 @@ NAMES = [
     "TwistStamped",
     "fleet_options",
     "node_options",
+    "stamp_ns",
 ]
 
 MESSAGES = [
@@ -101,3 +103,9 @@ def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
     """As of any module."""
     with pytest.raises(AttributeError, match="module 'tfbus' has no attribute 'nonsense'"):
         tfbus.nonsense  # noqa: B018  # the access is the test
+
+
+def test_the_version_is_that_of_the_installed_package() -> None:
+    """`tfbus.__version__` is there, as of any package, and read only when asked for."""
+    assert tfbus.__version__ == importlib.metadata.version("tfbus")
+    assert "__version__" in vars(tfbus)

@@ -57,7 +57,10 @@ if TYPE_CHECKING:
     from tfbus.node.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
+    from tfbus.runtime.stamps import stamp_ns as stamp_ns
     from tfbus.wire.fleet import Fleet as Fleet
+
+    __version__: str
 
 _MODULE_OF = {
     "Buffer": "tfbus.buffer.buffer",
@@ -106,15 +109,19 @@ _MODULE_OF = {
     "TwistStamped": "tfbus.geometry.twist",
     "fleet_options": "tfbus.command.options",
     "node_options": "tfbus.command.options",
+    "stamp_ns": "tfbus.runtime.stamps",
 }
 
 __all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
+    if name == "__version__":
+        value = import_module("tfbus.runtime.version").installed_version()
+    elif name in _MODULE_OF:
+        value = getattr(import_module(_MODULE_OF[name]), name)
+    else:
         raise AttributeError(f"module 'tfbus' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
     globals()[name] = value
     return value
 

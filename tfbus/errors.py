@@ -22,6 +22,15 @@
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
 what to do; the facts are fields.
+
+Where Python has an error of the same meaning, the class derives from it too, so that `except` of
+either catches it:
+
+    InvalidArgumentException, InvalidNameError, SettingsError, DecodeError    ValueError
+    TimeoutException                                                          TimeoutError
+    LookupException                                                           LookupError
+
+LookupException is no KeyError, whose `str` is the repr of its message.
 """
 
 
@@ -33,7 +42,7 @@ class TransformException(TfbusError):
     """Root of the errors of transforms and the buffer."""
 
 
-class LookupException(TransformException):
+class LookupException(TransformException, LookupError):
     """A frame is unknown to the buffer.
 
     `frame` is the unknown name; `nearest` are up to three similar names that are known.
@@ -143,7 +152,7 @@ class StaleException(TransformException):
         self.gone = gone
 
 
-class InvalidArgumentException(TransformException):
+class InvalidArgumentException(TransformException, ValueError):
     """A name, number or shape is invalid."""
 
 
@@ -168,7 +177,7 @@ class LoopException(InvalidArgumentException):
         self.other_authority = other_authority
 
 
-class TimeoutException(TransformException):
+class TimeoutException(TransformException, TimeoutError):
     """The transform did not become available in time; `reason` is the error without a wait."""
 
     def __init__(self, message: str, *, reason: TransformException | None = None) -> None:
@@ -176,7 +185,7 @@ class TimeoutException(TransformException):
         self.reason = reason
 
 
-class DecodeError(TfbusError):
+class DecodeError(TfbusError, ValueError):
     """Bytes are not a message of the expected type."""
 
 
@@ -192,9 +201,9 @@ class ParameterError(TfbusError):
     """A parameter is unknown, or its value of the wrong type or out of range."""
 
 
-class InvalidNameError(TfbusError):
+class InvalidNameError(TfbusError, ValueError):
     """A name of a node, topic, service or action is invalid."""
 
 
-class SettingsError(TfbusError):
+class SettingsError(TfbusError, ValueError):
     """A setting or command-line option is invalid."""

@@ -12,6 +12,8 @@ def mistake_in(name: object) -> str:
     """
     if not isinstance(name, str):
         return f"must be a str such as 'base_link', not {type(name).__name__}"
+    if name.isprintable() and 0 < len(name) <= MOST_LETTERS and name[0] != "/":
+        return ""  # nearly all, and each transform that is made asks for two
     if not name:
         return "must not be empty"
     shown = f"'{printable(name, most=60)}'"
@@ -19,10 +21,8 @@ def mistake_in(name: object) -> str:
         return f"{shown} begins with a slash; write '{printable(name.lstrip('/'), most=60)}'"
     if len(name) > MOST_LETTERS:
         return f"{shown} has {len(name)} letters; at most {MOST_LETTERS} are allowed"
-    if not name.isprintable():
-        letter = next(letter for letter in name if not letter.isprintable())
-        return (
-            f"{shown} contains U+{ord(letter):04X}, which cannot be printed: use letters, digits, "
-            "spaces and signs"
-        )
-    return ""
+    letter = next(letter for letter in name if not letter.isprintable())
+    return (
+        f"{shown} contains U+{ord(letter):04X}, which cannot be printed: use letters, digits, "
+        "spaces and signs"
+    )

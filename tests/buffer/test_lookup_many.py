@@ -41,9 +41,9 @@ def test_many_lookups_are_the_lookups_one_by_one(ends):
     buffer = arm()
     stamps = np.random.default_rng(1).integers(0, 2 * S, 700)
     many = buffer.lookup_transforms(*ends, stamps)
-    for stamp, xyz, quat in zip(stamps, *many, strict=True):
+    for stamp, transform in zip(stamps, many, strict=True):
         one = buffer.lookup_transform(*ends, stamp).transform
-        assert one.is_close(Transform(xyz, quat), 1e-14)
+        assert one.is_close(transform, 1e-14)
 
 
 @pytest.mark.parametrize(
@@ -99,9 +99,8 @@ def test_the_arrays_know_matrices_inverses_and_points():
     """Each row does what its transform does alone."""
     buffer = arm()
     many = buffer.lookup_transforms("world", "hand", np.arange(0, S, S // 7))
-    points = np.random.default_rng(1).normal(size=(len(many.xyz), 3))
-    for i, point in enumerate(points):
-        one = Transform(many.xyz[i], many.quat_xyzw[i])
+    points = np.random.default_rng(1).normal(size=(len(many), 3))
+    for i, (one, point) in enumerate(zip(many, points, strict=True)):
         assert np.allclose(many.as_matrix()[i], one.as_matrix())
         assert np.allclose(many.apply(points)[i], one.apply(point))
         assert np.allclose(many.inverse().apply(points)[i], one.inverse().apply(point))
@@ -122,8 +121,8 @@ def test_one_stamp_out_of_range_fails_all_of_them():
 def test_no_stamps_are_answered_with_no_rows():
     """An empty question has an empty answer; the frames are checked all the same."""
     buffer = arm(0.1)
-    xyz, quat = buffer.lookup_transforms("world", "hand", [])
-    assert (xyz.shape, quat.shape) == ((0, 3), (0, 4))
+    none = buffer.lookup_transforms("world", "hand", [])
+    assert (len(none), none.xyz.shape, none.quat_xyzw.shape) == (0, (0, 3), (0, 4))
     with pytest.raises(LookupException):
         buffer.lookup_transforms("world", "nobody", [1, 2])
     buffer.set_transform(TransformStamped(1, "moon", "rover", Transform()))
@@ -148,9 +147,9 @@ def test_sampling_holds_for_many_as_for_one():
         (Sampling(extrapolation_s=0.1), np.arange(S - S // 20, S + S // 20, S // 99)),
     ):
         many = buffer.lookup_transforms("world", "hand", stamps, sampling=sampling)
-        for stamp, xyz, quat in zip(stamps, *many, strict=True):
+        for stamp, transform in zip(stamps, many, strict=True):
             one = buffer.lookup_transform("world", "hand", stamp, sampling=sampling).transform
-            assert one.is_close(Transform(xyz, quat), 1e-14)
+            assert one.is_close(transform, 1e-14)
 
 
 def test_a_scan_is_undistorted_in_one_call():

@@ -5,6 +5,7 @@ import pytest
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped
 
 
@@ -29,3 +30,19 @@ def test_columns_that_do_not_agree_are_refused():
     ):
         with pytest.raises(InvalidArgumentException):
             TransformBatch(*bad)
+
+
+@pytest.mark.parametrize(
+    ("transforms", "says"),
+    [
+        (Transform(), r"got Transform: TransformStamped\(stamp_ns, .* adds its frames"),
+        ([Transform()], "got Transform: TransformStamped"),
+        ([TransformStamped(0, "a", "b", Transform()), None], "got None"),
+        (5, "expected tfbus.TransformStamped, got int"),
+    ],
+)
+@pytest.mark.parametrize("make", [TransformBatch.from_transforms, Columns.of_transforms])
+def test_what_is_no_stamped_transform_is_named(make, transforms, says):
+    """With what it needs."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        make(transforms)

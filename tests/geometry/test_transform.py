@@ -1,6 +1,7 @@
 """Transforms obey the laws of the group of rigid motions, and convert without loss."""
 
 import itertools
+import json
 import math
 import pickle
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from tests.builders import lengths, transforms, units
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
+from tfbus.geometry.twist import TwistStamped
 
 TINY = 1e-12
 
@@ -135,7 +137,7 @@ def test_numbers_that_are_no_motion_are_refused(xyz, quat):
 
 def test_a_matrix_that_is_no_rotation_is_refused():
     """Scaled, mirrored, or of another shape."""
-    for matrix in (np.eye(4) * 2, np.diag((1, 1, -1, 1)), np.eye(3)):
+    for matrix in (np.eye(4) * 2, np.diag((1, 1, -1, 1)), np.eye(3) * 2, np.eye(2)):
         with pytest.raises(InvalidArgumentException):
             Transform.from_matrix(matrix)
 
@@ -170,3 +172,215 @@ def test_a_pose_is_seven_numbers():
     assert turned.is_close(Transform((1.0, 2.0, 3.0), (0.0, 0.0, half, half)))
     with pytest.raises(InvalidArgumentException):
         Transform.from_pose([1.0, 2.0, 3.0])
+
+
+# In the manner of numpy
+
+
+@given(transforms(), st.lists(st.tuples(lengths, lengths, lengths), min_size=1, max_size=4))
+def test_a_transform_times_points_applies_it(a, points):
+    """T @ p is T.apply(p), of one point or many, and ~T brings them back."""
+    assert np.array_equal(a @ points, a.apply(points))
+    assert (a @ np.array(points[0])).shape == (3,)
+    assert np.allclose(~a @ (a @ points), points, atol=1e-11)
+
+
+@pytest.mark.parametrize("shape", [(4,), (4, 4), (3, 4), (2, 2, 3), ()])
+def test_what_is_no_list_of_points_names_apply(shape):
+    """An image of points, a matrix, a homogeneous point."""
+    with pytest.raises(InvalidArgumentException, match=r"got \(.*T\.apply\(points\)"):
+        Transform() @ np.ones(shape)
+
+
+def test_points_come_second():
+    """An array or a list on the left is told so; it does not become a matrix product."""
+    for points in (np.ones(3), np.ones((2, 3)), np.eye(4), [1.0, 2.0, 3.0]):
+        with pytest.raises(InvalidArgumentException, match="the points come second: T @ points"):
+            points @ Transform()
+    with pytest.raises(TypeError):
+        np.ones(3) * Transform()
+
+
+def test_apply_keeps_the_shape_of_an_image_of_points():
+    """The points of a depth image (H, W, 3) are one call."""
+    image = np.arange(24.0).reshape(2, 4, 3)
+    assert np.array_equal(Transform((1, 0, 0)).apply(image), image + np.array([1, 0, 0]))
+    with pytest.raises(InvalidArgumentException, match="points: expected an array of numbers"):
+        Transform().apply([[1, 2, 3], [4, 5]])
+    with pytest.raises(InvalidArgumentException, match=r"vectors: expected .* got \(2,\)"):
+        Transform().rotate([1, 2])
+
+
+def test_an_array_of_a_transform_is_its_matrix():
+    """np.asarray and np.array take dtype and copy; a list of transforms is (N, 4, 4)."""
+    a = Transform.from_rpy(0.1, 0.2, 0.3, (1, 2, 3))
+    assert np.array_equal(np.asarray(a), a.as_matrix())
+    assert np.asarray(a, dtype=np.float32).dtype == np.float32
+    assert np.array([a, Transform()]).shape == (2, 4, 4)
+    assert np.allclose(a, a @ Transform())
+    with pytest.raises(ValueError, match="always a new array"):
+        a.__array__(copy=False)
+
+
+# Angles and quaternions
+
+
+def test_degrees_are_asked_for():
+    """Every angle that goes in or comes out, as scipy has it."""
+    turn = Transform.from_rpy(10, -20, 90, (1, 2, 3), degrees=True)
+    assert turn.is_close(Transform.from_rpy(*np.radians((10, -20, 90)), (1, 2, 3)))
+    assert turn.as_rpy(degrees=True) == pytest.approx((10, -20, 90))
+    assert Transform.from_euler("ZYX", (90, -20, 10), (1, 2, 3), degrees=True).is_close(turn)
+    assert turn.as_euler("ZYX", degrees=True) == pytest.approx((90, -20, 10))
+    assert np.allclose(turn.as_rotvec(degrees=True), np.degrees(turn.as_rotvec()))
+    assert Transform.from_rotvec(turn.as_rotvec(degrees=True), turn.xyz, degrees=True).is_close(
+        turn
+    )
+    assert Transform.from_rpy(0, 0, 90, degrees=True).as_rpy(degrees=True) == (0.0, 0.0, 90.0)
+
+
+@given(transforms())
+def test_both_orders_of_a_quaternion_have_a_name(a):
+    """from_quat_wxyz undoes quat_wxyz, whose first is the scalar."""
+    assert a.quat_wxyz.tolist() == [a.qw, a.qx, a.qy, a.qz]
+    assert Transform.from_quat_wxyz(a.quat_wxyz, a.xyz) == a
+
+
+def test_a_rotation_and_a_translation_make_a_transform():
+    """from_matrix(R, t), and from_matrix(R) alone."""
+    a = Transform.from_rpy(0.1, 0.2, 0.3, (1, 2, 3))
+    rotation = a.as_matrix()[:3, :3]
+    assert Transform.from_matrix(rotation, (1, 2, 3)).is_close(a)
+    assert Transform.from_matrix(rotation).is_close(Transform((0, 0, 0), a.quat_xyzw))
+    with pytest.raises(InvalidArgumentException, match=r"shape \(3, 3\) beside xyz, got \(4, 4\)"):
+        Transform.from_matrix(a.as_matrix(), (1, 2, 3))
+
+
+@given(transforms(), transforms())
+def test_angle_and_distance_are_of_the_motion_between(a, b):
+    """The angle is that of the rotation vector from one to the other, the distance that of the
+    origins; both are the same from either side.
+    """
+    between = a.inverse() @ b
+    assert a.angle(b) == pytest.approx(np.linalg.norm(between.as_rotvec()), abs=1e-9)
+    assert a.angle(b) == pytest.approx(b.angle(a), abs=1e-12)
+    assert a.angle(b, degrees=True) == math.degrees(a.angle(b))
+    assert a.distance(b) == pytest.approx(np.linalg.norm(between.xyz), abs=1e-9)
+    assert a.distance(a) == 0.0
+
+
+def test_what_is_no_transform_is_named():
+    """Also a stamped one, which has one."""
+    stamped = TransformStamped(frame_id="a", child_frame_id="b", transform=Transform())
+    for ask in ("distance", "angle", "is_close"):
+        with pytest.raises(InvalidArgumentException, match=r"expected a tfbus.Transform, got None"):
+            getattr(Transform(), ask)(None)
+        with pytest.raises(InvalidArgumentException, match=r"its .transform is one"):
+            getattr(Transform(), ask)(stamped)
+    for between in ("interpolate", "interpolate_screw"):
+        with pytest.raises(InvalidArgumentException, match=r"expected a tfbus.Transform, got int"):
+            getattr(Transform(), between)(5, 0.5)
+    for other in (stamped, np.ones(3), Transform()):
+        with pytest.raises(InvalidArgumentException, match=r"takes its .transform"):
+            stamped @ other
+    with pytest.raises(InvalidArgumentException, match=r"transform: .* got ndarray"):
+        TransformStamped(0, "a", "b", np.eye(4))
+
+
+# Looking at
+
+points = st.tuples(lengths, lengths, lengths)
+
+
+@given(points, points, st.sampled_from([(0, 0, 1), (0, 1, 0), (0.3, -0.2, 5)]))
+def test_a_robot_looks_along_x_and_a_camera_along_z(eye, target, up):
+    """The axis points at the target, the upper side as near to `up` as it can, right-handed."""
+    distance = math.dist(eye, target)
+    ahead = np.subtract(target, eye) / (distance or 1.0)
+    if distance < 1e-3 or np.linalg.norm(np.cross(ahead, up)) < 1e-2:
+        return
+    robot = Transform.look_at(eye, target, up)
+    camera = Transform.look_at(eye, target, up, convention="camera")
+    assert np.allclose(~robot @ target, (distance, 0, 0), atol=1e-9)
+    assert np.allclose(~camera @ target, (0, 0, distance), atol=1e-9)
+    above = robot.inverse().rotate(up)
+    assert above[2] > 0 and above[1] == pytest.approx(0, abs=1e-9)
+    # What is above a robot's frame is -y of a camera's, and what is left of it -x.
+    optical = Transform.from_rpy(-90, 0, -90, degrees=True)
+    assert camera.is_close(robot @ optical, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (((0, 0, 0), (0, 0, 2)), "parallel to the direction from eye to target: give another"),
+        (((1, 0, 0), (1, 0, 0)), "the same point"),
+        (((0, 0, 0), (1, 0, 0), (0, 0, 0)), "parallel"),
+        (((0, 0), (1, 0, 0)), r"eye: expected shape \(3,\), got \(2,\)"),
+        (((0, 0, 0), (math.nan, 0, 0)), "target is .* finite"),
+    ],
+)
+def test_a_look_in_no_direction_is_refused(arguments, says):
+    """Straight up with the default `up`, or at itself."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        Transform.look_at(*arguments)
+    with pytest.raises(InvalidArgumentException, match=r"'robot' .* or 'camera'"):
+        Transform.look_at((0, 0, 0), (1, 0, 0), convention="opengl")
+
+
+# As plain values
+
+
+@given(transforms(), st.integers(-(2**62) + 1, 2**62 - 1), st.integers(0, 10**9))
+def test_json_brings_values_back(a, stamp_ns, extrapolated_ns):
+    """To the last bit, of a Transform and a TransformStamped."""
+    stamped = TransformStamped(stamp_ns, "map", "base", a, extrapolated_ns=extrapolated_ns)
+    assert Transform.from_dict(json.loads(json.dumps(a.to_dict()))) == a
+    assert TransformStamped.from_dict(json.loads(json.dumps(stamped.to_dict()))) == stamped
+    assert list(stamped.to_dict())[:5] == [
+        "stamp_ns",
+        "frame_id",
+        "child_frame_id",
+        "xyz",
+        "quat_xyzw",
+    ]
+
+
+def test_json_brings_a_twist_back():
+    """With its window."""
+    twist = TwistStamped(5, "base", "base", "map", [1.0, 0.0, 0.0], [0.0, 0.0, 0.5], 1, 9)
+    back = TwistStamped.from_dict(json.loads(json.dumps(twist.to_dict())))
+    assert back.to_dict() == twist.to_dict()
+    assert back.linear.tolist() == [1.0, 0.0, 0.0] and back.end_ns == 9
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "says"),
+    [
+        (Transform, {"xyz": [0, 0, 0]}, "'quat_xyzw' is missing"),
+        (Transform, [1, 2], "expected a dict with xyz and quat_xyzw, got list"),
+        (TransformStamped, {"frame_id": "a"}, "'child_frame_id' is missing"),
+        (TwistStamped, {}, "'stamp_ns' is missing"),
+    ],
+)
+def test_a_dict_without_a_key_is_refused(kind, values, says):
+    """The key is named, and those that are expected."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        kind.from_dict(values)
+
+
+def test_a_static_transform_needs_no_stamp():
+    """By name the frames and the transform are enough; what else is missing is named."""
+    stamped = TransformStamped(frame_id="base", child_frame_id="lidar", transform=Transform())
+    assert stamped == TransformStamped(0, "base", "lidar", Transform())
+    with pytest.raises(InvalidArgumentException, match="frame_id must not be empty"):
+        TransformStamped()
+    with pytest.raises(InvalidArgumentException, match=r"transform: .* got None"):
+        TransformStamped(0, "base", "lidar")
+
+
+@pytest.mark.parametrize("stamp", [1.5, None, np.datetime64("2024-01-01", "us").astype(object)])
+def test_a_stamp_of_another_type_is_told_of_stamp_ns(stamp):
+    """Floats, datetimes: they are not rounded silently."""
+    with pytest.raises(InvalidArgumentException, match=r"integer.*tfbus\.stamp_ns\(...\) converts"):
+        TransformStamped(stamp, "base", "lidar", Transform())

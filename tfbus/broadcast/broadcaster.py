@@ -8,6 +8,7 @@ from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
+from tfbus.runtime.stamp_units import LATEST_OF_ANOTHER_UNIT, other_unit, unit_hint
 
 Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 
@@ -40,18 +41,31 @@ class TransformBroadcaster:
     ):
         options = StreamOptions(split=split, priority=priority, history_s=history_s)
         self._sender = stream_of_node(node, stream).sender(options)
+        self._node = node
+        self._unit_is_logged = False
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch of columns.
 
-        Each takes points of its child frame into its frame_id, the parent. Raises
-        InvalidArgumentException where parent and child are the same frame, or a frame name in a
-        batch is invalid.
+        Each takes points of its child frame into its frame_id, the parent. A stamp that looks like
+        seconds, milliseconds or microseconds is logged once. Raises InvalidArgumentException where
+        parent and child are the same frame, or a frame name in a batch is invalid.
         """
         if isinstance(transforms, TransformStamped):
             self._sender.send_one(transforms)
+            stamp_ns: int | None = transforms.stamp_ns
         else:
-            self._sender.send(_as_columns(transforms))
+            columns = _as_columns(transforms)
+            self._sender.send(columns)
+            stamp_ns = columns.last_stamp_ns()
+        if stamp_ns is not None and 0 < stamp_ns < LATEST_OF_ANOTHER_UNIT:
+            self._check_unit(stamp_ns)
+
+    def _check_unit(self, stamp_ns: int) -> None:
+        unit = other_unit(stamp_ns, self._node.clock.now_ns())
+        if unit and not self._unit_is_logged:
+            self._unit_is_logged = True
+            self._node.log.warning("Sent a transform of 1970: %s", unit_hint(stamp_ns, unit))
 
     def remove(self, frame: str) -> None:
         """Take a child frame out of the stream, and so out of every listener's buffer.

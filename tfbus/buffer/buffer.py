@@ -20,8 +20,8 @@ from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.geometry.transform import Transform, TransformStamped, check_stamp, make_stamped
-from tfbus.geometry.transform_array import TransformArray, rotate
+from tfbus.geometry.transform import TransformStamped, check_stamp, make_stamped
+from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
 
@@ -383,7 +383,8 @@ class Buffer:
         *,
         sampling: Sampling | None = None,
     ) -> TransformArray:
-        """The transforms at N stamps: `xyz` (N, 3) in metres and `quat_xyzw` (N, 4).
+        """The transforms at N stamps (N,): a sequence of N, whose arrays are `xyz` (N, 3) in metres
+        and `quat_xyzw` (N, 4).
 
         Raises as `lookup_transform` where one of the stamps cannot be answered. The lock is
         released after every 256 stamps, so writers wait for microseconds only.
@@ -461,11 +462,9 @@ class Buffer:
             raise InvalidArgumentException(
                 f"{len(array)} points but {len(stamps)} stamps: each point needs one"
             )
-        xyz, quat_xyzw = self.lookup_transforms(
-            target_frame, source_frame, stamps, sampling=sampling
+        return self.lookup_transforms(target_frame, source_frame, stamps, sampling=sampling).apply(
+            array
         )
-        transformed: NDArray[np.float64] = rotate(quat_xyzw, array) + xyz
-        return transformed
 
     def lookup_twist(
         self,
@@ -504,9 +503,7 @@ class Buffer:
         with self._store.lock:
             sampled = [stamp for h in dynamic for stamp in h.stamps_from(start, end)]
         stamps = pick_stamps(sampled, start, end)
-        xyz, quat_xyzw = self.lookup_transforms(reference_frame, frame, stamps)
-        poses = [Transform(x, q) for x, q in zip(xyz, quat_xyzw, strict=True)]
-        linear, angular = fit_twist(stamps, poses)
+        linear, angular = fit_twist(stamps, self.lookup_transforms(reference_frame, frame, stamps))
         turn = axes @ now.transform
         return TwistStamped(
             now.stamp_ns,

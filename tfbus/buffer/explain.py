@@ -20,6 +20,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.runtime.stamp_units import other_unit, unit_hint
 from tfbus.wording import listed, near_names, stamp_text
 
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
@@ -176,19 +177,33 @@ def _no_data(
         beyond -= round(sampling.extrapolation_s * 1e9)
     if beyond <= 0:
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
+    confused = _confused_units(stamp_ns, newest)
     if history.count() == 1:
         remedy = "wait for another" if stamp_ns > newest else "query a later time"
-        away = f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
+        away = confused or f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
         return _error(SingleSampleException, history, stamp_ns, away)
     if stamp_ns < oldest:
-        away = f"its oldest sample is {_far(oldest - stamp_ns)}; query a later time"
+        away = confused or f"its oldest sample is {_far(oldest - stamp_ns)}; query a later time"
         return _error(PastExtrapolationException, history, stamp_ns, away)
+    if confused:
+        return _error(FutureExtrapolationException, history, stamp_ns, confused)
     wait_s = _retry_after_s(history.count(), oldest, newest, stamp_ns)
     away = (
         f"its newest sample is {_far(newest - stamp_ns)}; wait about {wait_s:.3g} s (timeout_s), "
         "or query the latest (stamp_ns=None)"
     )
     return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
+
+
+def _confused_units(stamp_ns: int, newest: int) -> str:
+    """What to say where either of the requested stamp and the newest sample's is in seconds, or
+    another unit; "" where both are nanoseconds.
+    """
+    if unit := other_unit(stamp_ns, newest):
+        return unit_hint(stamp_ns, unit)
+    if unit := other_unit(newest, stamp_ns):
+        return f"its publisher's stamps seem wrong: {unit_hint(newest, unit)}"
+    return ""
 
 
 def _too_far(history: History, stamp_ns: int) -> ExtrapolationException | None:

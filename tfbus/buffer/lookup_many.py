@@ -15,7 +15,7 @@ from tfbus.core.batch_lookup import by_time, fill
 from tfbus.core.kernel import Path
 from tfbus.core.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped
-from tfbus.geometry.transform_array import TransformArray
+from tfbus.geometry.transform_array import TransformArray, make_array
 
 try:
     import cython
@@ -53,7 +53,7 @@ def lookup_many(
             known.view(np.uint8).data,
             sampling,
         )
-    return TransformArray(xyz, quat_xyzw), known
+    return make_array(xyz, quat_xyzw), known
 
 
 def _fill_chunks(

@@ -72,7 +72,7 @@ def track_from_buffer(
     """
     stamps_ns = np.arange(from_ns, to_ns + 1, round(1e9 / rate_hz), dtype=np.int64)
     poses, known = buffer.lookup_known_transforms(target, source, stamps_ns)
-    return Track(target, source, stamps_ns[known], poses.rows(known))
+    return Track(target, source, stamps_ns[known], poses[known])
 
 
 def track_from_file(path: Path) -> Track:

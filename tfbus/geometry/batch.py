@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
+from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id, stamped_list
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class TransformBatch:
         """The transforms in the same order, each frame named once."""
         index_of: dict[str, int] = {}
         edges, stamps, poses = [], [], []
-        for ts in transforms:
+        for ts in stamped_list(transforms):
             parent = index_of.setdefault(ts.frame_id, len(index_of))
             child = index_of.setdefault(ts.child_frame_id, len(index_of))
             edges.append((parent, child))

@@ -12,7 +12,7 @@ from tfbus.core import packed
 from tfbus.core.packed import STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch, batch_of_checked
-from tfbus.geometry.transform import TransformStamped
+from tfbus.geometry.transform import TransformStamped, stamped_list
 
 
 class Columns:
@@ -42,7 +42,7 @@ class Columns:
     @staticmethod
     def of_transforms(transforms: Iterable[TransformStamped]) -> "Columns":
         """The transforms in the same order, each frame named once."""
-        return _of_list(list(transforms))
+        return _of_list(stamped_list(transforms))
 
     def __len__(self) -> int:
         return self.count

@@ -20,6 +20,8 @@ Angles = tuple[Floats, Floats, Floats]
 LOCKED_BELOW = 1e-8
 # The tolerance of a rotation's matrix.
 ORTHOGONAL_WITHIN = 1e-6
+# Below this sine of the angle between two directions rounding decides what is across both.
+PARALLEL_WITHIN = 1e-9
 
 
 # Quaternions
@@ -125,6 +127,32 @@ def quaternions_of_matrices(matrices: Floats) -> Floats:
     products[3, 3] = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
     largest = np.argmax(np.einsum("iin->in", products), axis=0)
     return _unit(products[largest, :, np.arange(len(matrices))])
+
+
+def looking(forward: Floats, up: Floats, convention: str) -> Floats:
+    """The matrices (..., 3, 3) of frames that look along `forward` (..., 3), their upper side
+    towards `up` (3,), as `Transform.look_at` has it.
+    """
+    if convention not in ("robot", "camera"):
+        raise InvalidArgumentException(
+            f"convention must be 'robot' (x forward, z up) or 'camera' (z forward, y down), not "
+            f"{convention!r}"
+        )
+    length = np.linalg.norm(forward, axis=-1, keepdims=True)
+    if not (length > 0.0).all():
+        raise InvalidArgumentException("eye and target are the same point: nothing to look along")
+    ahead = forward / length
+    left = np.cross(up, ahead)
+    sine = np.linalg.norm(left, axis=-1, keepdims=True)
+    if not (sine > PARALLEL_WITHIN * np.linalg.norm(up)).all():
+        raise InvalidArgumentException(
+            f"up {up.tolist()} is parallel to the direction from eye to target: give another, such "
+            "as up=(1, 0, 0)"
+        )
+    left = left / sine
+    above = np.cross(ahead, left)
+    axes = (ahead, left, above) if convention == "robot" else (-left, -above, ahead)
+    return np.stack(axes, axis=-1)
 
 
 # Euler angles

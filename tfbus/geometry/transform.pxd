@@ -21,6 +21,8 @@ cpdef Transform make_transform(pose_t pose)
 
 cdef pose_t pose_of(Transform transform) except *
 
+cpdef Transform checked_transform(value, str what=*)
+
 @cython.locals(self=TransformStamped)
 cpdef TransformStamped make_stamped(
     long long stamp_ns, str frame_id, str child_frame_id, pose_t pose, long long extrapolated_ns)

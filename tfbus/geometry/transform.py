@@ -6,9 +6,10 @@ metres, angles in radians, quaternions are x, y, z, w, times are integer nanosec
 Unix epoch.
 """
 
-from math import hypot, isfinite
+from collections.abc import Mapping, Sequence
+from math import atan2, hypot, isfinite, pi, radians
 from operator import index
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,12 +31,14 @@ from tfbus.geometry.rotations import (
     angles_of,
     euler_axes,
     is_rotation,
+    looking,
     matrix_of,
     quaternion_about,
     quaternion_of_matrix,
     unit_quaternion,
 )
 from tfbus.names import mistake_in
+from tfbus.runtime.stamp_units import LATEST_STAMP_NS
 
 try:
     import cython
@@ -44,8 +47,9 @@ except ImportError:
 
 Floats = NDArray[np.float64]
 
-# Differences of stamps up to this fit 64 bits.
-LATEST_STAMP_NS = 2**62 - 1
+if TYPE_CHECKING:
+    # What `T @ points` takes for points.
+    Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
 
 # The tolerance of a homogeneous matrix's last row, 0 0 0 1.
 LAST_ROW_WITHIN = 1e-9
@@ -60,10 +64,15 @@ class Transform:
     A quaternion whose squared norm is within 0.01 of one is normalised; any other, and numbers
     that are not finite, raise InvalidArgumentException.
 
-    `==` compares the seven numbers exactly; `is_close` asks whether two motions are the same.
+    `T @ points` takes points (3,) or (N, 3) into the parent, as `apply`; `~T` is the inverse;
+    `np.asarray(T)` is the matrix (4, 4). `==` compares the seven numbers exactly; `is_close` asks
+    whether two motions are the same.
     """
 
     __slots__ = ("_pose",)
+
+    # `array @ transform` is not for numpy to answer, which would take the transform's matrix.
+    __array_ufunc__ = None
 
     def __init__(self, xyz: ArrayLike = (0, 0, 0), quat_xyzw: ArrayLike = (0, 0, 0, 1)) -> None:
         x, y, z = _numbers(xyz, 3, "xyz")
@@ -85,16 +94,31 @@ class Transform:
         return Transform(numbers[:3], numbers[3:])
 
     @staticmethod
-    def from_matrix(matrix: ArrayLike) -> "Transform":
-        """From a homogeneous (4, 4) matrix, or (3, 4) without its last row.
+    def from_quat_wxyz(quat_wxyz: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
+        """From a quaternion (4,) with its scalar first: w, x, y, z, as Eigen's constructor, MuJoCo
+        and pytransform3d have it. The order x, y, z, w is that of `Transform(xyz, quat_xyzw)`.
+        """
+        w, x, y, z = _numbers(quat_wxyz, 4, "quat_wxyz")
+        return Transform(xyz, (x, y, z, w))
+
+    @staticmethod
+    def from_matrix(matrix: ArrayLike, xyz: ArrayLike | None = None) -> "Transform":
+        """From a homogeneous matrix (4, 4), or (3, 4) without its last row; or from a rotation's
+        matrix (3, 3) and a translation `xyz` (3,), by default 0.
 
         Raises InvalidArgumentException unless the left (3, 3) is a rotation (to 1e-6) and the
         last row is 0 0 0 1.
         """
-        m = np.asarray(matrix, dtype=np.float64)
+        m = as_floats(matrix, "matrix")
+        if m.shape == (3, 3):
+            m = np.column_stack((m, _numbers((0, 0, 0) if xyz is None else xyz, 3, "xyz")))
+        elif xyz is not None:
+            raise InvalidArgumentException(
+                f"matrix: expected shape (3, 3) beside xyz, got {m.shape}"
+            )
         if m.shape not in ((4, 4), (3, 4)):
             raise InvalidArgumentException(
-                f"matrix: expected shape (4, 4) or (3, 4), got {m.shape}"
+                f"matrix: expected shape (4, 4), (3, 4) or (3, 3), got {m.shape}"
             )
         if m.shape == (4, 4) and not np.allclose(m[3], (0, 0, 0, 1), atol=LAST_ROW_WITHIN):
             raise InvalidArgumentException("the last row of the matrix must be 0 0 0 1")
@@ -107,32 +131,68 @@ class Transform:
         return Transform(m[:3, 3], quaternion_of_matrix(rotation.tolist()))
 
     @staticmethod
-    def from_rpy(roll: float, pitch: float, yaw: float, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
-        """From roll, pitch and yaw in radians, about the fixed axes x, y and z in that order.
+    def from_rpy(
+        roll: float,
+        pitch: float,
+        yaw: float,
+        xyz: ArrayLike = (0, 0, 0),
+        *,
+        degrees: bool = False,
+    ) -> "Transform":
+        """From roll, pitch and yaw in radians, or in degrees with `degrees=True`, about the fixed
+        axes x, y and z in that order.
 
         The convention of URDF and of tf2's setRPY; the same as "xyz" of `from_euler`.
         """
-        return Transform.from_euler("xyz", (roll, pitch, yaw), xyz)
+        return Transform.from_euler("xyz", (roll, pitch, yaw), xyz, degrees=degrees)
 
     @staticmethod
-    def from_euler(axes: str, angles_rad: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
-        """From three angles (3,) about three axes, named as scipy names them.
+    def from_euler(
+        axes: str, angles: ArrayLike, xyz: ArrayLike = (0, 0, 0), *, degrees: bool = False
+    ) -> "Transform":
+        """From three angles (3,), in radians or degrees, about three axes, named as scipy names
+        them.
 
         Lower case ("xyz") turns about the fixed axes of the parent in that order, upper case
         ("ZYX") about the axes of the turning frame. Neighbouring axes differ.
         """
         order, fixed = euler_axes(axes)
         rotation = Transform.identity()
-        for axis, angle in zip(order, _numbers(angles_rad, 3, "angles_rad"), strict=True):
+        for axis, angle in zip(order, _angles(angles, "angles", degrees), strict=True):
             turn = Transform((0, 0, 0), quaternion_about(axis, angle))
             rotation = turn @ rotation if fixed else rotation @ turn
         return Transform(xyz, rotation._quaternion())
 
     @staticmethod
-    def from_rotvec(rotvec: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
-        """From a rotation vector (3,): the axis, as long as the angle in radians."""
-        x, y, z = _numbers(rotvec, 3, "rotvec")
+    def from_rotvec(
+        rotvec: ArrayLike, xyz: ArrayLike = (0, 0, 0), *, degrees: bool = False
+    ) -> "Transform":
+        """From a rotation vector (3,): the axis, as long as the angle in radians, or degrees."""
+        x, y, z = _angles(rotvec, "rotvec", degrees)
         return Transform(xyz, exp_twist(0.0, 0.0, 0.0, x, y, z)[3:])
+
+    @staticmethod
+    def look_at(
+        eye: ArrayLike,
+        target: ArrayLike,
+        up: ArrayLike = (0, 0, 1),
+        *,
+        convention: str = "robot",
+    ) -> "Transform":
+        """The pose of a frame at `eye` that looks at `target`, in the frame of these points (3,).
+
+        With the convention "robot" x points at the target, y to the left and z upwards, as robots
+        and their sensors are mounted; with "camera" z points at the target, x to the right and y
+        downwards, as optical frames are (both: ROS REP 103). The upper side is as near to `up` (3,)
+        as that allows.
+
+        Raises InvalidArgumentException where eye and target are the same point, or `up` is
+        parallel to the line between them.
+        """
+        at = _numbers(eye, 3, "eye")
+        ahead = np.array(_numbers(target, 3, "target")) - at
+        rotation = looking(ahead, np.array(_numbers(up, 3, "up")), convention)
+        return Transform(at, quaternion_of_matrix(rotation.tolist()))
 
     @staticmethod
     def exp(twist: ArrayLike) -> "Transform":
@@ -191,6 +251,11 @@ class Transform:
         """The rotation, a read-only array (4,): the unit quaternion x, y, z, w."""
         return _read_only(*self._quaternion())
 
+    @property
+    def quat_wxyz(self) -> Floats:
+        """The rotation, a read-only array (4,): the unit quaternion w, x, y, z."""
+        return _read_only(self._pose[6], self._pose[3], self._pose[4], self._pose[5])
+
     def _quaternion(self) -> tuple[float, float, float, float]:
         return self._pose[3], self._pose[4], self._pose[5], self._pose[6]
 
@@ -205,25 +270,34 @@ class Transform:
         matrix[:3, 3] = self._pose[0], self._pose[1], self._pose[2]
         return matrix
 
-    def as_rpy(self) -> tuple[float, float, float]:
-        """Roll, pitch and yaw in radians, as `from_rpy` takes them.
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The homogeneous matrix (4, 4), for `np.asarray`."""
+        return new_array(self.as_matrix(), dtype, copy)
+
+    def as_rpy(self, *, degrees: bool = False) -> tuple[float, float, float]:
+        """Roll, pitch and yaw in radians, or degrees, as `from_rpy` takes them.
 
         Pitch is from -pi/2 to pi/2; at either end (gimbal lock) yaw is 0.
         """
-        return self.as_euler("xyz")
+        return self.as_euler("xyz", degrees=degrees)
 
-    def as_euler(self, axes: str) -> tuple[float, float, float]:
-        """Three angles in radians about the axes, as `from_euler` takes them.
+    def as_euler(self, axes: str, *, degrees: bool = False) -> tuple[float, float, float]:
+        """Three angles in radians, or degrees, about the axes, as `from_euler` takes them.
 
         In gimbal lock one of the outer angles is free: the third is 0. Method: Bernardes and
         Viollet, Quaternion to Euler angles conversion, PLOS ONE 2022.
         """
-        return angles_of(axes, self._quaternion())
+        first, second, third = angles_of(axes, self._quaternion())
+        unit = 180.0 / pi if degrees else 1.0
+        return first * unit, second * unit, third * unit
 
-    def as_rotvec(self) -> Floats:
-        """The rotation vector (3,): the axis, as long as the angle (0 to pi radians)."""
+    def as_rotvec(self, *, degrees: bool = False) -> Floats:
+        """The rotation vector (3,): the axis, as long as the angle, 0 to pi radians, or 180
+        degrees.
+        """
         _, _, _, wx, wy, wz = log_pose(self._pose)
-        return np.array((wx, wy, wz))
+        rotvec = np.array((wx, wy, wz))
+        return np.degrees(rotvec) if degrees else rotvec
 
     def log(self) -> Floats:
         """The constant twist (6,) that makes this motion in unit time: linear (m), angular (rad).
@@ -231,6 +305,19 @@ class Transform:
         The inverse of `exp`. The angle is at most half a turn.
         """
         return np.array(log_pose(self._pose))
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """`xyz` and `quat_xyzw` as lists, for JSON, YAML or msgpack; `from_dict` reads it back."""
+        return {"xyz": list(self._pose[:3]), "quat_xyzw": list(self._quaternion())}
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "Transform":
+        """From a map with `xyz` and `quat_xyzw`, as `to_dict` returns it; other keys are not read.
+
+        Raises InvalidArgumentException where one of the two is missing.
+        """
+        xyz, quat_xyzw = take(values, "xyz", "quat_xyzw")
+        return Transform(xyz, quat_xyzw)
 
     @staticmethod
     def from_scipy(rotation: Any, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
@@ -257,44 +344,85 @@ class Transform:
         """The motion back."""
         return make_transform(invert(self._pose))
 
-    def __matmul__(self, other: "Transform") -> "Transform":
-        """First `other`, then this: `T_a_c = T_a_b @ T_b_c`."""
-        if not isinstance(other, Transform):
-            return NotImplemented
-        return make_transform(normalised(compose(self._pose, pose_of(other))))
+    def __invert__(self) -> "Transform":
+        """The motion back: `~T_a_b` is `T_b_a`."""
+        return make_transform(invert(self._pose))
+
+    @overload
+    def __matmul__(self, other: "Transform") -> "Transform": ...
+
+    @overload
+    def __matmul__(self, other: "Points") -> Floats: ...
+
+    def __matmul__(self, other: "Transform | Points") -> "Transform | Floats":
+        """First `other`, then this: `T_a_c = T_a_b @ T_b_c`.
+
+        Points (3,) or (N, 3) of the child frame are taken into the parent, as by `apply`.
+        """
+        if isinstance(other, Transform):
+            return make_transform(normalised(compose(self._pose, pose_of(other))))
+        if isinstance(other, list | tuple | np.ndarray):
+            return self.apply(operand_points(other))
+        return NotImplemented
+
+    def __rmatmul__(self, other: object) -> Any:
+        if isinstance(other, list | tuple | np.ndarray):
+            raise InvalidArgumentException(POINTS_COME_SECOND)
+        return NotImplemented
 
     def apply(self, points: ArrayLike) -> Floats:
-        """Points (3,) or (N, 3) of the child frame, taken into the parent."""
-        return self.rotate(points) + self.xyz
+        """Points (3,) or (N, 3) of the child frame, taken into the parent.
+
+        Any array (..., 3), such as the points of a depth image (H, W, 3), keeps its shape.
+        """
+        return self._rotated(points, "points") + self.xyz
 
     def rotate(self, vectors: ArrayLike) -> Floats:
         """Vectors (3,) or (N, 3), such as velocities, turned but not moved."""
-        array = np.asarray(vectors, dtype=np.float64)
+        return self._rotated(vectors, "vectors")
+
+    def _rotated(self, vectors: ArrayLike, what: str) -> Floats:
+        array = as_floats(vectors, what)
         if array.ndim == 0 or array.shape[-1] != 3:
             raise InvalidArgumentException(
-                f"points: expected shape (3,) or (N, 3), got {array.shape}"
+                f"{what}: expected shape (3,) or (N, 3), got {array.shape}"
             )
         rotated: Floats = array @ np.array(matrix_of(*self._quaternion())).T
         return rotated
+
+    def distance(self, other: "Transform") -> float:
+        """How far apart the origins of the two frames are, in metres."""
+        x, y, z, _, _, _, _ = pose_of(checked_transform(other))
+        return hypot(x - self._pose[0], y - self._pose[1], z - self._pose[2])
+
+    def angle(self, other: "Transform", *, degrees: bool = False) -> float:
+        """How far one is turned against the other: 0 to pi radians, or 180 degrees, about one
+        axis.
+        """
+        _, _, _, qx, qy, qz, qw = relative(self._pose, pose_of(checked_transform(other)))
+        angle = 2.0 * atan2(hypot(qx, qy, qz), abs(qw))
+        return angle * (180.0 / pi) if degrees else angle
 
     def interpolate(self, other: "Transform", ratio: float) -> "Transform":
         """As tf2 does: the translation on a straight line, the rotation by slerp the short way
         round. `ratio` 0 is this one, 1 the other.
         """
-        return make_transform(normalised(lerp_slerp(self._pose, pose_of(other), ratio)))
+        return make_transform(
+            normalised(lerp_slerp(self._pose, pose_of(checked_transform(other)), ratio))
+        )
 
     def interpolate_screw(self, other: "Transform", ratio: float) -> "Transform":
         """Along the screw from this one (`ratio` 0) to the other (1), at constant speed.
 
         Unlike `interpolate`, the motion does not depend on where the frame's origin is.
         """
-        return make_transform(sclerp(self._pose, pose_of(other), ratio))
+        return make_transform(sclerp(self._pose, pose_of(checked_transform(other)), ratio))
 
     def is_close(self, other: "Transform", atol: float = 1e-9) -> bool:
         """Whether both are the same motion: translations within `atol` metres on each axis,
         rotations within `atol` radians. A quaternion and its negative are the same rotation.
         """
-        _, _, _, qx, qy, qz, _ = relative(self._pose, pose_of(other))
+        _, _, _, qx, qy, qz, _ = relative(self._pose, pose_of(checked_transform(other)))
         near = np.allclose(self.xyz, other.xyz, rtol=0.0, atol=atol)
         return bool(near) and 2.0 * hypot(qx, qy, qz) <= atol
 
@@ -320,35 +448,35 @@ class TransformStamped:
     """A transform between two frames at one time; immutable.
 
     `frame_id` is the parent, `child_frame_id` the child; the transform takes points of the child
-    into the parent. `stamp_ns` is nanoseconds since the Unix epoch. `extrapolated_ns` is how far
-    the answer of a lookup lies beyond the samples it was made from: 0 unless the caller asked
-    for more than interpolation.
+    into the parent. `stamp_ns` is nanoseconds since the Unix epoch; `tfbus.stamp_ns` makes it of
+    seconds or a datetime. A static transform needs no stamp: by name the others are enough, as in
+    `TransformStamped(frame_id="base", child_frame_id="lidar", transform=T)`. `extrapolated_ns` is
+    how far the answer of a lookup lies beyond the samples it was made from: 0 unless the caller
+    asked for more than interpolation.
 
-    Raises InvalidArgumentException for frame ids that are empty or begin with a slash.
+    Raises InvalidArgumentException for frame ids that are empty or begin with a slash, and for a
+    stamp that is no integer.
     """
 
     # The pose is not kept as a Transform, which most lookups would make without need.
     __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
 
+    # Numpy would take it for a scalar of any type.
+    __array_ufunc__ = None
+
     def __init__(
         self,
-        stamp_ns: int,
-        frame_id: str,
-        child_frame_id: str,
-        transform: Transform,
+        stamp_ns: int = 0,
+        frame_id: str = "",
+        child_frame_id: str = "",
+        transform: Transform | None = None,
         *,
         extrapolated_ns: int = 0,
     ) -> None:
-        check_frame_id(frame_id, "frame_id")
-        check_frame_id(child_frame_id, "child_frame_id")
-        if not isinstance(transform, Transform):
-            raise InvalidArgumentException(
-                f"transform: expected a tfbus.Transform, got a {type(transform).__name__}"
-            )
         self._stamp_ns = check_stamp(stamp_ns)
-        self._frame_id = frame_id
-        self._child_frame_id = child_frame_id
-        self._pose = pose_of(transform)
+        self._frame_id = check_frame_id(frame_id, "frame_id")
+        self._child_frame_id = check_frame_id(child_frame_id, "child_frame_id")
+        self._pose = pose_of(checked_transform(transform, "transform"))
         self._extrapolated_ns = extrapolated_ns
 
     @property
@@ -375,6 +503,43 @@ class TransformStamped:
     def extrapolated_ns(self) -> int:
         """How far the answer lies beyond the samples it was made from; 0 between them."""
         return self._extrapolated_ns
+
+    def __matmul__(self, other: object) -> Any:
+        raise InvalidArgumentException(
+            "a TransformStamped has frames and a stamp: @ takes its .transform"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """`stamp_ns`, `frame_id`, `child_frame_id`, `xyz` and `quat_xyzw`, for JSON, YAML or
+        msgpack; `extrapolated_ns` only where it is not 0. `from_dict` reads it back.
+
+        The names are those of `tfbus echo --format json`.
+        """
+        values = {
+            "stamp_ns": self._stamp_ns,
+            "frame_id": self._frame_id,
+            "child_frame_id": self._child_frame_id,
+            **self.transform.to_dict(),
+        }
+        if self._extrapolated_ns:
+            values["extrapolated_ns"] = self._extrapolated_ns
+        return values
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "TransformStamped":
+        """From a map as `to_dict` returns it, or a line of `tfbus echo --format json`; other keys
+        are not read.
+
+        Raises InvalidArgumentException where a key is missing; without `stamp_ns` the stamp is 0.
+        """
+        frame_id, child_frame_id = take(values, "frame_id", "child_frame_id")
+        return TransformStamped(
+            values.get("stamp_ns", 0),
+            frame_id,
+            child_frame_id,
+            Transform.from_dict(values),
+            extrapolated_ns=values.get("extrapolated_ns", 0),
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, TransformStamped):
@@ -416,6 +581,28 @@ def pose_of(transform: Transform) -> Pose:
     return transform._pose
 
 
+def checked_transform(value: Any, what: str = "other") -> Transform:
+    """The transform. Raises InvalidArgumentException, which calls it `what`, for another type."""
+    if not isinstance(value, Transform):
+        hint = "; its .transform is one" if isinstance(value, TransformStamped) else ""
+        raise InvalidArgumentException(
+            f"{what}: expected a tfbus.Transform, got {_type_of(value)}{hint}"
+        )
+    return value
+
+
+def stamped_list(transforms: Any) -> list[TransformStamped]:
+    """The transforms as a list. Raises InvalidArgumentException where one is of another type."""
+    try:
+        stamped = list(transforms)
+    except TypeError:
+        raise _not_stamped(transforms) from None
+    for transform in stamped:
+        if not isinstance(transform, TransformStamped):
+            raise _not_stamped(transform)
+    return stamped
+
+
 def make_stamped(
     stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose, extrapolated_ns: int
 ) -> TransformStamped:
@@ -441,14 +628,81 @@ def check_stamp(stamp_ns: object) -> int:
     try:
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
+        hint = "" if isinstance(stamp_ns, str) else "; tfbus.stamp_ns(...) converts it"
         raise InvalidArgumentException(
-            f"a stamp must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}"
+            f"a stamp must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}{hint}"
         ) from None
     if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
         raise InvalidArgumentException(
             f"the stamp {stamp} is not within 146 years of 1970: it must count nanoseconds"
         )
     return stamp
+
+
+# What both kinds of transforms say of `points @ T`.
+POINTS_COME_SECOND = "the points come second: T @ points, or T.apply(points)"
+
+
+def operand_points(points: Any) -> Floats:
+    """The points of `T @ points`. Raises InvalidArgumentException where that is another array."""
+    array = as_floats(points, "points")
+    if array.shape != (3,) and (array.ndim != 2 or array.shape[1] != 3):
+        raise InvalidArgumentException(
+            f"T @ points: expected points of shape (3,) or (N, 3), got {array.shape}; "
+            "T.apply(points) takes any shape (..., 3), and np.asarray(T) is the matrix (4, 4)"
+        )
+    return array
+
+
+def take(values: Mapping[str, Any], *keys: str) -> list[Any]:
+    """The values of these keys. Raises InvalidArgumentException where one is missing."""
+    if not isinstance(values, Mapping):
+        raise InvalidArgumentException(
+            f"expected a dict with {' and '.join(keys)}, got {_type_of(values)}"
+        )
+    for key in keys:
+        if key not in values:
+            raise InvalidArgumentException(
+                f"{key!r} is missing: expected a dict with {' and '.join(keys)}"
+            )
+    return [values[key] for key in keys]
+
+
+def new_array(array: Floats, dtype: Any, copy: bool | None) -> NDArray[Any]:
+    """An array that was just made, for `__array__`: numpy must not be promised that it is not a
+    copy.
+    """
+    if copy is False:
+        raise ValueError("the matrix of a transform is always a new array: use np.asarray")
+    return array if dtype is None else array.astype(dtype, copy=False)
+
+
+def _not_stamped(value: object) -> InvalidArgumentException:
+    hint = ": TransformStamped(stamp_ns, frame_id, child_frame_id, transform) adds its frames"
+    return InvalidArgumentException(
+        f"transforms: expected tfbus.TransformStamped, got {_type_of(value)}"
+        f"{hint if isinstance(value, Transform) else ''}"
+    )
+
+
+def _type_of(value: object) -> str:
+    return "None" if value is None else type(value).__name__
+
+
+def _angles(values: ArrayLike, what: str, degrees: bool) -> Sequence[float]:
+    """Three angles (3,) in radians."""
+    angles: list[float] = _numbers(values, 3, what)
+    return [radians(angle) for angle in angles] if degrees else angles
+
+
+def as_floats(values: ArrayLike, what: str) -> Floats:
+    """The array. Raises InvalidArgumentException, which calls it `what`, for what is none."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidArgumentException(
+            f"{what}: expected an array of numbers, got {values!r:.60}"
+        ) from None
 
 
 def _numbers(values: ArrayLike, count: int, what: str) -> Any:

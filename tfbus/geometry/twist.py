@@ -1,12 +1,14 @@
 """Velocities: the twist of one frame against another, estimated from poses over a window."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus.geometry.transform import Transform
+from tfbus.geometry.transform import take
+from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
 
@@ -39,6 +41,20 @@ class TwistStamped:
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name, `linear` and `angular` as lists, for JSON, YAML or msgpack;
+        `from_dict` reads it back.
+        """
+        return {**vars(self), "linear": self.linear.tolist(), "angular": self.angular.tolist()}
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> "TwistStamped":
+        """From a map as `to_dict` returns it; other keys are not read.
+
+        Raises InvalidArgumentException where a key is missing.
+        """
+        return TwistStamped(*take(values, *(field.name for field in fields(TwistStamped))))
+
 
 def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[int]:
     """The stamps to estimate from: those of samples in the window, or its ends without two."""
@@ -49,15 +65,15 @@ def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[in
     return stamps[::stride]
 
 
-def fit_twist(stamps_ns: Sequence[int], poses: Sequence[Transform]) -> tuple[Floats, Floats]:
+def fit_twist(stamps_ns: Sequence[int], poses: TransformArray) -> tuple[Floats, Floats]:
     """Linear (3,) and angular (3,) velocity in the axes of the moving frame itself.
 
     The least-squares slope of the poses' logarithms, seen from the middle one, over time. It is
     exact for a motion at constant twist: lines, circles and screws. Over the window the frame
     turns by less than half a turn on each side.
     """
-    back = poses[len(poses) // 2].inverse()
-    logs = np.array([(back @ pose).log() for pose in poses])
+    middle = poses[len(poses) // 2]
+    logs = (~middle @ poses).log()
     seconds = (np.array(stamps_ns) - stamps_ns[0]) / 1e9
     seconds -= seconds.mean()
     slope = seconds @ logs / (seconds @ seconds)

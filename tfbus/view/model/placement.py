@@ -60,7 +60,7 @@ def place(buffer: Buffer, fixed_frame: str, names: Sequence[str], stamp_ns: int 
     kept = tuple(name for name in names if name not in missing) if missing else tuple(names)
     seen_from = np.array(poses, np.float64).reshape(-1, 7)
     placed = TransformArray(seen_from[:, :3], seen_from[:, 3:]).inverse()
-    return Placed(kept, placed.xyz, placed.quat_xyzw[:, [3, 0, 1, 2]], missing)
+    return Placed(kept, placed.xyz, placed.quat_wxyz, missing)
 
 
 def _why(buffer: Buffer, fixed_frame: str, name: str, stamp_ns: int | None) -> str:

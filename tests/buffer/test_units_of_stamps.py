@@ -1,0 +1,49 @@
+"""A lookup that fails because of seconds for nanoseconds says so."""
+
+import pytest
+
+from tests.builders import S, moved
+from tfbus import Buffer, ExtrapolationException, FutureExtrapolationException
+from tfbus.errors import PastExtrapolationException, SingleSampleException
+
+NOW_NS = 1_700_000_000 * S
+
+
+def of(*stamps: int) -> Buffer:
+    buffer = Buffer()
+    for stamp in stamps:
+        buffer.set_transform(moved(stamp, "map", "base"))
+    return buffer
+
+
+def why(buffer: Buffer, stamp_ns: int, kind: type[ExtrapolationException]) -> str:
+    with pytest.raises(kind) as caught:
+        buffer.lookup_transform("map", "base", stamp_ns)
+    assert caught.value.retry_after_s is None
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1, "seconds"), (10**3, "milliseconds"), (10**6, "microseconds")]
+)
+def test_a_lookup_at_seconds_is_told_of_nanoseconds(factor: int, unit: str) -> None:
+    """Instead of the advice to query a later time."""
+    stamp = 1_700_000_000 * factor
+    says = f"the stamp {stamp} looks like {unit}, but stamps are nanoseconds: tfbus.stamp_ns(170000"
+    assert says in why(of(NOW_NS, NOW_NS + S), stamp, PastExtrapolationException)
+    assert says in why(of(NOW_NS), stamp, SingleSampleException)
+
+
+def test_a_publisher_that_sends_seconds_is_named() -> None:
+    """Where the lookup is at nanoseconds, the samples are wrong."""
+    says = "its publisher's stamps seem wrong: the stamp 1700000001 looks like seconds"
+    seconds = of(1_700_000_000, 1_700_000_001)
+    assert says in why(seconds, NOW_NS, FutureExtrapolationException)
+
+
+def test_small_stamps_are_of_simulated_time() -> None:
+    """Where the samples are of simulated time, seconds after 0 are what they seem."""
+    with pytest.raises(FutureExtrapolationException, match="wait about"):
+        of(S, 2 * S).lookup_transform("map", "base", 1_700_000_000_000)
+    with pytest.raises(PastExtrapolationException, match="query a later time"):
+        of(NOW_NS, NOW_NS + S).lookup_transform("map", "base", 5)

@@ -1,0 +1,111 @@
+"""Stamps of times in other forms: seconds, datetime, datetime64."""
+
+from datetime import UTC, datetime, timedelta
+from decimal import Decimal
+from fractions import Fraction
+from math import isfinite
+from typing import TYPE_CHECKING, Any, overload
+
+from tfbus.errors import InvalidArgumentException
+from tfbus.runtime.stamp_units import LATEST_STAMP_NS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Seconds = int | float | Decimal | Fraction
+    Time = Seconds | datetime | np.datetime64
+
+_SECOND_NS = 1_000_000_000
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+# Farther from 1970, in years, a datetime64 may not fit nanoseconds, and wraps around silently.
+_MOST_YEARS = 146
+
+
+@overload
+def stamp_ns(time: "Time") -> int: ...
+
+
+@overload
+def stamp_ns(time: "Sequence[Time] | NDArray[Any]") -> "NDArray[np.int64]": ...
+
+
+def stamp_ns(time: "Time | Sequence[Time] | NDArray[Any]") -> "int | NDArray[np.int64]":
+    """The stamp of a time: integer nanoseconds since the Unix epoch, as all stamps are.
+
+    `time` is seconds since the epoch, or a datetime, or a numpy datetime64; of an array (N,) or a
+    list of them the answer is an int64 array (N,).
+
+    - A float is read as it is written: 1.1 is 1100000000. Today's seconds are exact to 0.2 us in
+      a float; an int, Decimal or Fraction is exact.
+    - A datetime without a time zone is local time, as Python has it.
+    - A datetime64 is UTC. Of a pandas Timestamp the nanoseconds are kept.
+
+    For the way back there are `stamp_ns / 1e9` and `np.datetime64(stamp_ns, "ns")`. Raises
+    InvalidArgumentException for other types, and for times that are not within 146 years of 1970.
+    """
+    if isinstance(time, list | tuple) or (hasattr(time, "ndim") and time.ndim):
+        return _stamps(time)
+    stamp = _stamp(time)
+    if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
+        raise _too_far(time)
+    return stamp
+
+
+def _stamp(time: Any) -> int:
+    if hasattr(time, "to_datetime64"):
+        time = time.to_datetime64()  # a pandas Timestamp is a datetime, but to the nanosecond
+    kind = getattr(getattr(time, "dtype", None), "kind", "")
+    if kind == "M":
+        return int(_of_datetime64(time))
+    if isinstance(time, datetime):
+        return (time.astimezone(UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
+    if kind == "f" or isinstance(time, float):
+        seconds = float(time)
+        return _of_seconds(seconds if not isfinite(seconds) else Fraction(repr(seconds)))
+    if isinstance(time, Decimal | Fraction):
+        return _of_seconds(time)
+    if hasattr(time, "__index__") and not isinstance(time, bool):
+        return int(time.__index__()) * _SECOND_NS
+    hint = ": datetime.fromisoformat(...) reads a text" if isinstance(time, str) else ""
+    raise InvalidArgumentException(
+        f"time: expected seconds, a datetime or a datetime64, got {type(time).__name__}{hint}"
+    )
+
+
+def _of_seconds(seconds: "Seconds") -> int:
+    if not isfinite(seconds):
+        raise InvalidArgumentException(f"time: seconds must be finite, not {seconds}")
+    return round(Fraction(seconds) * _SECOND_NS)
+
+
+def _stamps(times: Any) -> "NDArray[np.int64]":
+    import numpy as np
+
+    array = np.asarray(times)
+    if array.ndim != 1:
+        raise InvalidArgumentException(f"times: expected shape (N,), got {array.shape}")
+    if array.dtype.kind == "M":
+        return _of_datetime64(array)
+    # One by one, so that each is what it is alone.
+    return np.array([stamp_ns(time) for time in array.tolist()], dtype=np.int64)
+
+
+def _of_datetime64(times: Any) -> "NDArray[np.int64]":
+    import numpy as np
+
+    if np.isnat(times).any():
+        raise InvalidArgumentException("time: NaT is not a time")
+    if (abs(times.astype("datetime64[Y]").astype(np.int64)) >= _MOST_YEARS).any():
+        raise _too_far(times)
+    stamps: NDArray[np.int64] = times.astype("datetime64[ns]").astype(np.int64)
+    return stamps
+
+
+def _too_far(time: object) -> InvalidArgumentException:
+    return InvalidArgumentException(
+        f"the time {time!r:.60} is not within 146 years of 1970: numbers must be seconds since then"
+    )

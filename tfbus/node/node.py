@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.bus import forks
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
@@ -176,6 +177,7 @@ class Node:
         Returns whether the node still runs, so that `while node.wait(1.0):` is a loop at 1 Hz. The
         seconds are those of the node's clock, unless another is given.
         """
+        forks.check()
         clock = clock or self.clock
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
@@ -185,8 +187,11 @@ class Node:
             return self.ok
 
     def close(self) -> None:
-        """Leave the bus; everything that was created from the node ends. Twice is fine."""
-        if not self._closed:
+        """Leave the bus; everything that was created from the node ends. Twice is fine.
+
+        In a forked child it does nothing: the node is its parent's.
+        """
+        if not self._closed and not forks.is_lost():
             self._closed = True
             self.shutdown()
             with self._signals.held():
@@ -286,6 +291,7 @@ class Node:
 
         The seconds are those of the node's clock, unless another is given.
         """
+        forks.check()
         clock = clock or self.clock
         if isinstance(clock, SimulatedClock):
             return self.executor.every_simulated(clock, period_s, callback)

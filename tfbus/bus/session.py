@@ -228,9 +228,10 @@ class Session:
         *,
         timeout_s: float,
         at_any_key: bool = False,
+        others: bool = False,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`.
+        `on_end()`. With `others` this session itself is not asked.
         """
         guarded = self.callbacks.guarded
         guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
@@ -243,6 +244,7 @@ class Session:
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
+                allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import yaml
 import zenoh
 
 from tfbus.bus.interfaces import loopback_where_alone
@@ -74,6 +73,8 @@ def _named_in_file(path: str) -> Any:
         return {}
     text = Path(path).read_text(encoding="utf-8")
     if path.endswith(".yaml"):
+        import yaml  # slow to import, and most sessions have no such file
+
         return yaml.safe_load(text)
     # Zenoh takes any value for this key, so it can read JSON5 for us.
     reader = zenoh.Config()

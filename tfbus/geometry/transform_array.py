@@ -1,10 +1,9 @@
 """Many transforms as arrays: the answer to a lookup of many stamps, and its arithmetic."""
 
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.rotations import (
@@ -17,7 +16,14 @@ from tfbus.geometry.rotations import (
 )
 from tfbus.geometry.transform import LAST_ROW_WITHIN, Transform
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+else:
+    from tfbus.core import lazy_numpy as np
+
 
 # Below this angle quotients of sines lose digits, and the first terms of their series do not.
 _SMALL_ANGLE = 1e-3

@@ -74,8 +74,9 @@ class StaticTransformBroadcaster:
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch, as `TransformBroadcaster.send_transform`."""
-        one = isinstance(transforms, TransformStamped)
-        self._stream.send_static((transforms,) if one else transforms)
+        if isinstance(transforms, TransformStamped):
+            transforms = (transforms,)
+        self._stream.send_static(transforms)
 
     def remove(self, frame: str) -> None:
         """Take a child frame out of the stream, and so out of every listener's buffer.

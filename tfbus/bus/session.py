@@ -49,11 +49,13 @@ class Session:
         *,
         patience_s: float = 0.0,
         scouting_s: float | None = None,
+        any_id: bool = False,
     ):
         """Open the session.
 
         A client waits for its router for at most `patience_s` seconds. A peer opens alone after
-        `scouting_s` seconds without others (None: as configured). Raises BusError where it cannot
+        `scouting_s` seconds without others (None: as configured). With `any_id` a configuration
+        file does not set its id. Raises BusError where it cannot
         join the bus, as in a fork of a process that had joined it.
         """
         forks.begin()
@@ -65,7 +67,7 @@ class Session:
         self._closed = False
         self._ending: list[Callable[[], None]] = []
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
-        config = zenoh_config(settings, scouting_s)
+        config = zenoh_config(settings, scouting_s, any_id=any_id)
         with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())

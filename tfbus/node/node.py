@@ -7,12 +7,14 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfbus.bus import forks
+from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
+from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
@@ -74,6 +76,7 @@ class Node:
         self._parameters_are_typed_in = False
         self._signals = StopSignals()
         try:
+            check_id_is_free(settings, self.log, patience_s)
             self.session = Session(settings, self.log, patience_s=patience_s)
         except BaseException:
             self._signals.uninstall()
@@ -99,6 +102,7 @@ class Node:
             subscription = ClockSubscription(session, self.log, clock_topic, self.clock)
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
+        session.watch_links(OpenFilesWatch(self.log).look)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )

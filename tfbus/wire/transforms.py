@@ -111,7 +111,7 @@ def decode_transforms(payload: bytes) -> TransformMessage:
                 "transform has one in both"
             )
     rows.edges, rows.stamps, rows.poses = edges, stamps, poses
-    highest = max(memoryview(edges).cast(_EDGES), default=-1)
+    highest = max(memoryview(edges).cast("I"), default=-1)
     if highest >= len(frames):
         raise DecodeError(f"an edge names frame {highest}, but there are only {len(frames)} frames")
     return TransformMessage(rows, epoch_ns, seq)

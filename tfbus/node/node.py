@@ -11,7 +11,6 @@ from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
-from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
 from tfbus.node.fixed_id import check_id_is_free
@@ -26,7 +25,8 @@ from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.keys import CLOCK_TOPIC, check_topic, node_key
 
 if TYPE_CHECKING:
-    # It loads the messages, which take long, and most nodes do not need it.
+    # They take long to load, and most nodes do not need them.
+    from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
     from tfbus.node.clock_topic import ClockPublisher
 
 M = TypeVar("M")
@@ -275,16 +275,20 @@ class Node:
         return self._info.add("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
-        self, goal_type: type[GoalType], name: str, handler: Callable[[GoalHandle], None]
-    ) -> GoalServer:
+        self, goal_type: "type[GoalType]", name: str, handler: "Callable[[GoalHandle], None]"
+    ) -> "GoalServer":
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later."""
+        from tfbus.node.action import GoalServer
+
         name = self._resolve(name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
         )
 
-    def create_goal_client(self, goal_type: type[GoalType], name: str) -> GoalClient:
+    def create_goal_client(self, goal_type: "type[GoalType]", name: str) -> "GoalClient":
         """A client that sends goals to an action server."""
+        from tfbus.node.action import GoalClient
+
         name = self._resolve(name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 

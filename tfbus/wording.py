@@ -1,7 +1,6 @@
 """Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
 from collections.abc import Collection, Iterable
-from difflib import get_close_matches
 
 # Of a longer list only the first are named.
 _NAMED = 8
@@ -52,6 +51,8 @@ def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
 
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
     """The known names that are spelt most like this one, best first; () where none is near."""
+    from difflib import get_close_matches  # slow to import, and few names are wrong
+
     return tuple(get_close_matches(name, known, n=most))
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from benchmarks.bus import growth, intake, interest, latency, ros, startup
+from benchmarks.bus import growth, intake, interest, latency, paced, ros, startup
 from benchmarks.bus.growth import Size
 from benchmarks.bus.intake import Intake
 from benchmarks.bus.interest import Cost
@@ -16,13 +16,14 @@ _SENDS = 2_000
 @dataclass(frozen=True)
 class Measured:
     """Intake of messages of one transform and of fifty, beside that of tf2_ros, or why there is
-    none; latency beside bare Zenoh's; listeners by what they read; startup in seconds by phase, for
-    each way to be found; growth.
+    none; CPU for a message that comes alone, and latency, beside bare Zenoh's; listeners by what
+    they read; startup in seconds by phase, for each way to be found; growth.
     """
 
     single: Intake
     fifty: Intake
     theirs: Intake | str
+    paced_s: dict[str, float]
     ours: Latency
     bare: Latency
     reading: dict[str, Cost]
@@ -41,6 +42,8 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         theirs = ros.measure(50, runs)
     except ros.NotInstalled as error:
         theirs = str(error)
+    tell("paced messages")
+    paced_s = paced.measure(runs)
     tell("latency")
     ours, bare = latency.measure(_SENDS, runs)
     tell("interest")
@@ -49,12 +52,14 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
     starts = {
         "found by scouting": startup.measure(3 * runs, scouting=True),
         "at a given endpoint": startup.measure(3 * runs, scouting=False),
+        startup.BARE: startup.measure(3 * runs, scouting=False, bare=True),
     }
     tell("growth")
     return Measured(
         single,
         fifty,
         theirs,
+        paced_s,
         ours,
         bare,
         reading,

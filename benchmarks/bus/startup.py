@@ -1,23 +1,34 @@
-"""How long a process takes from its start to its first lookup that answers, and what of."""
+"""How long a process takes from its start to its first lookup that answers, what of, and what
+memory it holds then; beside a process of bare Zenoh that receives its first message.
+"""
 
+import json
+import os
 import sys
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from statistics import median
 
 from benchmarks.bus.place import Place, Process, free_port, place, say
 
 PHASES = {
     "python": "the interpreter",
-    "imports": "imports: tfbus, Zenoh, numpy",
+    "imports": "imports: tfbus and Zenoh",
     "node": "the node: Zenoh's session, which finds the others",
     "listener": "the buffer and the listener",
     "lookup": "until the first message makes the lookup answer (one is sent each 20 ms)",
 }
 
 
-def measure(runs: int, *, scouting: bool) -> dict[str, float]:
-    """Seconds by phase, medians; the others are found by scouting, or at an endpoint given."""
+BARE = "bare Zenoh, at a given endpoint"
+
+
+def measure(runs: int, *, scouting: bool, bare: bool = False) -> dict[str, float]:
+    """Seconds by phase, and "memory" in bytes, medians; the others are found by scouting, or at an
+    endpoint given. With `bare` of a process without tfbus.
+    """
+    function = "startup:receive_bare" if bare else "startup:look_up"
     taken: list[dict[str, float]] = []
     with place() as at:
         env = _scouting(at) if scouting else at.connecting()
@@ -25,7 +36,7 @@ def measure(runs: int, *, scouting: bool) -> dict[str, float]:
             publisher.hear()
             for _ in range(runs):
                 started_ns = time.time_ns()
-                with Process(at, "startup:look_up", env) as process:
+                with Process(at, function, env) as process:
                     report = process.hear()
                 taken.append(_phases(started_ns, report))
     return {phase: median(one[phase] for one in taken) for phase in taken[0]}
@@ -37,7 +48,7 @@ def _phases(started_ns: int, report: Mapping[str, int]) -> dict[str, float]:
     for phase in PHASES:
         phases[phase] = (report[phase] - before) / 1e9
         before = report[phase]
-    return phases | {"all": (before - started_ns) / 1e9}
+    return phases | {"all": (before - started_ns) / 1e9, "memory": 1e3 * report["resident_kb"]}
 
 
 def _scouting(at: Place) -> dict[str, str]:
@@ -78,4 +89,32 @@ def look_up() -> None:
             report["listener"] = time.time_ns()
             buffer.lookup_transform("base_link", "frame_0", timeout_s=20.0)
             report["lookup"] = time.time_ns()
+            report["resident_kb"] = _resident_kb()
     say(report)
+
+
+def receive_bare() -> None:
+    """The process without tfbus: until a callback in Python has the first message."""
+    report = {"python": time.time_ns()}
+    import threading
+
+    import zenoh
+
+    report["imports"] = time.time_ns()
+    config = zenoh.Config.from_file(os.environ["TFBUS_CONFIG"])
+    config.insert_json5("connect/endpoints", json.dumps([os.environ["TFBUS_CONNECT"]]))
+    with zenoh.open(config) as session:
+        report["node"] = time.time_ns()
+        came = threading.Event()
+        handler = zenoh.handlers.Callback(lambda sample: came.set(), None, indirect=False)
+        session.declare_subscriber("tf/publisher", handler)
+        report["listener"] = time.time_ns()
+        came.wait(20.0)
+        report["lookup"] = time.time_ns()
+        report["resident_kb"] = _resident_kb()
+    say(report)
+
+
+def _resident_kb() -> int:
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmRSS:")[1].split()[0])

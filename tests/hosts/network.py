@@ -45,6 +45,14 @@ class Hosts:
         """Plug the host's cable in, or pull it out."""
         _ip("-n", self._space[BRIDGE], "link", "set", host, "up" if up else "down")
 
+    def set_deaf(self, host: str, *, deaf: bool) -> None:
+        """Drop all that is sent to the host, or none of it."""
+        _set_dropping(self._space[BRIDGE], host, deaf)
+
+    def set_mute(self, host: str, *, mute: bool) -> None:
+        """Drop all that the host sends, or none of it."""
+        _set_dropping(self._space[host], "eth0", mute)
+
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():
@@ -91,6 +99,17 @@ def frames(witness: Process) -> dict[str, Any]:
     """What the witness knew of each frame when it printed its last line."""
     known: dict[str, Any] = json.loads(witness.out[-1])["frames"] if witness.out else {}
     return known
+
+
+def _set_dropping(space: str, interface: str, dropping: bool) -> None:
+    # A token bucket drops each packet that is larger than its burst.
+    bucket = ("tbf", "rate", "1kbit", "burst", "10", "latency", "1ms")
+    verb = (
+        ("add", "dev", interface, "root", *bucket)
+        if dropping
+        else ("del", "dev", interface, "root")
+    )
+    _ip("netns", "exec", space, "tc", "qdisc", *verb)
 
 
 def _ip(*arguments: str) -> None:

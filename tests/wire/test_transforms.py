@@ -114,8 +114,8 @@ def test_a_missing_key_is_refused(missing: str) -> None:
         ("edges", b"\0" * 12, "'edges' is not bytes in rows of 8"),
         ("stamps", b"\0" * 9, "'stamps' is not bytes in rows of 8"),
         ("poses", b"\0" * 55, "'poses' is not bytes in rows of 56"),
-        ("poses", b"\0" * 56, "poses: expected shape (2, 7), as there are 2 stamps, got (1, 7)"),
-        ("stamps", b"", "edges: expected shape (0, 2), as there are 0 stamps, got (2, 2)"),
+        ("poses", b"\0" * 56, "'poses' has 1 row, 'stamps' 2: each transform has one in both"),
+        ("stamps", b"", "'edges' has 2 rows, 'stamps' 0: each transform has one in both"),
         ("frames", ["world"], "an edge names frame 2, but there are only 1 frames"),
         (
             "edges",

@@ -88,7 +88,9 @@ class StaticTransformBroadcaster:
 
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch, as `TransformBroadcaster.send_transform`."""
-        self._stream.send_static(_as_batch(transforms))
+        if isinstance(transforms, TransformStamped):
+            transforms = (transforms,)
+        self._stream.send_static(transforms)
 
     def remove(self, frame: str) -> None:
         """Take a child frame out of the stream, and so out of every listener's buffer.
@@ -103,11 +105,3 @@ def _as_columns(transforms: TransformBatch | Iterable[TransformStamped]) -> Colu
     if isinstance(transforms, TransformBatch):
         return Columns.of_batch(transforms)
     return Columns.of_transforms(transforms)
-
-
-def _as_batch(transforms: Transforms) -> TransformBatch:
-    if isinstance(transforms, TransformStamped):
-        transforms = (transforms,)
-    if isinstance(transforms, TransformBatch):
-        return transforms
-    return TransformBatch.from_transforms(transforms)

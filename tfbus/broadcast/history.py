@@ -81,10 +81,10 @@ def _without(payload: bytes, removed: set[bytes]) -> bytes:
     if not named:
         return payload
     message = decode_transforms(payload)
-    batch = message.batch.without(named)
-    if not len(batch):
+    rows = message.rows.without(named)
+    if not len(rows):
         return b""
-    return encode_transforms(TransformMessage(batch, message.epoch_ns, message.seq))
+    return encode_transforms(TransformMessage(rows, message.epoch_ns, message.seq))
 
 
 def _ns(seconds: float) -> int:

@@ -2,20 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from struct import pack
 from typing import Protocol
-
-import numpy as np
 
 from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
-from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, rows_of
 from tfbus.wire.keys import escape, transforms_key
 from tfbus.wire.transforms import TransformEncoder
 
 # A frame nearly always has one row in a send: the first name is its parent, the second itself.
-_ONE_EDGE = np.array([[0, 1]], dtype=np.uint32)
+_ONE_EDGE = pack("=2I", 0, 1)
 
 
 class StreamKey:
@@ -40,9 +38,10 @@ class RowsOfKey:
         seq = self.key.sent
         self.key.sent += 1
         if self.rows is None:
-            return self.encoder.encode(seq, columns.stamps, columns.poses)
-        stamps = _rows_of(columns.stamps, STAMP_SIZE, self.rows)
-        return self.encoder.encode(seq, stamps, _rows_of(columns.poses, POSE_SIZE, self.rows))
+            return self.encoder.encode(seq, columns.stamps_bytes(), columns.poses_bytes())
+        stamps = rows_of(columns.stamps, columns.stamps_at, STAMP_SIZE, self.rows)
+        poses = rows_of(columns.poses, columns.poses_at, POSE_SIZE, self.rows)
+        return self.encoder.encode(seq, stamps, poses)
 
 
 class StreamKeys(Protocol):
@@ -54,8 +53,8 @@ class StreamKeys(Protocol):
     def heard(self) -> bool:
         """Whether a process subscribes to any of them now."""
 
-    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
-        """Which rows go on which key, for this batch and all with the same edges."""
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
+        """Which rows go on which key, for these columns and all with the same edges."""
 
     def restart(self) -> None:
         """Number messages from 0 again."""
@@ -76,9 +75,9 @@ class OneKey:
         """Whether a process subscribes to it now."""
         return self._key.publisher.heard
 
-    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
         """All rows in one message."""
-        encoder = TransformEncoder(epoch_ns, batch.frames, batch.edges)
+        encoder = TransformEncoder(epoch_ns, columns.frames, columns.edges_bytes())
         return [RowsOfKey(self._key, None, encoder)]
 
     def restart(self) -> None:
@@ -103,12 +102,16 @@ class KeyPerFrame:
         """Whether a process subscribes to any of them now."""
         return self._publishers.heard
 
-    def divide(self, batch: TransformBatch, epoch_ns: int) -> Sequence[RowsOfKey]:
+    def divide(self, columns: Columns, epoch_ns: int) -> Sequence[RowsOfKey]:
         """One message a child frame."""
-        rows_of: dict[str, list[int]] = {}
-        for row, child in enumerate(batch.edges[:, 1].tolist()):
-            rows_of.setdefault(batch.frames[child], []).append(row)
-        return [self._rows(batch, child, rows, epoch_ns) for child, rows in rows_of.items()]
+        pairs = columns.pairs()
+        rows_by_child: dict[str, list[int]] = {}
+        for row, (_, child) in enumerate(pairs):
+            rows_by_child.setdefault(columns.frames[child], []).append(row)
+        return [
+            self._rows(columns.frames, [pairs[row] for row in rows], child, rows, epoch_ns)
+            for child, rows in rows_by_child.items()
+        ]
 
     def restart(self) -> None:
         """Number messages from 0 again."""
@@ -119,19 +122,23 @@ class KeyPerFrame:
         """Forget the key of this frame; sent again, its messages are numbered from 0."""
         self._keys.pop(child, None)
 
-    def _rows(self, batch: TransformBatch, child: str, rows: list[int], epoch_ns: int) -> RowsOfKey:
+    def _rows(
+        self,
+        frames: Sequence[str],
+        pairs: Sequence[tuple[int, int]],
+        child: str,
+        rows: list[int],
+        epoch_ns: int,
+    ) -> RowsOfKey:
         if child not in self._keys:
             key = f"{self._own_key}/{escape(child)}"
             self._keys[child] = StreamKey(key, self._publishers.publisher(key))
         if len(rows) == 1:
-            names = [batch.frames[batch.edges[rows[0], 0]], child]
+            names = [frames[pairs[0][0]], child]
             encoder = TransformEncoder(epoch_ns, names, _ONE_EDGE)
             return RowsOfKey(self._keys[child], rows, encoder)
-        used, edges = np.unique(batch.edges[rows], return_inverse=True)
-        names = [batch.frames[frame] for frame in used.tolist()]
-        encoder = TransformEncoder(epoch_ns, names, edges.reshape(-1, 2).astype(np.uint32))
+        used = sorted({frame for pair in pairs for frame in pair})
+        at = {frame: number for number, frame in enumerate(used)}
+        edges = b"".join([pack("=2I", at[parent], at[below]) for parent, below in pairs])
+        encoder = TransformEncoder(epoch_ns, [frames[frame] for frame in used], edges)
         return RowsOfKey(self._keys[child], rows, encoder)
-
-
-def _rows_of(column: bytes, size: int, rows: Sequence[int]) -> bytes:
-    return b"".join([column[size * row : size * (row + 1)] for row in rows])

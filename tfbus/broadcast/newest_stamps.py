@@ -1,9 +1,10 @@
 """The newest stamps that a stream has sent: they show that its clock went back."""
 
+from array import array
 from collections.abc import Sequence
+from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from tfbus.core import lazy_numpy as np
 
 # Stamps may go back by this much, as when a sensor's data comes twice or in bursts. By more, the
 # clock itself was set back: a simulator was reset, or a recording starts again.
@@ -12,7 +13,11 @@ MOST_BACK_NS = 1_000_000_000
 # No stamp is more than MOST_BACK_NS before it.
 _NEVER = -(2**63) + MOST_BACK_NS
 
-Rows = NDArray[np.intp]
+# Fewer stamps than this are judged one by one, more by numpy.
+_MANY = 50
+
+# Of 64 bits each.
+Rows: TypeAlias = "array[int]"  # as a text, since Python 3.11 has no array[int]
 
 
 class NewestStamps:
@@ -23,61 +28,68 @@ class NewestStamps:
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
         self._free: list[int] = []
-        self._newest = np.full(16, _NEVER, dtype=np.int64)
-        # Reads and writes a single stamp in a fifth of the time.
-        self._one = self._newest.data
+        self._newest = array("q")
 
     def rows(self, children: Sequence[str]) -> Rows:
         """The rows of these frames, valid until one of them is forgotten."""
-        return np.array([self._row(child) for child in children], dtype=np.intp)
+        return array("q", [self._row(child) for child in children])
 
-    def note(self, rows: Rows, stamps_ns: NDArray[np.int64]) -> int | None:
+    def note(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
         """Note the stamps that are sent now, one a row; None where all are noted.
 
-        Where one is more than 1 s older than the newest of its row, nothing is noted, and its
-        position returned.
+        `stamps_ns` has a buffer of signed integers of 64 bits. Where one is more than 1 s older
+        than the newest of its row, nothing is noted, and its position returned.
         """
-        if len(rows) == 1:
-            return self.note_one(int(rows[0]), int(stamps_ns[0]))
-        too_old = stamps_ns < self._newest[rows] - MOST_BACK_NS
+        if len(rows) >= _MANY:
+            return self._note_many(rows, stamps_ns)
+        newest = self._newest
+        for position, row in enumerate(rows):
+            if stamps_ns[position] < newest[row] - MOST_BACK_NS:
+                return position
+        for position, row in enumerate(rows):
+            # A row may come more than once.
+            if stamps_ns[position] > newest[row]:
+                newest[row] = stamps_ns[position]
+        return None
+
+    def _note_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:
+        # Views for this call only: an array with views cannot grow.
+        newest, at = np.frombuffer(self._newest, np.int64), np.frombuffer(rows, np.int64)
+        stamps = np.frombuffer(stamps_ns, np.int64)
+        too_old = stamps < newest[at] - MOST_BACK_NS
         if np.count_nonzero(too_old):
             return int(too_old.argmax())
-        # A row may come more than once.
-        np.maximum.at(self._newest, rows, stamps_ns)
+        np.maximum.at(newest, at, stamps)
         return None
 
     def newest_ns(self, row: int) -> int:
         """The newest stamp of a row."""
-        return int(self._one[row])
+        return self._newest[row]
 
     def forget(self, child: str) -> None:
         """Forget the stamp and the row of this frame."""
         row = self._row_of.pop(child, None)
         if row is not None:
-            self._one[row] = _NEVER
+            self._newest[row] = _NEVER
             self._free.append(row)
 
     def clear(self) -> None:
         """Forget all stamps; the rows stay valid."""
-        self._newest[:] = _NEVER
+        self._newest = array("q", [_NEVER]) * len(self._newest)
 
     def note_one(self, row: int, stamp_ns: int) -> int | None:
         """As `note` of one row, in a fraction of the time."""
-        newest_ns = self._one[row]
+        newest_ns = self._newest[row]
         if stamp_ns < newest_ns - MOST_BACK_NS:
             return 0
         if stamp_ns > newest_ns:
-            self._one[row] = stamp_ns
+            self._newest[row] = stamp_ns
         return None
 
     def _row(self, child: str) -> int:
         row = self._row_of.get(child)
         if row is None:
             row = self._row_of[child] = self._free.pop() if self._free else len(self._row_of)
-            if row >= len(self._newest):
-                self._grow()
+            if row == len(self._newest):
+                self._newest.append(_NEVER)
         return row
-
-    def _grow(self) -> None:
-        self._newest = np.concatenate([self._newest, np.full_like(self._newest, _NEVER)])
-        self._one = self._newest.data

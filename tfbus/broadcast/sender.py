@@ -14,8 +14,9 @@ from tfbus.broadcast.newest_stamps import NewestStamps, Rows
 from tfbus.broadcast.options import StreamOptions
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
+from tfbus.core import packed
+from tfbus.core.packed import STAMP_SIZE
 from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.wire.one_message import OneMessage
@@ -138,7 +139,7 @@ class TransformSender:
         table = self._table(columns)
         late = self._note(table, columns)
         if late is not None:
-            self._restart(columns.as_batch(), late, int(table.stamp_rows[late]))
+            self._restart(columns, late, table.stamp_rows[late])
             table = self._table(columns)
             self._note(table, columns)
         if not self._singles.keys().isdisjoint(table.by_child.keys()):
@@ -182,23 +183,22 @@ class TransformSender:
         """Note the stamps; where one is too far back, note none and return its row."""
         if columns.count == 1:
             return self._newest.note_one(table.first_stamp_row, columns.last_stamp_ns() or 0)
-        return self._newest.note(table.stamp_rows, columns.stamps_ns())
+        return self._newest.note(table.stamp_rows, memoryview(columns.stamps_bytes()).cast("q"))
 
     def _table(self, columns: Columns) -> _Table:
         edges, frames = columns.edges, columns.frames
         last = self._last_table
         if last is None or last.edges != edges or last.frames != frames:
             known = self._tables.get((frames, edges))
-            last = self._last_table = known or self._remember(columns.as_batch(), edges)
+            last = self._last_table = known or self._remember(columns, edges)
         if last.noted != self._frames.reparented:
             self._note_edges(last.by_child)
             last.noted = self._frames.reparented
         return last
 
-    def _remember(self, batch: TransformBatch, edges: bytes) -> _Table:
-        rows = [
-            (batch.frames[parent], batch.frames[child]) for parent, child in batch.edges.tolist()
-        ]
+    def _remember(self, columns: Columns, edges: bytes) -> _Table:
+        frames = columns.frames
+        rows = [(frames[parent], frames[child]) for parent, child in columns.pairs()]
         by_child = {child: (parent, False) for parent, child in rows}
         self._note_edges(by_child)
         self._edges_remembered += max(len(rows), 1)
@@ -206,15 +206,15 @@ class TransformSender:
             self._forget_tables()
         stamp_rows = self._newest.rows([child for _, child in rows])
         table = _Table(
-            batch.frames,
+            frames,
             edges,
             by_child,
             self._frames.reparented,
             stamp_rows,
-            int(stamp_rows[0]) if rows else 0,
-            self._keys.divide(batch, self._epoch_ns),
+            stamp_rows[0] if rows else 0,
+            self._keys.divide(columns, self._epoch_ns),
         )
-        self._tables[batch.frames, edges] = table
+        self._tables[frames, edges] = table
         return table
 
     def _forget_tables(self) -> None:
@@ -223,9 +223,10 @@ class TransformSender:
         self._last_table = None
         self._edges_remembered = 0
 
-    def _restart(self, batch: TransformBatch, late: int, stamp_row: int) -> None:
-        back_ns = self._newest.newest_ns(stamp_row) - int(batch.stamps_ns[late])
-        child = batch.frames[int(batch.edges[late, 1])]
+    def _restart(self, columns: Columns, late: int, stamp_row: int) -> None:
+        stamp_ns = packed.stamp_at(columns.stamps, columns.stamps_at + STAMP_SIZE * late)
+        back_ns = self._newest.newest_ns(stamp_row) - stamp_ns
+        child = columns.frames[columns.pairs()[late][1]]
         self._epoch_ns = self._begin_epoch(child, back_ns)
         self._newest.clear()
         self._keys.restart()

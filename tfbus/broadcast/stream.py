@@ -11,6 +11,7 @@ import os
 import socket
 import threading
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 
 from tfbus.broadcast.announcer import Edges, FrameAnnouncer, FrameRows
@@ -20,7 +21,7 @@ from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
-from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
@@ -106,13 +107,13 @@ class Stream:
                 )
             return self._sender
 
-    def send_static(self, batch: TransformBatch) -> None:
+    def send_static(self, transforms: Iterable[TransformStamped]) -> None:
         """Add static transforms to the stream, or replace those of the same child frame.
 
         The whole set is sent, and retained for listeners that join later. Raises
         InvalidArgumentException where a frame name is invalid, or parent and child are the same.
         """
-        added = {ts.child_frame_id: ts for ts in batch}
+        added = {ts.child_frame_id: ts for ts in transforms}
         with self._static_lock:
             self._frames.add({child: (ts.frame_id, True) for child, ts in added.items()})
             self._statics |= added
@@ -145,8 +146,8 @@ class Stream:
             self._send_statics()
 
     def _send_statics(self) -> None:
-        batch = TransformBatch.from_transforms(self._statics.values())
-        message = TransformMessage(batch, self._epoch_ns, self._statics_sent)
+        rows = Columns.of_transforms(self._statics.values())
+        message = TransformMessage(rows, self._epoch_ns, self._statics_sent)
         self._statics_sent += 1
         self._static_payload = encode_transforms(message)
         self._static_publisher.put(self._static_payload)

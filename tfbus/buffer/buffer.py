@@ -3,10 +3,10 @@
 Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from tfbus.buffer.explain import Freshness
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
@@ -24,6 +24,12 @@ from tfbus.geometry.transform import TransformStamped, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 try:
     import cython

@@ -3,7 +3,6 @@
 import re
 import time
 from collections.abc import Iterable
-from html import escape
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.wording import counted
@@ -74,6 +73,8 @@ def as_text(frames: Iterable[FrameInfo]) -> str:
 
 def as_svg(frames: Iterable[FrameInfo]) -> str:
     """The trees as an SVG drawing, a frame a row, for a notebook or a web page."""
+    from html import escape  # slow to import, and few draw
+
     rows = list(_walk(frames))
     width = max((_INDENT_PX * d + _CHAR_PX * len(_line(f)) for _, d, f in rows), default=0) + 60
     height = _ROW_PX * len(rows) + 16

@@ -3,11 +3,10 @@
 Compiled where there is a C compiler (`lookup_many.pxd` has the C types).
 """
 
-import math
-from typing import Any
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import math
+from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.store import Store
@@ -16,6 +15,12 @@ from tfbus.core.kernel import Path
 from tfbus.core.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped
 from tfbus.geometry.transform_array import TransformArray, make_array
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 try:
     import cython

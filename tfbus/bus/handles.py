@@ -6,6 +6,7 @@ from typing import Any
 
 import zenoh
 
+from tfbus.bus import forks
 from tfbus.bus.callbacks import direct
 from tfbus.bus.zenoh_errors import as_bus_error
 
@@ -15,9 +16,10 @@ class Declaration:
 
     def __init__(self, declared: Any):
         self._declared = declared
+        forks.holders.add(self, "_declared")
 
     def close(self) -> None:
-        """End it; twice is fine."""
+        """End it; twice is fine. In a forked child it does nothing."""
         with suppress(zenoh.ZError):
             self._declared.undeclare()
 
@@ -36,6 +38,7 @@ class _MatchWatch:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait for a counterpart, at most `timeout_s` (None: for ever); whether there is one."""
+        forks.check()
         return self._matched.wait(timeout_s)
 
     def close(self) -> None:
@@ -96,9 +99,10 @@ class PublishersWithin:
     """
 
     def __init__(self, session: zenoh.Session, watch: HeardWatch, priority: zenoh.Priority):
-        self._session = session
+        self.session = session
+        self.priority = priority
         self._watch = watch
-        self._priority = priority
+        forks.holders.add(self, "session")
 
     @property
     def heard(self) -> bool:
@@ -107,28 +111,25 @@ class PublishersWithin:
 
     def publisher(self, key: str) -> BytesPublisher:
         """A publisher of one key."""
-        return BytesPublisher(key, _OneOfMany(self._session, self._watch, key, self._priority))
+        return BytesPublisher(key, _OneOfMany(self, key))
 
 
 class _OneOfMany:
     """Stands in for a publisher of Zenoh's."""
 
-    def __init__(
-        self, session: zenoh.Session, watch: HeardWatch, key: str, priority: zenoh.Priority
-    ):
-        self._session = session
-        self._watch = watch
+    def __init__(self, publishers: PublishersWithin, key: str):
+        self._publishers = publishers
         self._key = zenoh.KeyExpr(key)
-        self._priority = priority
 
     def put(self, payload: bytes) -> None:
         # Where the session is closed, its put raises.
-        if self._watch.heard or self._session.is_closed():
-            self._session.put(
+        session = self._publishers.session
+        if self._publishers.heard or session.is_closed():
+            session.put(
                 self._key,
                 payload,
                 congestion_control=zenoh.CongestionControl.DROP,
-                priority=self._priority,
+                priority=self._publishers.priority,
             )
 
     def undeclare(self) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import zenoh
 
+from tfbus.bus import forks
 from tfbus.bus.zenoh_errors import bus_errors
 from tfbus.errors import TfbusError
 
@@ -40,6 +41,7 @@ class Query:
 
     def __init__(self, query: zenoh.Query):
         self._query = query
+        forks.holders.add(self, "_query")
         self.key = str(query.key_expr)
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
@@ -72,7 +74,8 @@ class Query:
 
     def close(self) -> None:
         """End the answers: the asker waits for no further ones."""
-        self._query.drop()
+        if not forks.is_lost():
+            self._query.drop()
 
 
 def within(key: str, expression: str) -> bool:

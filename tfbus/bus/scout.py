@@ -4,14 +4,18 @@ import threading
 
 import zenoh
 
+from tfbus.bus import forks
 from tfbus.bus.callbacks import direct
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors
+from tfbus.bus.zenoh_threads import configure_zenoh_threads
 
 
 def found_by_scouting(settings: NodeSettings, timeout_s: float, *, until: str) -> set[str]:
     """The ids of the peers and routers that answer within `timeout_s`, or until `until` does."""
+    forks.begin()
+    configure_zenoh_threads()
     found: set[str] = set()
     is_found = threading.Event()
 

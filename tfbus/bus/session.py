@@ -2,7 +2,6 @@
 
 import atexit
 import logging
-import os
 import queue
 import signal
 import threading
@@ -12,6 +11,7 @@ from contextlib import suppress
 
 import zenoh
 
+from tfbus.bus import forks
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.handles import (
     BytesPublisher,
@@ -24,6 +24,7 @@ from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
+from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError
 from tfbus.runtime.workers import Workers
 
@@ -48,13 +49,17 @@ class Session:
         *,
         patience_s: float = 0.0,
         scouting_s: float | None = None,
+        any_id: bool = False,
     ):
         """Open the session.
 
         A client waits for its router for at most `patience_s` seconds. A peer opens alone after
-        `scouting_s` seconds without others (None: as configured). Raises BusError where it cannot
-        join the bus.
+        `scouting_s` seconds without others (None: as configured). With `any_id` a configuration
+        file does not set its id. Raises BusError where it cannot
+        join the bus, as in a fork of a process that had joined it.
         """
+        forks.begin()
+        configure_zenoh_threads()
         zenoh.try_init_log_from_env()
         self.settings = settings
         self.callbacks = Callbacks(log)
@@ -62,11 +67,11 @@ class Session:
         self._closed = False
         self._ending: list[Callable[[], None]] = []
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
-        config = zenoh_config(settings, scouting_s)
+        config = zenoh_config(settings, scouting_s, any_id=any_id)
         with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())
-        self._process = os.getpid()
+        forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
@@ -93,9 +98,9 @@ class Session:
     def close(self) -> None:
         """Leave the bus, within 10 s: every declaration of this session ends. Twice is fine.
 
-        Where Zenoh does not close in that time, the log says so.
+        Where Zenoh does not close in that time, the log says so. In a forked child it does nothing.
         """
-        if not self._closed:
+        if not self._closed and not forks.is_lost():
             self._closed = True
             self.callbacks.mute()
             atexit.unregister(self._end_with_process)
@@ -121,7 +126,7 @@ class Session:
     def _end_with_process(self) -> None:
         # Zenoh's threads that return into an interpreter that shuts down abort the process. A
         # child of a fork has none of them, and nothing to close.
-        if os.getpid() == self._process:
+        if not forks.is_lost():
             # From here on Ctrl-C ends the process at once, without a traceback.
             with suppress(ValueError):  # this interpreter has no signals
                 if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
@@ -225,9 +230,10 @@ class Session:
         *,
         timeout_s: float,
         at_any_key: bool = False,
+        others: bool = False,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
-        `on_end()`.
+        `on_end()`. With `others` this session itself is not asked.
         """
         guarded = self.callbacks.guarded
         guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
@@ -240,6 +246,7 @@ class Session:
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout_s,
+                allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

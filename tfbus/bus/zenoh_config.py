@@ -1,10 +1,10 @@
 """Zenoh's configuration: the node's settings over its configuration file over our defaults."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
-import yaml
 import zenoh
 
 from tfbus.bus.interfaces import loopback_where_alone
@@ -27,11 +27,14 @@ _URGENT_BATCHES = 8
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
-def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zenoh.Config:
+def zenoh_config(
+    settings: NodeSettings, scouting_s: float | None = None, *, any_id: bool = False
+) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file's, overridden by what is given.
 
     A session opens without others after `scouting_s` seconds of scouting (None: as configured).
-    Raises SettingsError where the file is not a configuration.
+    With `any_id` its id is not that of the file. Raises SettingsError where the file is not a
+    configuration.
     """
     config = _config_of(settings.config)
     named = _named_in_file(settings.config)
@@ -54,11 +57,19 @@ def zenoh_config(settings: NodeSettings, scouting_s: float | None = None) -> zen
     }
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
+    if any_id:
+        given["id"] = f"a{os.urandom(15).hex()}"  # without a leading zero, as Zenoh wants it
     unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
     for key, value in {**unnamed, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))
     return config
+
+
+def id_in_file(path: str) -> str | None:
+    """Zenoh's id that the configuration file sets, as sessions tell theirs; None without one."""
+    named = _named_in_file(path)
+    return str(named["id"]).lower() if _is_in(named, "id") and named["id"] else None
 
 
 def has_scouting(settings: NodeSettings) -> bool:
@@ -74,6 +85,8 @@ def _named_in_file(path: str) -> Any:
         return {}
     text = Path(path).read_text(encoding="utf-8")
     if path.endswith(".yaml"):
+        import yaml  # slow to import, and most sessions have no such file
+
         return yaml.safe_load(text)
     # Zenoh takes any value for this key, so it can read JSON5 for us.
     reader = zenoh.Config()

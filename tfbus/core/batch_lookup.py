@@ -10,14 +10,19 @@ waits for another. So rows are put into the order of their times first; a few ou
 little, and the order may be rough. How rough depends on how evenly the times are spread.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from tfbus.core.kernel import NO_DATA, Path, Pose, Samples, invert, sclerp
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 try:
     import cython
@@ -41,8 +46,6 @@ _MOST_ORDERED = 2**31 - 1
 # Rows of a bucket, on average; more buckets would not fit into the nearest cache.
 _ROWS_OF_BUCKET = 8
 _MOST_BUCKETS = 4096
-
-_AS_THEY_ARE = np.empty(0, dtype=np.int32)
 
 
 class Block:
@@ -273,7 +276,7 @@ def by_time(stamps: NDArray[np.int64]) -> NDArray[np.int32]:
     """
     count = len(stamps)
     if not _LEAST_ORDERED <= count <= _MOST_ORDERED or _are_sorted(stamps.data):
-        return _AS_THEY_ARE
+        return np.empty(0, dtype=np.int32)
     if not cython.compiled:
         return np.argsort(stamps, kind="stable").astype(np.int32)
     rows = np.empty(count, dtype=np.int32)

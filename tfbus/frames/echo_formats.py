@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
 from tfbus.wording import stamp_text
 
@@ -49,13 +50,14 @@ class Numbers:
 def tf2_block(transform: TransformStamped, numbers: Numbers) -> str:
     """The block of nine lines that tf2_echo prints since 2025."""
     roll, pitch, yaw = transform.transform.as_rpy()
+    pose = transform.transform.as_pose()
     # tf2 computes pitch as -asin(m20), so that a pitch of zero is -0.0 there.
     rpy = (roll, pitch or -0.0, yaw)
     return "\n".join(
         (
             f"At time {stamp_text(transform.stamp_ns)}",
-            f"- Translation: {numbers.bracketed(transform.transform.xyz)}",
-            f"- Rotation: in Quaternion (xyzw) {numbers.bracketed(transform.transform.quat_xyzw)}",
+            f"- Translation: {numbers.bracketed(pose[:3])}",
+            f"- Rotation: in Quaternion (xyzw) {numbers.bracketed(pose[3:])}",
             f"- Rotation: in RPY (radian) {numbers.bracketed(rpy)}",
             f"- Rotation: in RPY (degree) {numbers.bracketed(map(math.degrees, rpy))}",
             "- Matrix:",
@@ -69,8 +71,8 @@ def foxy_block(transform: TransformStamped, numbers: Numbers) -> str:
     return "\n".join(
         (
             f"At time {stamp_text(transform.stamp_ns)}",
-            f"- Translation: {numbers.bracketed(transform.transform.xyz)}",
-            f"- Rotation: in Quaternion {numbers.bracketed(transform.transform.quat_xyzw)}",
+            f"- Translation: {numbers.bracketed(transform.transform.as_pose()[:3])}",
+            f"- Rotation: in Quaternion {numbers.bracketed(transform.transform.as_pose()[3:])}",
         )
     )
 
@@ -83,8 +85,8 @@ def json_line(transform: TransformStamped, numbers: Numbers) -> str:
             "stamp_ns": transform.stamp_ns,
             "frame_id": transform.frame_id,
             "child_frame_id": transform.child_frame_id,
-            "xyz": numbers.exact(pose.xyz),
-            "quat_xyzw": numbers.exact(pose.quat_xyzw),
+            "xyz": numbers.exact(pose.as_pose()[:3]),
+            "quat_xyzw": numbers.exact(pose.as_pose()[3:]),
             "rpy": numbers.exact(pose.as_rpy()),
         },
         ensure_ascii=False,
@@ -100,7 +102,7 @@ def csv_line(transform: TransformStamped, numbers: Numbers) -> str:
             transform.stamp_ns,
             transform.frame_id,
             transform.child_frame_id,
-            *numbers.exact((*pose.xyz, *pose.quat_xyzw, *pose.as_rpy())),
+            *numbers.exact((*pose.as_pose(), *pose.as_rpy())),
         )
     )
     return row.getvalue()
@@ -109,7 +111,7 @@ def csv_line(transform: TransformStamped, numbers: Numbers) -> str:
 def _matrix_rows(transform: TransformStamped, numbers: Numbers) -> list[str]:
     # tf2_echo's columns are six wide for its three digits; more digits need wider ones.
     width = max(6, numbers.precision + 3)
-    return [
-        "".join(f" {numbers.text(value):>{width}}" for value in row)
-        for row in transform.transform.as_matrix()
-    ]
+    pose = transform.transform.as_pose()
+    turned = zip(matrix_of(*pose[3:]), pose[:3], strict=True)
+    rows = [*((*row, moved) for row, moved in turned), (0.0, 0.0, 0.0, 1.0)]
+    return ["".join(f" {numbers.text(value):>{width}}" for value in row) for row in rows]

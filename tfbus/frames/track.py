@@ -1,20 +1,26 @@
 """Where one frame was, seen from another, over time."""
 
+from __future__ import annotations
+
 import csv
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.frames.echo_formats import POSE_COLUMNS
 from tfbus.geometry.transform_array import TransformArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,19 @@
 """Many transforms as arrays, which a broadcaster sends and a buffer stores in one call."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id, stamped_list
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,16 +3,28 @@
 Compiled where there is a C compiler (`columns.pxd` has the C types).
 """
 
-from collections.abc import Iterable
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Collection, Iterable, Iterator
+from struct import iter_unpack, unpack_from
+from typing import TYPE_CHECKING
 
 from tfbus.core import packed
-from tfbus.core.packed import STAMP_SIZE
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch, batch_of_checked
-from tfbus.geometry.transform import TransformStamped, stamped_list
+from tfbus.geometry.transform import (
+    Transform,
+    TransformStamped,
+    check_frame_id,
+    stamped_list,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 class Columns:
@@ -75,11 +87,68 @@ class Columns:
         columns.poses, columns.poses_at = self.poses, self.poses_at
         return columns
 
+    def edges_bytes(self) -> bytes:
+        """The edges of all rows, without what stands around them."""
+        return self.edges[self.edges_at : self.edges_at + EDGE_SIZE * self.count]
+
+    def stamps_bytes(self) -> bytes:
+        """The stamps of all rows."""
+        return self.stamps[self.stamps_at : self.stamps_at + STAMP_SIZE * self.count]
+
+    def poses_bytes(self) -> bytes:
+        """The poses of all rows."""
+        return self.poses[self.poses_at : self.poses_at + POSE_SIZE * self.count]
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """The edge of each row: the indices of parent and child in `frames`."""
+        return list(iter_unpack("=2I", self.edges_bytes()))
+
+    def stamps_as_ints(self) -> list[int]:
+        """The stamp of each row, in nanoseconds since the Unix epoch."""
+        return memoryview(self.stamps_bytes()).cast("q").tolist()
+
+    def children(self) -> frozenset[str]:
+        """The child frames of the rows."""
+        return frozenset([self.frames[child] for _, child in self.pairs()])
+
+    def only(self, children: Collection[str]) -> "Columns":
+        """The rows whose child frame is one of these."""
+        return self._chosen(children, True)
+
+    def without(self, children: Collection[str]) -> "Columns":
+        """The rows whose child frame is none of these."""
+        return self._chosen(children, False)
+
+    def __iter__(self) -> Iterator[TransformStamped]:
+        """Row by row. Raises InvalidArgumentException for a row that is not a valid transform."""
+        for row, (parent, child) in enumerate(self.pairs()):
+            pose = unpack_from("=7d", self.poses, self.poses_at + POSE_SIZE * row)
+            yield TransformStamped(
+                packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * row),
+                check_frame_id(self.frames[parent]),
+                check_frame_id(self.frames[child]),
+                Transform(pose[:3], pose[3:]),
+            )
+
+    def _chosen(self, children: Collection[str], wanted: bool) -> "Columns":
+        of = {at for at, frame in enumerate(self.frames) if frame in children}
+        kept = [row for row, (_, child) in enumerate(self.pairs()) if (child in of) is wanted]
+        columns = Columns(self.frames, len(kept))
+        columns.edges = rows_of(self.edges, self.edges_at, EDGE_SIZE, kept)
+        columns.stamps = rows_of(self.stamps, self.stamps_at, STAMP_SIZE, kept)
+        columns.poses = rows_of(self.poses, self.poses_at, POSE_SIZE, kept)
+        return columns
+
     def last_stamp_ns(self) -> int | None:
         """The stamp of the last row; None without rows."""
         if self.count == 0:
             return None
         return packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * (self.count - 1))
+
+
+def rows_of(column: bytes, start: int, size: int, rows: Iterable[int]) -> bytes:
+    """These rows of a column that begins at `start`, each of `size` bytes."""
+    return b"".join([column[start + size * row : start + size * (row + 1)] for row in rows])
 
 
 def _of_list(transforms: list[TransformStamped]) -> Columns:

@@ -3,18 +3,25 @@
 Compiled where there is a C compiler, without C types of its own.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from math import atan2, cos, hypot, pi, sin, sqrt
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from tfbus.core.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.errors import InvalidArgumentException
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Angles = tuple[Floats, Floats, Floats]
+else:
+    from tfbus.core import lazy_numpy as np
+
 Triple = tuple[float, float, float]
-Angles = tuple[Floats, Floats, Floats]
 
 # Two components of a quaternion that together are below this are rounding: gimbal lock.
 LOCKED_BELOW = 1e-8

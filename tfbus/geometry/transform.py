@@ -6,13 +6,13 @@ metres, angles in radians, quaternions are x, y, z, w, times are integer nanosec
 Unix epoch.
 """
 
+from __future__ import annotations
+
+import sys
 from collections.abc import Mapping, Sequence
 from math import atan2, hypot, isfinite, pi, radians
 from operator import index
 from typing import TYPE_CHECKING, Any, overload
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from tfbus.core.kernel import (
     IDENTITY,
@@ -40,19 +40,25 @@ from tfbus.geometry.rotations import (
 from tfbus.names import mistake_in
 from tfbus.runtime.stamp_units import LATEST_STAMP_NS
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+    # What `T @ points` takes for points.
+    Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
+else:
+    from tfbus.core import lazy_numpy as np
+
 try:
     import cython
 except ImportError:
     from tfbus.core import cython_stub as cython
 
-Floats = NDArray[np.float64]
-
-if TYPE_CHECKING:
-    # What `T @ points` takes for points.
-    Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
-
 # The tolerance of a homogeneous matrix's last row, 0 0 0 1.
 LAST_ROW_WITHIN = 1e-9
+
+_LARGEST = sys.float_info.max
 
 
 @cython.freelist(256)
@@ -705,7 +711,22 @@ def as_floats(values: ArrayLike, what: str) -> Floats:
         ) from None
 
 
+def _plain_numbers(values: Any, count: int) -> list[float] | None:
+    """The numbers where they are Python's own, as most are: these need no numpy."""
+    if type(values) not in (tuple, list) or len(values) != count:
+        return None
+    for value in values:
+        if type(value) is not float and type(value) is not int:
+            return None
+        if not -_LARGEST <= value <= _LARGEST:
+            return None
+    return [float(value) for value in values]
+
+
 def _numbers(values: ArrayLike, count: int, what: str) -> Any:
+    numbers = _plain_numbers(values, count)
+    if numbers is not None:
+        return numbers
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,11 +1,10 @@
 """Many transforms as arrays: the answer to a lookup of many stamps, and its arithmetic."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import index
 from typing import TYPE_CHECKING, Any, ClassVar, overload
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from tfbus.core.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.errors import InvalidArgumentException
@@ -29,13 +28,17 @@ from tfbus.geometry.transform import (
     take,
 )
 
-Floats = NDArray[np.float64]
-
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
     from tfbus.geometry.transform import Points
 
+    Floats = NDArray[np.float64]
     # What picks rows: a slice, a mask (N,), or indices.
     Rows = slice | NDArray[np.bool_] | NDArray[np.intp] | Sequence[bool] | Sequence[int]
+else:
+    from tfbus.core import lazy_numpy as np
 
 # Below this angle quotients of sines lose digits, and the first terms of their series do not.
 _SMALL_ANGLE = 1e-3

@@ -1,16 +1,22 @@
 """Velocities: the twist of one frame against another, estimated from poses over a window."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from tfbus.geometry.transform import take
 from tfbus.geometry.transform_array import TransformArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+else:
+    from tfbus.core import lazy_numpy as np
+
 
 # More poses than this make the estimate slower, not better.
 _MOST_POSES = 256

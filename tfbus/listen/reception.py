@@ -129,7 +129,7 @@ class StreamReception:
         if epochs.gone:
             marks.update()
         elif marks.left_behind and not marks.left_behind.isdisjoint(batch.frames):
-            marks.restore(children_of(_as_batch(batch)))
+            marks.restore(children_of(_as_columns(batch)))
         if epoch_ns != epochs.present_ns and not static:
             # The epoch ended in between: none of it may stay.
             buffer.forget(self.name)
@@ -175,8 +175,8 @@ class StreamReception:
         self.buffer.forget(self.name, self.excluded - former)
         return self.excluded != former
 
-    def _without(self, batch: TransformBatch | Columns, excluded: frozenset[str]) -> TransformBatch:
-        whole = _as_batch(batch)
+    def _without(self, batch: TransformBatch | Columns, excluded: frozenset[str]) -> Columns:
+        whole = _as_columns(batch)
         kept = whole.without(excluded)
         with self.lock:
             self.counts.excluded += len(whole) - len(kept)
@@ -199,7 +199,7 @@ class StreamReception:
         message = self.decode(payload)
         if message is None or not self.admit(message.epoch_ns):
             return
-        batch = message.batch
+        batch = message.rows
         with self.lock:
             self.counts.add(len(batch), len(payload))
             removed = self.listing.removed_in(message.epoch_ns)
@@ -221,7 +221,7 @@ class StreamReception:
             if self._is_outdated_set(epoch_ns):
                 self.counts.outdated += 1
                 return
-            self.counts.add(len(message.batch), len(payload))
+            self.counts.add(len(message.rows), len(payload))
             self.counts.last_heard_ns = time.time_ns()
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
             is_later = self.epochs.present_ns is None or epoch_ns > self.epochs.present_ns
@@ -367,5 +367,5 @@ class StaticReception:
         self.stream.receive_static(payload)
 
 
-def _as_batch(batch: TransformBatch | Columns) -> TransformBatch:
-    return batch.as_batch() if isinstance(batch, Columns) else batch
+def _as_columns(batch: TransformBatch | Columns) -> Columns:
+    return batch if isinstance(batch, Columns) else Columns.of_batch(batch)

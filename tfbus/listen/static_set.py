@@ -1,6 +1,6 @@
 """The static transforms of one stream: the set that came last, and what the stream lists."""
 
-from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 from tfbus.wire.transforms import TransformMessage
 
 
@@ -12,7 +12,7 @@ class StaticSet:
     """
 
     def __init__(self) -> None:
-        self.batch: TransformBatch | None = None
+        self.batch: Columns | None = None
         self.epoch_ns: int | None = None
         # The frames that the stream lists as static.
         self.listed: frozenset[str] = frozenset()
@@ -33,8 +33,8 @@ class StaticSet:
         former = (
             children_of(self.batch) if self.batch is not None and is_same_epoch else frozenset()
         )
-        self.batch, self.epoch_ns, self._seq = message.batch, message.epoch_ns, message.seq
-        return former - children_of(message.batch)
+        self.batch, self.epoch_ns, self._seq = message.rows, message.epoch_ns, message.seq
+        return former - children_of(message.rows)
 
     def is_missing(self) -> bool:
         """Whether a listed transform has not come, or may have changed since."""
@@ -58,10 +58,9 @@ class StaticSet:
         self.batch = self.epoch_ns = self._seq = None
 
 
-def children_of(batch: TransformBatch) -> frozenset[str]:
+def children_of(batch: Columns) -> frozenset[str]:
     """The child frames of a batch."""
-    frames = batch.frames
-    return frozenset({frames[child] for child in batch.edges[:, 1].tolist()})
+    return batch.children()
 
 
 def _is_before(seq: int | None, other: int | None) -> bool:

@@ -146,7 +146,7 @@ class TransformMeter:
             message = decode_transforms(payload)
         except DecodeError:
             return  # the listener counts it, and logs it
-        stream, frames = stream_of(key), self._names.of_message(key, message.batch.frames)
+        stream, frames = stream_of(key), self._names.of_message(key, message.rows.frames)
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)
             if stream in self._streams or len(self._streams) < _MOST_EDGES:
@@ -161,8 +161,7 @@ class TransformMeter:
         at_s: float,
         now_ns: int,
     ) -> None:
-        batch = message.batch
-        rows = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), strict=True)
+        rows = zip(message.rows.pairs(), message.rows.stamps_as_ints(), strict=True)
         for (parent, child), stamp_ns in rows:
             edge = (stream, frames[parent], frames[child])
             meter = self._edges.get(edge)

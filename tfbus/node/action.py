@@ -7,8 +7,8 @@ at the end `{"status": "succeeded" | "canceled" | "aborted", "result": {...}}`. 
 """
 
 import logging
+import os
 import threading
-import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ class GoalHandle:
     def __init__(
         self, name: str, request: Any, query: Query, on_end: Callable[["GoalHandle"], None]
     ):
-        self.id = uuid.uuid4().hex
+        self.id = os.urandom(16).hex()
         self.request = request
         self.active = True
         self._name = name

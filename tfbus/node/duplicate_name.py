@@ -53,7 +53,7 @@ class DuplicateNameWatch:
 
         key = node_key(self._name)
         with suppress(BusError):  # the session may be closed meanwhile, where the node is not
-            self._session.ask_later(key, None, on_answer, lambda: None, timeout_s=1.0)
+            self._session.ask_later(key, None, on_answer, lambda: None, timeout_s=1.0, others=True)
 
     def _compare(self, other: NodeDescription, at_start: bool) -> None:
         is_second = at_start or (self._started_ns, self._session.id) > (

@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tfbus.bus import forks
+from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
-from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
+from tfbus.node.fixed_id import check_id_is_free
 from tfbus.node.info import Describer, NodeInfo
 from tfbus.node.parameters import Bounds, Parameter, Parameters, Value
 from tfbus.node.service import Client, Service, ServiceType
@@ -23,7 +25,8 @@ from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.keys import CLOCK_TOPIC, check_topic, node_key
 
 if TYPE_CHECKING:
-    # It loads the messages, which take long, and most nodes do not need it.
+    # They take long to load, and most nodes do not need them.
+    from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
     from tfbus.node.clock_topic import ClockPublisher
 
 M = TypeVar("M")
@@ -73,6 +76,7 @@ class Node:
         self._parameters_are_typed_in = False
         self._signals = StopSignals()
         try:
+            check_id_is_free(settings, self.log, patience_s)
             self.session = Session(settings, self.log, patience_s=patience_s)
         except BaseException:
             self._signals.uninstall()
@@ -98,6 +102,7 @@ class Node:
             subscription = ClockSubscription(session, self.log, clock_topic, self.clock)
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
+        session.watch_links(OpenFilesWatch(self.log).look)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )
@@ -176,6 +181,7 @@ class Node:
         Returns whether the node still runs, so that `while node.wait(1.0):` is a loop at 1 Hz. The
         seconds are those of the node's clock, unless another is given.
         """
+        forks.check()
         clock = clock or self.clock
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
@@ -185,8 +191,11 @@ class Node:
             return self.ok
 
     def close(self) -> None:
-        """Leave the bus; everything that was created from the node ends. Twice is fine."""
-        if not self._closed:
+        """Leave the bus; everything that was created from the node ends. Twice is fine.
+
+        In a forked child it does nothing: the node is its parent's.
+        """
+        if not self._closed and not forks.is_lost():
             self._closed = True
             self.shutdown()
             with self._signals.held():
@@ -266,16 +275,20 @@ class Node:
         return self._info.add("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
-        self, goal_type: type[GoalType], name: str, handler: Callable[[GoalHandle], None]
-    ) -> GoalServer:
+        self, goal_type: "type[GoalType]", name: str, handler: "Callable[[GoalHandle], None]"
+    ) -> "GoalServer":
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later."""
+        from tfbus.node.action import GoalServer
+
         name = self._resolve(name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
         )
 
-    def create_goal_client(self, goal_type: type[GoalType], name: str) -> GoalClient:
+    def create_goal_client(self, goal_type: "type[GoalType]", name: str) -> "GoalClient":
         """A client that sends goals to an action server."""
+        from tfbus.node.action import GoalClient
+
         name = self._resolve(name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
@@ -286,6 +299,7 @@ class Node:
 
         The seconds are those of the node's clock, unless another is given.
         """
+        forks.check()
         clock = clock or self.clock
         if isinstance(clock, SimulatedClock):
             return self.executor.every_simulated(clock, period_s, callback)

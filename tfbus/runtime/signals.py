@@ -6,6 +6,7 @@ import select
 import signal
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -99,10 +100,18 @@ class _Stop:
     def __init__(self) -> None:
         self.called = False
         self._readable, self._writable = os.pipe()
+        _stops.add(self)
 
     def __del__(self) -> None:
         os.close(self._readable)
         os.close(self._writable)
+
+    def leave_to_parent(self) -> None:
+        """In a forked child: it has come, and the parent's file is the parent's."""
+        os.close(self._readable)
+        os.close(self._writable)
+        self.called = True
+        self._readable, self._writable = os.pipe()
 
     def call(self) -> None:
         if not self.called:
@@ -160,6 +169,7 @@ _SAME_SIGNAL_S = 1.0
 _interrupted_s = -math.inf
 _installed: list[StopSignals] = []
 _previous: dict[int, Any] = {}
+_stops: weakref.WeakSet[_Stop] = weakref.WeakSet()
 
 
 def _in_main_thread() -> bool:
@@ -186,3 +196,17 @@ def _restore_handlers() -> None:
         if signal.getsignal(number) is _on_signal:
             signal.signal(number, previous)
     _previous.clear()
+
+
+def _on_fork() -> None:
+    """In a forked child signals do what they do without a node, and nothing wakes the parent."""
+    _installed.clear()
+    if _previous:
+        signal.set_wakeup_fd(-1)
+        _restore_handlers()
+    for stop in list(_stops):
+        stop.leave_to_parent()
+
+
+if hasattr(os, "register_at_fork"):  # Windows has no forks
+    os.register_at_fork(after_in_child=_on_fork)

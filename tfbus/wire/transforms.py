@@ -5,57 +5,56 @@ Messages are written and read column by column, without a Python object for each
 
 import struct
 import sys
+from array import array
 from collections.abc import Sequence
 from typing import Any
 
 import msgpack
-import numpy as np
-from numpy.typing import NDArray
 
-from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.geometry.batch import TransformBatch
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
+from tfbus.errors import DecodeError
+from tfbus.geometry.columns import Columns
 from tfbus.wire.codec import decode_map
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.scan import FAST, VERSION, scan_message
 from tfbus.wire.scan import TransformMessage as TransformMessage
+from tfbus.wording import counted
 
 # What MessagePack puts before an integer of eight bytes. Each `seq` is written so, since packing
 # it by msgpack would take as long as the columns.
 _UINT64 = b"\xcf"
 
-# Of one transform: indices of parent and child in `frames`; the stamp; x y z qx qy qz qw.
-_EDGE = np.dtype("<u4")
-_STAMP = np.dtype("<i8")
-_POSE = np.dtype("<f8")
+# The types of the numbers in a column, as array has them; messages are little-endian.
+_EDGES, _STAMPS, _POSES = "I", "q", "d"
 
 
 def encode_transforms(message: TransformMessage) -> bytes:
     """The payload of one message."""
-    batch = message.batch
-    encoder = TransformEncoder(message.epoch_ns, batch.frames, batch.edges)
-    return encoder.encode(message.seq, batch.stamps_ns.tobytes(), batch.poses.tobytes())
+    rows = message.rows
+    encoder = TransformEncoder(message.epoch_ns, rows.frames, rows.edges_bytes())
+    return encoder.encode(message.seq, rows.stamps_bytes(), rows.poses_bytes())
 
 
 class TransformEncoder:
     """Writes messages with the same epoch, frames and edges, which are encoded once.
 
-    `edges` are as in a TransformBatch.
+    `edges` are bytes in the byte order of this machine, as in Columns.
     """
 
-    def __init__(self, epoch_ns: int, frames: Sequence[str], edges: NDArray[np.uint32]) -> None:
+    def __init__(self, epoch_ns: int, frames: Sequence[str], edges: bytes) -> None:
         pack = msgpack.Packer().pack
         common = [pack("v"), pack(VERSION), pack("epoch"), pack(epoch_ns)]
         common += [
             pack("frames"),
             pack(frames),
             pack("edges"),
-            pack(edges.astype(_EDGE, copy=False).tobytes()),
+            pack(_little_endian(edges, _EDGES)),
         ]
-        count = len(edges)
+        count = len(edges) // EDGE_SIZE
         self._uncounted = b"".join([b"\x86", *common])
         self._counted = b"".join([b"\x87", *common, pack("seq"), _UINT64])
-        self._stamps = pack("stamps") + _bin_header(count * _STAMP.itemsize)
-        self._poses = pack("poses") + _bin_header(count * 7 * _POSE.itemsize)
+        self._stamps = pack("stamps") + _bin_header(count * STAMP_SIZE)
+        self._poses = pack("poses") + _bin_header(count * POSE_SIZE)
 
     @property
     def fixed(self) -> tuple[bytes, bytes, bytes]:
@@ -68,10 +67,12 @@ class TransformEncoder:
         """The payload of one message: a stamp and a pose for each edge, as bytes in the byte order
         of this machine.
         """
-        if sys.byteorder == "big":
-            stamps = np.frombuffer(stamps, np.int64).astype(_STAMP).tobytes()
-            poses = np.frombuffer(poses, np.float64).astype(_POSE).tobytes()
-        columns = (self._stamps, stamps, self._poses, poses)
+        columns = (
+            self._stamps,
+            _little_endian(stamps, _STAMPS),
+            self._poses,
+            _little_endian(poses, _POSES),
+        )
         if seq is None:
             return b"".join((self._uncounted, *columns))
         return b"".join((self._counted, seq.to_bytes(8, "big"), *columns))
@@ -99,16 +100,21 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     seq = columns.get("seq")
     if seq is not None and type(seq) is not int:
         raise DecodeError("'seq' is not an integer")
-    try:
-        batch = TransformBatch(
-            tuple(frames),
-            _column(columns, "edges", _EDGE, 2).astype(np.uint32, copy=False),
-            _column(columns, "stamps", _STAMP, 1).reshape(-1).astype(np.int64, copy=False),
-            _column(columns, "poses", _POSE, 7).astype(np.float64, copy=False),
-        )
-    except InvalidArgumentException as error:
-        raise DecodeError(str(error)) from error
-    return TransformMessage(batch, epoch_ns, seq)
+    edges = _column(columns, "edges", EDGE_SIZE, _EDGES)
+    stamps = _column(columns, "stamps", STAMP_SIZE, _STAMPS)
+    poses = _column(columns, "poses", POSE_SIZE, _POSES)
+    rows = Columns(tuple(frames), len(stamps) // STAMP_SIZE)
+    for name, column, size in (("edges", edges, EDGE_SIZE), ("poses", poses, POSE_SIZE)):
+        if len(column) != size * rows.count:
+            raise DecodeError(
+                f"{name!r} has {counted(len(column) // size, 'row')}, 'stamps' {rows.count}: each "
+                "transform has one in both"
+            )
+    rows.edges, rows.stamps, rows.poses = edges, stamps, poses
+    highest = max(memoryview(edges).cast("I"), default=-1)
+    if highest >= len(frames):
+        raise DecodeError(f"an edge names frame {highest}, but there are only {len(frames)} frames")
+    return TransformMessage(rows, epoch_ns, seq)
 
 
 class TransformReader:
@@ -141,8 +147,17 @@ def _bin_header(size: int) -> bytes:
     return struct.pack(">BH", 0xC5, size) if size < 2**16 else struct.pack(">BI", 0xC6, size)
 
 
-def _column(columns: dict[str, Any], name: str, dtype: np.dtype[Any], width: int) -> Any:
+def _column(columns: dict[str, Any], name: str, size: int, numbers: str) -> bytes:
     data = columns.get(name)
-    if not isinstance(data, bytes) or len(data) % (dtype.itemsize * width):
-        raise DecodeError(f"{name!r} is not bytes in rows of {dtype.itemsize * width}")
-    return np.frombuffer(data, dtype).reshape(-1, width)
+    if not isinstance(data, bytes) or len(data) % size:
+        raise DecodeError(f"{name!r} is not bytes in rows of {size}")
+    return _little_endian(data, numbers)
+
+
+def _little_endian(column: bytes, numbers: str) -> bytes:
+    """The numbers of a column from this machine's byte order into that of messages, or back."""
+    if sys.byteorder == "little":
+        return column
+    swapped = array(numbers, column)
+    swapped.byteswap()
+    return swapped.tobytes()

@@ -10,6 +10,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from struct import iter_unpack
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
@@ -21,7 +22,7 @@ from tfbus.wire.codec import as_map, decode_map, decode_message, encode_map, fro
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
-    from tfbus.geometry.batch import TransformBatch
+    from tfbus.geometry.columns import Columns
 
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]
@@ -146,21 +147,22 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
 
 
 def _read_transforms(payload: bytes) -> dict[str, Any]:
-    from tfbus.wire.transforms import decode_transforms  # numpy, which other messages do not need
+    from tfbus.wire.transforms import decode_transforms  # which other messages do not need
 
     message = decode_transforms(payload)
     counted = {} if message.seq is None else {"seq": message.seq}
-    return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.batch)}
+    return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.rows)}
 
 
-def _rows(batch: "TransformBatch") -> list[dict[str, Any]]:
+def _rows(rows: "Columns") -> list[dict[str, Any]]:
     """The rows as they came, with those that a buffer rejects."""
-    columns = zip(batch.edges.tolist(), batch.stamps_ns.tolist(), batch.poses.tolist(), strict=True)
+    poses = iter_unpack("=7d", rows.poses_bytes())
+    columns = zip(rows.pairs(), rows.stamps_as_ints(), poses, strict=True)
     return [
         {
             "stamp_ns": stamp_ns,
-            "frame_id": batch.frames[parent],
-            "child_frame_id": batch.frames[child],
+            "frame_id": rows.frames[parent],
+            "child_frame_id": rows.frames[child],
             "transform": {
                 "translation": dict(zip("xyz", pose[:3], strict=True)),
                 "rotation": dict(zip("xyzw", pose[3:], strict=True)),

@@ -119,10 +119,9 @@ def _run(
 
 
 def _newest_stamp(payload: bytes) -> int:
-    from tfbus.wire.transforms import decode_transforms  # numpy, which other messages do not need
+    from tfbus.wire.transforms import decode_transforms  # which other messages do not need
 
-    stamps = decode_transforms(payload).batch.stamps_ns
-    return int(stamps.max()) if len(stamps) else 0
+    return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
 
 
 def _stamp(topic: str, payload: bytes) -> int:

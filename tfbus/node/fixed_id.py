@@ -1,0 +1,44 @@
+"""Zenoh's id where a configuration file sets it: of two processes that share it, one is lost."""
+
+import logging
+from contextlib import suppress
+
+from tfbus.bus.query import Answer
+from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import id_in_file
+from tfbus.errors import BusError, DecodeError
+from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import ALL_NODES_EVERYWHERE
+from tfbus.wording import printable
+
+_ANSWER_WITHIN_S = 1.0
+
+
+def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: float) -> None:
+    """Raise BusError where a node on the bus has the id that the configuration file sets.
+
+    A session with an id of its own looks first: one with the same id would take the place of the
+    other, without a word. Where the file sets no id, there is nothing to do.
+    """
+    taken = id_in_file(settings.config)
+    if taken is None:
+        return
+    with Session(settings, log, patience_s=patience_s, any_id=True) as session:
+        session.settle()
+        for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S):
+            other = _described(answer)
+            if other is not None and other.session == taken:
+                raise BusError(
+                    f"{settings.config} sets Zenoh's id {taken}, which node "
+                    f"'{printable(other.name)}' on {printable(other.host)} with pid {other.pid} "
+                    "has: remove 'id' from the file, or give each process its own"
+                )
+
+
+def _described(answer: Answer) -> NodeDescription | None:
+    if answer.refusal is None:
+        with suppress(DecodeError):
+            return decode_message(NodeDescription, answer.payload)
+    return None

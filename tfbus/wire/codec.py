@@ -13,6 +13,8 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 import msgpack
 
 from tfbus.errors import DecodeError
+from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wording import printable
 
 M = TypeVar("M")
 Reader = Callable[[object, str], Any]
@@ -24,7 +26,12 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
 
 
 def decode_map(data: bytes) -> dict[str, Any]:
-    """The map in the bytes. Raises DecodeError where they are not one msgpack map."""
+    """The map in the bytes.
+
+    Raises DecodeError where they are not one msgpack map, or hold more than a million values.
+    """
+    if mistake := too_many_items(data):
+        raise DecodeError(mistake)
     try:
         value = msgpack.unpackb(data)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
@@ -97,7 +104,7 @@ def _read_fields(
         for name in values:
             if name not in shape:
                 raise DecodeError(
-                    f"there is no field {path + str(name)!r}; "
+                    f"there is no field '{printable(path + str(name), 60)}'; "
                     f"{type_name(message_type)} has {', '.join(shape) or 'no fields'}"
                 )
     read = {}
@@ -212,7 +219,8 @@ _KINDS = {
 
 
 def _wrong_type(path: str, expected: str, value: object) -> DecodeError:
-    return DecodeError(f"field {path!r} must be {expected}, not {_kind(value)}")
+    shown = printable(path, 100)
+    return DecodeError(f"field '{shown}' must be {expected}, not {_kind(value)}")
 
 
 def _kind(value: object) -> str:

@@ -20,7 +20,7 @@ from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals, Wakeup
-from tfbus.wire.keys import CLOCK_TOPIC, check_topic, node_key
+from tfbus.wire.keys import CLOCK_TOPIC, node_key, resolve
 
 if TYPE_CHECKING:
     # It loads the messages, which take long, and most nodes do not need it.
@@ -329,4 +329,12 @@ class Node:
         return self._info.describe()
 
     def _resolve(self, name: str) -> str:
-        return self.settings.remappings.get(name, check_topic(name))
+        """The name as the session uses it, after remapping."""
+        given = self._expanded(name)
+        for source, target in self.settings.remappings.items():
+            if self._expanded(source) == given:
+                return self._expanded(target)
+        return given
+
+    def _expanded(self, name: str) -> str:
+        return resolve(name, self.name, self.namespace)

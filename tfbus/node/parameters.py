@@ -17,7 +17,7 @@ from tfbus.errors import ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
-from tfbus.wire.keys import check_topic, last_name, node_parameters_key, parameter_key
+from tfbus.wire.keys import check_parameter, last_name, node_parameters_key, parameter_key
 from tfbus.wording import did_you_mean
 
 Value = bool | int | float | str | list[Any]
@@ -61,7 +61,7 @@ class Parameter:
     ):
         if type(default) not in _TYPE_NAMES:
             raise ParameterError(f"a parameter cannot be of type {type(default).__name__}")
-        self.name = check_topic(name, kind="parameter")
+        self.name = check_parameter(name)
         self.value: Any = default
         self.description = description
         self._type: type = type(default)

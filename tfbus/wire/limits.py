@@ -56,16 +56,22 @@ class Limits:
     @property
     def largest(self) -> int:
         """The largest of them."""
-        return max(getattr(self, kind) for kind in KINDS)
+        return max(map(self.of, KINDS))
+
+    def of(self, kind: str) -> int:
+        """The limit of a kind, one of KINDS."""
+        most: int = getattr(self, kind)
+        return most
 
     def mistake_in(self, kind: str, size: int) -> str:
         """Why a payload of this size is not read, as the end of a sentence; "" where it is."""
-        most: int = getattr(self, kind)
+        most = self.of(kind)
         if size <= most:
             return ""
+        enough = size_text(_rounded_up(size)).replace(" ", "")
         return (
             f"it has {size_text(size)}, and the limit of {kind} is {size_text(most)}; to raise it, "
-            f"set TFBUS_LIMITS={kind}={size_text(_rounded_up(size)).replace(' ', '')}"
+            f"set TFBUS_LIMITS={kind}={enough} for all that send or read it"
         )
 
     @classmethod
@@ -80,6 +86,12 @@ class Limits:
 KINDS = tuple(each.name for each in fields(Limits))
 
 DEFAULT_LIMITS = Limits()
+
+
+def kind_of_query(key: str) -> str:
+    """The kind of the queries of a key or key expression, and of their answers."""
+    kind = kind_of(key)
+    return "service" if kind == "topic" else kind
 
 
 def check_size(kind: str, payload: bytes, limits: Limits = DEFAULT_LIMITS) -> None:

@@ -121,7 +121,8 @@ def size_text(size: int) -> str:
 def _rounded_up(size: int) -> int:
     """The size with one digit that is not 0, and not less."""
     digit = 10 ** (len(str(size)) - 1)
-    return min(-(-size // digit) * digit, _MOST)
+    rounded: int = -(-size // digit) * digit
+    return min(rounded, _MOST)
 
 
 def _parsed(text: str) -> tuple[str, int]:

@@ -2,7 +2,8 @@
 
 PyYAML reads YAML 1.1, where `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
 1e-3 is a text and 2022-12-07 is a date. Here a plain word is nothing (`null`, `~`), true or
-false, a number, or else a text, and the key of a map is always a text.
+false, a number, or else a text, and the key of a map is always a text. Anchors and aliases have no
+meaning in a value, and a few of them can stand for billions of values: they are no YAML here.
 """
 
 import re
@@ -12,6 +13,10 @@ import yaml
 
 _TAG = "tag:yaml.org,2002:"
 _BASES = {"0o": 8, "0x": 16}
+
+# Of a text that came over the network. PyYAML's time grows with the square of the nesting.
+_MOST_LETTERS = 10_000
+_MOST_NESTED = 100
 
 # The core schema: https://yaml.org/spec/1.2.2/#1032-tag-resolution
 _WORDS = {
@@ -30,6 +35,16 @@ def read_value(text: str) -> Any:
         return text
 
 
+def read_strangers_value(text: str) -> Any:
+    """As `read_value`, for a text that came over the network.
+
+    One of more than 10,000 letters, or of more than 100 lists and maps, which could take seconds to
+    read, is its own value.
+    """
+    is_short = len(text) <= _MOST_LETTERS and text.count("[") + text.count("{") <= _MOST_NESTED
+    return read_value(text) if is_short else text
+
+
 def _read_int(loader: Any, node: Any) -> int:
     return int(node.value, _BASES.get(node.value[:2].lower(), 10))
 
@@ -41,9 +56,17 @@ def _read_map(loader: Any, node: Any) -> dict[str, Any]:
     return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
 
 
+def _without_aliases(loader: Any, parent: Any, index: Any) -> Any:
+    event = loader.peek_event()
+    if getattr(event, "anchor", None) is not None:
+        raise yaml.YAMLError("a value has no anchors and aliases")
+    return yaml.SafeLoader.compose_node(loader, parent, index)
+
+
 def _make_loader() -> Any:
     # Not a class statement: without PyYAML's types, mypy does not know its base.
-    loader: Any = type("_Loader", (yaml.SafeLoader,), {"yaml_implicit_resolvers": {}})
+    members = {"yaml_implicit_resolvers": {}, "compose_node": _without_aliases}
+    loader: Any = type("_Loader", (yaml.SafeLoader,), members)
     for name, pattern in _WORDS.items():
         word = re.compile(rf"(?:{pattern})\Z", re.IGNORECASE)
         loader.add_implicit_resolver(_TAG + name, word, [None])

@@ -9,8 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 from tfbus.errors import SettingsError
-from tfbus.wire.keys import check_namespace, check_node_name, resolve
+from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
+from tfbus.wording import printable
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
@@ -80,6 +81,8 @@ class NodeSettings:
         set_field(self, "namespace", check_namespace(self.namespace))
         set_field(self, "parameters", MappingProxyType(dict(self.parameters)))
         set_field(self, "remappings", MappingProxyType(dict(self.remappings)))
+        for name in self.parameters:
+            check_parameter(name)
         for name in (*self.remappings, *self.remappings.values()):
             resolve(name, self.name, self.namespace)
         _check_choice("mode", self.mode, ("", *MODES))
@@ -95,6 +98,9 @@ class NodeSettings:
 
 
 def _check_endpoint(endpoint: str) -> None:
+    if not endpoint.isprintable():
+        shown = printable(endpoint, 60)
+        raise SettingsError(f"endpoint '{shown}' has a character that cannot be printed")
     protocol, found, address = endpoint.partition("/")
     if not found:
         written = endpoint if ":" in endpoint else f"{endpoint}:7447"

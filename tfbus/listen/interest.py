@@ -5,6 +5,7 @@ of their frames. A thread of its own subscribes and unsubscribes: lookups, and Z
 leave it a note.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Callable

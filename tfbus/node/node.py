@@ -161,7 +161,7 @@ class Node:
         if not self._is_ready:
             self._is_ready = True
             self._parameters.warn_of_undeclared()
-            self.log.info("%s", text)
+            self.log.info(text)
             self._clock_start.expect()
 
     def spin(self) -> None:

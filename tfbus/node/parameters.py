@@ -14,7 +14,7 @@ from typing import Any
 
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
-from tfbus.errors import ParameterError
+from tfbus.errors import BusError, ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
@@ -195,7 +195,7 @@ def _fits_the_wire(value: Any) -> bool:
     """Whether msgpack can hold the value: no integer of more than 64 bits, no date of YAML's."""
     try:
         encode_map({"value": value})
-    except (OverflowError, TypeError, ValueError):
+    except (BusError, OverflowError, TypeError, ValueError):
         return False
     return True
 

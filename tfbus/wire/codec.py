@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
-from tfbus.errors import DecodeError
+from tfbus.errors import BusError, DecodeError
 from tfbus.wire.msgpack_items import too_many_items
 from tfbus.wording import printable
 
@@ -21,8 +21,15 @@ Reader = Callable[[object, str], Any]
 
 
 def encode_map(value: Mapping[str, Any]) -> bytes:
-    """The bytes of a plain map, for a message without a type."""
-    return cast(bytes, msgpack.packb(dict(value)))
+    """The bytes of a plain map, for a message without a type.
+
+    Raises BusError where a text has a lone surrogate: UTF-8 cannot hold it.
+    """
+    try:
+        return cast(bytes, msgpack.packb(dict(value)))
+    except UnicodeEncodeError as error:
+        text = printable(str(error.object), 60)
+        raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
 
 
 def decode_map(data: bytes) -> dict[str, Any]:

@@ -92,6 +92,11 @@ class NodeSettings:
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
 
+    @property
+    def full_name(self) -> str:
+        """The node's name with its namespace: `/sim`, `/robot7/sim`."""
+        return "/" + "/".join(filter(None, (self.namespace, self.name)))
+
     def renamed(self, name: str) -> "NodeSettings":
         """These settings for a node of another name."""
         return replace(self, name=name)

@@ -64,7 +64,7 @@ class Node:
         self.settings = settings
         self.name = settings.name
         self.namespace = settings.namespace
-        self.full_name = "/" + "/".join(filter(None, (self.namespace, self.name)))
+        self.full_name = settings.full_name
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
         self.clock: Clock = SimulatedClock() if settings.sim_time else SYSTEM_CLOCK

@@ -2,8 +2,7 @@
 
 PyYAML reads YAML 1.1, where `no`, `off` and `y: 1` hold booleans, 010 is eight, 1:30 is ninety,
 1e-3 is a text and 2022-12-07 is a date. Here a plain word is nothing (`null`, `~`), true or
-false, a number, or else a text, and the key of a map is always a text. Anchors and aliases have no
-meaning in a value, and a few of them can stand for billions of values: they are no YAML here.
+false, a number, or else a text, and the key of a map is always a text.
 """
 
 import re
@@ -38,11 +37,15 @@ def read_value(text: str) -> Any:
 def read_strangers_value(text: str) -> Any:
     """As `read_value`, for a text that came over the network.
 
-    One of more than 10,000 letters, or of more than 100 lists and maps, which could take seconds to
-    read, is its own value.
+    A text is its own value where it has anchors, which let a few letters stand for billions of
+    values, or more than 10,000 letters or 100 lists and maps, which could take seconds to read.
     """
-    is_short = len(text) <= _MOST_LETTERS and text.count("[") + text.count("{") <= _MOST_NESTED
-    return read_value(text) if is_short else text
+    if len(text) > _MOST_LETTERS or text.count("[") + text.count("{") > _MOST_NESTED:
+        return text
+    try:
+        return yaml.load(text, _STRANGERS_LOADER)
+    except Exception:
+        return text
 
 
 def _read_int(loader: Any, node: Any) -> int:
@@ -56,17 +59,16 @@ def _read_map(loader: Any, node: Any) -> dict[str, Any]:
     return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
 
 
-def _without_aliases(loader: Any, parent: Any, index: Any) -> Any:
+def _without_anchors(loader: Any, parent: Any, index: Any) -> Any:
     event = loader.peek_event()
     if getattr(event, "anchor", None) is not None:
-        raise yaml.YAMLError("a value has no anchors and aliases")
+        raise yaml.YAMLError("there are no anchors and aliases here")
     return yaml.SafeLoader.compose_node(loader, parent, index)
 
 
 def _make_loader() -> Any:
     # Not a class statement: without PyYAML's types, mypy does not know its base.
-    members = {"yaml_implicit_resolvers": {}, "compose_node": _without_aliases}
-    loader: Any = type("_Loader", (yaml.SafeLoader,), members)
+    loader: Any = type("_Loader", (yaml.SafeLoader,), {"yaml_implicit_resolvers": {}})
     for name, pattern in _WORDS.items():
         word = re.compile(rf"(?:{pattern})\Z", re.IGNORECASE)
         loader.add_implicit_resolver(_TAG + name, word, [None])
@@ -76,3 +78,4 @@ def _make_loader() -> Any:
 
 
 _LOADER = _make_loader()
+_STRANGERS_LOADER: Any = type("_Loader", (_LOADER,), {"compose_node": _without_anchors})

@@ -27,6 +27,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.errors import BusError
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
 from tfbus.wire.limits import kind_of_query
@@ -37,6 +38,9 @@ _RETRY_S = 0.5
 # At most as many long answers are sent at a time, and as many queries wait for that.
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
+
+# Zenoh takes no infinite time for a query: thirty years.
+_LONGEST_QUERY_S = 1e9
 
 
 class Session:
@@ -278,6 +282,7 @@ class Session:
         `on_end()`.
         """
         at, key = self.placed(key)
+        wait_s = seconds_to_wait(timeout_s)
         guarded = self.callbacks.guarded
         limits, kind = self.settings.limits, kind_of_query(key)
         mistake_in_size = partial(limits.mistake_in, kind)
@@ -294,7 +299,7 @@ class Session:
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=timeout_s,
+                timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),

@@ -10,6 +10,12 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.node.action import GoalClient, GoalHandle, GoalServer, GoalType
+from tfbus.node.arguments import (
+    check_callback,
+    check_message_type,
+    check_parts,
+    check_seconds,
+)
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
 from tfbus.node.info import Describer, NodeInfo
@@ -19,6 +25,7 @@ from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscript
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.keys import CLOCK_TOPIC, node_key, resolve
 
@@ -177,6 +184,7 @@ class Node:
         seconds are those of the node's clock, unless another is given.
         """
         clock = clock or self.clock
+        timeout_s = seconds_to_wait(timeout_s)
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
         with Wakeup() as wakeup, clock.limit(timeout_s, wakeup.wake) as limit:
@@ -210,6 +218,7 @@ class Node:
         Returns whether it runs: the system's clock always does, a simulated one from its first
         message on. Returns early where the node is shut down.
         """
+        timeout_s = seconds_to_wait(timeout_s)
         if not self.clock.is_running:
             self._clock_start.expect()
             with Wakeup() as wakeup:
@@ -221,6 +230,7 @@ class Node:
 
     def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
         """A publisher of messages of this type, a dataclass."""
+        check_message_type("create_publisher(message_type, topic)", message_type)
         topic = self._resolve(topic)
         return self._info.add("publishes", Publisher(self.session, message_type, topic))
 
@@ -228,6 +238,9 @@ class Node:
         self, message_type: type[M], topic: str, callback: Callable[[M], Any]
     ) -> Subscription[M]:
         """Call `callback(message)` for each message on the topic."""
+        call = "create_subscription(message_type, topic, callback)"
+        check_message_type(call, message_type)
+        check_callback(call, callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
@@ -246,6 +259,7 @@ class Node:
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
+        check_callback("create_raw_subscription(topic, callback)", callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes", RawSubscription(self.session, topic, callback, type_name)
@@ -255,6 +269,9 @@ class Node:
         self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
     ) -> Service:
         """Serve requests: `handler(request)` returns a Response or raises ServiceError."""
+        call = "create_service(service_type, name, handler)"
+        check_parts(call, service_type, ("Request", "Response"))
+        check_callback(call, handler)
         name = self._resolve(name)
         return self._info.add(
             "serves", Service(self.session, self.executor, self.log, service_type, name, handler)
@@ -262,6 +279,7 @@ class Node:
 
     def create_client(self, service_type: type[ServiceType], name: str) -> Client:
         """A client that calls a service."""
+        check_parts("create_client(service_type, name)", service_type, ("Request", "Response"))
         name = self._resolve(name)
         return self._info.add("calls", Client(self.session, service_type, name))
 
@@ -269,6 +287,9 @@ class Node:
         self, goal_type: type[GoalType], name: str, handler: Callable[[GoalHandle], None]
     ) -> GoalServer:
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later."""
+        call = "create_goal_server(goal_type, name, handler)"
+        check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
+        check_callback(call, handler)
         name = self._resolve(name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
@@ -276,6 +297,8 @@ class Node:
 
     def create_goal_client(self, goal_type: type[GoalType], name: str) -> GoalClient:
         """A client that sends goals to an action server."""
+        call = "create_goal_client(goal_type, name)"
+        check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         name = self._resolve(name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
@@ -284,8 +307,12 @@ class Node:
     ) -> Timer:
         """Call `callback()` every `period_s` seconds, the first time after one period.
 
-        The seconds are those of the node's clock, unless another is given.
+        The seconds are those of the node's clock, unless another is given. Raises ValueError where
+        the period is not more than 0.
         """
+        call = "create_timer(period_s, callback)"
+        check_seconds(call, period_s)
+        check_callback(call, callback)
         clock = clock or self.clock
         if isinstance(clock, SimulatedClock):
             return self.executor.every_simulated(clock, period_s, callback)

@@ -142,11 +142,13 @@ def check_node_name(name: str) -> str:
 
     Raises InvalidNameError: a node's name is letters, digits, `_`, `-` and `.`.
     """
+    if not isinstance(name, str):
+        raise InvalidNameError(f"a node's name must be a str, not {type(name).__name__}")
     if _NODE_NAME.fullmatch(name):
         return name
     hint = ": give the namespace with --namespace" if "/" in name else ""
     raise InvalidNameError(
-        f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
+        f"'{printable(name, 60)}' cannot be a node's name: use letters, digits, '_', '-' and '.', "
         f"and begin with a letter, a digit or '_'{hint}"
     )
 
@@ -156,6 +158,8 @@ def check_namespace(namespace: str) -> str:
 
     Raises InvalidNameError where a part is empty or has a character that Zenoh reserves.
     """
+    if not isinstance(namespace, str):
+        raise InvalidNameError(f"a namespace must be a str, not {type(namespace).__name__}")
     namespace = namespace.strip("/")
     if namespace:
         _check_path(namespace, namespace, "namespace")

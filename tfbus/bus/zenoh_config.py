@@ -1,6 +1,7 @@
 """Zenoh's configuration: the node's settings over its configuration file over our defaults."""
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,8 @@ def zenoh_config(
         if value:
             config.insert_json5(key, json.dumps(value))
     if is_second:
+        # Not the id that a file gives to the first; without a leading zero, as Zenoh wants it.
+        config.insert_json5("id", json.dumps(f"a{os.urandom(15).hex()}"))
         listen = config.get_json("listen/endpoints")
         config.insert_json5("listen/endpoints", _PORT.sub(":0", listen))
     return config

@@ -22,6 +22,7 @@ NAMES = [
     "GoalResult",
     "InvalidArgumentException",
     "InvalidNameError",
+    "Limits",
     "LookupException",
     "LoopException",
     "NoDataException",

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.wire.fleet import Fleet as Fleet
+    from tfbus.wire.limits import Limits as Limits
 
 _MODULE_OF = {
     "Buffer": "tfbus.buffer.buffer",
@@ -74,6 +75,7 @@ _MODULE_OF = {
     "GoalResult": "tfbus.node.action",
     "InvalidArgumentException": "tfbus.errors",
     "InvalidNameError": "tfbus.errors",
+    "Limits": "tfbus.wire.limits",
     "LookupException": "tfbus.errors",
     "LoopException": "tfbus.errors",
     "NoDataException": "tfbus.errors",

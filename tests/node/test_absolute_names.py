@@ -8,7 +8,7 @@ from tests.live_bus import Bus, eventually, send_until
 from tfbus import GoalHandle, InvalidNameError, Node
 from tfbus.discover.graph import graph_of
 from tfbus.discover.presence import describe_all
-from tfbus.messages import RotateAbsolute, Spawn
+from tfbus.messages import Clock, RotateAbsolute, Spawn
 
 
 @dataclass(frozen=True)
@@ -108,3 +108,15 @@ def test_absolute_names_are_checked(bus: Bus, topic: str) -> None:
     """What no topic can be called is refused after a slash too."""
     with pytest.raises(InvalidNameError):
         bus.node("one").create_publisher(Number, topic)
+
+
+def test_the_clock_can_be_one_topic_for_all(bus: Bus) -> None:
+    """Remapped to an absolute name, as `/clock` in ROS, it reaches nodes of any namespace."""
+    publisher = bus.node("clock", namespace="robot7", remappings={"clock": "/clock"})
+    follower = bus.node(
+        "follower", namespace="robot8", remappings={"clock": "/clock"}, sim_time=True
+    )
+    clock = publisher.create_clock_publisher()
+    clock.publish(Clock(5_000_000_000, 1.0, False))
+    assert follower.wait_for_clock(20.0)
+    assert follower.now_ns() == 5_000_000_000

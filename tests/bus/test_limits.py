@@ -66,8 +66,10 @@ def test_a_large_query_is_refused_unread(bus: Bus, sender: Node) -> None:
     assert not called
 
 
-def test_a_large_answer_is_a_refusal(bus: Bus, sender: Node) -> None:
-    """The asker reads only answers within its limits."""
+def test_a_large_answer_is_a_refusal(
+    bus: Bus, sender: Node, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The asker reads only answers within its limits, and its log names the first."""
 
     def answer(query: Query) -> None:
         query.answer("add", b"x" * 1001)
@@ -75,8 +77,11 @@ def test_a_large_answer_is_a_refusal(bus: Bus, sender: Node) -> None:
 
     sender.session.queryable("add", answer)
     asker = small(bus, "asker")
+    asker.log.addHandler(caplog.handler)
     answers = eventually(lambda: list(asker.session.ask("add")))
     assert str(answers[0].refusal).startswith("the answer was dropped unread: it has 1 kB")
+    assert asker.session.callbacks.too_large["service"] > 0
+    assert caplog.messages[0].startswith("Dropped an answer to 'add' unread: it has 1 kB")
 
 
 def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import zenoh
 
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, size_text
+from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
 from tfbus.wording import printable
 
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
@@ -82,6 +82,17 @@ class Callbacks:
                 report()
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
+
+    def mistake_in_answer(self, key: str, size: int) -> str:
+        """Why an answer of this size to a query of `key` is not read, "" where it is; the first of
+        a kind is logged, and `too_large` counts them by kind.
+        """
+        kind = kind_of_query(key)
+        mistake = self._limits.mistake_in(kind, size)
+        if mistake:
+            self.too_large[kind] += 1
+            self._once.warning(kind, "Dropped an answer to %r unread: %s", printable(key), mistake)
+        return mistake
 
     def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""

@@ -285,9 +285,9 @@ class Session:
         wait_s = seconds_to_wait(timeout_s)
         guarded = self.callbacks.guarded
         limits, kind = self.settings.limits, kind_of_query(key)
-        mistake_in_size = partial(limits.mistake_in, kind)
-        if payload is not None and (mistake := mistake_in_size(len(payload))):
+        if payload is not None and (mistake := limits.mistake_in(kind, len(payload))):
             raise BusError(f"could not query {key}: {mistake}")
+        mistake_in_size = partial(self.callbacks.mistake_in_answer, key)
         guarded_answer = guarded(
             f"answer of {key}", lambda reply: on_answer(answer_of(reply, mistake_in_size))
         )

@@ -20,7 +20,7 @@ PACKAGE = Path(tfbus.__file__).parent
 
 # The order of the page. A public name that is not listed comes at the end.
 GROUPS = {
-    "A process": "Node NodeSettings Parameter GoalHandle GoalResult",
+    "A process": "Node NodeSettings Limits Parameter GoalHandle GoalResult",
     "Transforms out": "TransformBroadcaster StaticTransformBroadcaster",
     "Transforms in": "TransformListener Fleet",
     "The buffer": "Buffer Sampling FrameInfo Change",

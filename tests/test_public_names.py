@@ -23,6 +23,7 @@ NAMES = [
     "GoalResult",
     "InvalidArgumentException",
     "InvalidNameError",
+    "Limits",
     "LookupException",
     "LoopException",
     "NoDataException",

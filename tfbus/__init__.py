@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.runtime.stamps import stamp_ns as stamp_ns
     from tfbus.wire.fleet import Fleet as Fleet
+    from tfbus.wire.limits import Limits as Limits
 
     __version__: str
 
@@ -77,6 +78,7 @@ _MODULE_OF = {
     "GoalResult": "tfbus.node.action",
     "InvalidArgumentException": "tfbus.errors",
     "InvalidNameError": "tfbus.errors",
+    "Limits": "tfbus.wire.limits",
     "LookupException": "tfbus.errors",
     "LoopException": "tfbus.errors",
     "NoDataException": "tfbus.errors",

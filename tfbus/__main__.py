@@ -1,6 +1,8 @@
 """The command `tfbus`, and `python -m tfbus`."""
 
+import io
 import signal
+import sys
 
 
 def main() -> None:
@@ -15,6 +17,11 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     # `tfbus launch` holds back from its nodes what comes before this line.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # A letter that the terminal's encoding lacks, or half of one on the command line, is printed as
+    # an escape instead of a traceback.
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     from tfbus.cli import main as command_line  # click and more: 60 ms
 
     command_line()

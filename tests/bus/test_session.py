@@ -1,5 +1,6 @@
 """Sessions: Zenoh's configuration, links, the end, and long answers."""
 
+import json
 import logging
 import threading
 from pathlib import Path
@@ -111,3 +112,18 @@ def test_queries_beyond_the_limit_of_long_answers_are_refused(bus: Bus) -> None:
     go_on.set()
     eventually(lambda: len(ended) == 70)
     assert [answer.payload for answer in answers[2:]] == [b"answer"] * 68
+
+
+def test_a_second_session_is_another_on_free_ports(tmp_path: Path) -> None:
+    """What a file fixes for one session of a process, its id and ports, another cannot have."""
+    path = tmp_path / "zenoh.json5"
+    path.write_text(
+        "{id: 'a1', listen: {endpoints: {peer: ['tls/[::]:7447#iface=eth0', 'tcp/0.0.0.0:0'], "
+        "router: ['tcp/h:7447']}}}"
+    )
+    config = zenoh_config(NodeSettings("sim", config=str(path)), is_second=True)
+    assert json.loads(config.get_json("listen/endpoints")) == {
+        "peer": ["tls/[::]:0#iface=eth0", "tcp/0.0.0.0:0"],
+        "router": ["tcp/h:0"],
+    }
+    assert json.loads(config.get_json("id")) != "a1"

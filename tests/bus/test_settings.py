@@ -151,7 +151,9 @@ def test_endpoints_are_those_of_zenoh(endpoint: str) -> None:
     [
         {"name": "robot7/sim"},
         {"namespace": "a b"},
-        {"remappings": {"pose": "/turtle1/pose"}},
+        {"namespace": "a\x1bb"},
+        {"parameters": {"caf\udce9": 1}},
+        {"remappings": {"pose": "/turtle1//pose"}},
         {"remappings": {"a//b": "pose"}},
     ],
 )

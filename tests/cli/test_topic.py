@@ -228,9 +228,9 @@ class TestEcho:
         for arguments, sentence in (
             (("x", "--csv", "--json"), "--csv, --json and --raw are mutually exclusive: give one"),
             (
-                ("/x",),
-                "Invalid value for 'TOPIC': topic '/x' begins with '/': names are relative to the "
-                "node's namespace, write 'x'",
+                ("~/x",),
+                "Invalid value for 'TOPIC': topic '~/x' is private to a node: write the node's "
+                "name instead of '~'",
             ),
         ):
             assert run(bus, "echo", *arguments)[::2] == (2, f"{USAGE}Error: {sentence}\n")

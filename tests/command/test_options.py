@@ -1,6 +1,7 @@
 """The command-line options of every process."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import click
 import pytest
@@ -48,7 +49,7 @@ def test_each_option_becomes_a_setting() -> None:
     assert settings_of(
         *("--name", "echo2", "--namespace", "/robot7", "--mode", "client"),
         *("--connect", "tcp/a:1", "--connect", "tcp/b:2", "--listen", "tcp/[::]:0"),
-        *("--log-level", "debug", "--sim-time", "--param", "rate=2", "--param", "a b=c=d"),
+        *("--log-level", "debug", "--sim-time", "--param", "rate=2", "--param", "a_b=c=d"),
         *("--remap", "pose:=turtle2/pose"),
     ) == NodeSettings(
         "echo2",
@@ -58,7 +59,7 @@ def test_each_option_becomes_a_setting() -> None:
         listen=("tcp/[::]:0",),
         log_level="debug",
         sim_time=True,
-        parameters={"rate": "2", "a b": "c=d"},
+        parameters={"rate": "2", "a_b": "c=d"},
         remappings={"pose": "turtle2/pose"},
     )
 
@@ -77,6 +78,13 @@ def test_options_go_before_the_environment() -> None:
     [
         (["--param", "rate"], "'rate' is not of the form --param name=value"),
         (["--param", "=2"], "'=2' is not of the form --param name=value"),
+        (["--param", ":=2"], "':=2' is not of the form --param name=value"),
+        (["-p"], "option '-p' needs a value, as in -p name:=value"),
+        (["rate:=2"], "write --param rate=2 to set a parameter, or --remap rate:=2"),
+        (["_rate:=2"], "write --param rate=2 to set a parameter"),
+        (["--ros-args", "--enclave", "/x"], "'--enclave' is not known after --ros-args; known: -p"),
+        (["--ros-args", "-r"], "option '-r' needs a value, as in -r name:=value"),
+        (["-p", "use_sim_time:=maybe"], "use_sim_time must be true or false, not 'maybe'"),
         (["--remap", "a=b"], "'a=b' is not of the form --remap from:=to"),
         (["--connect", "hub"], "'hub' is not an endpoint: write protocol/address, as in tcp/hub"),
         (["--config", "/no/such"], "there is no configuration file '/no/such'"),
@@ -146,3 +154,124 @@ def test_help_ends_the_process_well(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     for option in ("name", "namespace", "mode", "connect", "listen", "config", "param", "remap"):
         assert f"--{option}" in printed
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--param", "rate=2"],
+        ["--param", "rate:=2"],
+        ["-p", "rate:=2"],
+        ["-p", "rate=2"],
+        ["--ros-args", "-p", "rate:=2"],
+        ["--ros-args", "--param", "rate:=2", "--"],
+        ["--ros-args", "--ros-args", "-p", "rate:=2", "--disable-stdout-logs"],
+    ],
+)
+def test_a_parameter_is_set_as_in_ros_too(arguments: list[str]) -> None:
+    """`:=` and `=` mean the same, after `--param` and after `-p`."""
+    assert dict(settings_of(*arguments).parameters) == {"rate": "2"}
+
+
+def test_all_of_ros_in_one_line() -> None:
+    """A command line that was written for a node of ROS 2 starts one of tfbus."""
+    settings = settings_of(
+        *("--ros-args", "-p", "text:=a=b:=c", "-r", "__node:=x", "-r", "__ns:=/r"),
+        *("-r", "/old:=~/new", "--log-level", "x:=WARN", "-p", "use_sim_time:=true", "--"),
+        *("turtle1", "--connect", "tcp/a:1"),
+    )
+    assert settings == NodeSettings(
+        "x",
+        namespace="r",
+        parameters={"text": "a=b:=c"},
+        remappings={"/old": "~/new"},
+        log_level="warning",
+        sim_time=True,
+        connect=("tcp/a:1",),
+    )
+
+
+def test_an_option_goes_before_a_remapping_of_the_node() -> None:
+    """`--name` and `--system-time` are tfbus's own, and say it more clearly."""
+    settings = settings_of(
+        *("--name", "a", "-r", "__node:=b", "-p", "use_sim_time:=true", "--system-time")
+    )
+    assert (settings.name, settings.sim_time) == ("a", False)
+
+
+def test_a_command_keeps_its_own_short_options() -> None:
+    """Only a value with `:=` is ROS's."""
+
+    @click.command()
+    @click.option("-p", "--precision", type=int)
+    @click.option("-r", "--rate", type=float)
+    @node_options("echo")
+    def echo(settings: NodeSettings, precision: int, rate: float) -> None:
+        """Test."""
+        click.echo(f"{precision} {rate} {dict(settings.parameters)}")
+
+    done = CliRunner().invoke(echo, ["-p", "3", "-r", "2", "-p", "x:=1"])
+    assert done.output == "3 2.0 {'x': '1'}\n"
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """A file of parameters, as ROS 2 writes it."""
+    path = tmp_path / "params.yaml"
+    path.write_text(
+        "/**:\n  ros__parameters: {rate: 1.5, frame: map}\n"
+        "echo:\n  ros__parameters:\n    rate: 2\n    arm: {speed: 3, on: true}\n"
+        "robot7:\n  echo:\n    ros__parameters: {rate: 7}\n"
+    )
+    return path
+
+
+def test_parameters_come_from_a_file_of_ros(file: Path) -> None:
+    """The node's own section goes before that of all nodes, and the command line before both."""
+    settings = settings_of("--params-file", str(file), "--param", "frame=odom")
+    assert dict(settings.parameters) == {
+        "rate": 2,
+        "frame": "odom",
+        "arm.speed": 3,
+        "arm.on": True,
+    }
+    settings = settings_of("--ros-args", "--params-file", str(file), "-r", "__ns:=/robot7")
+    assert dict(settings.parameters) == {"rate": 7, "frame": "map"}
+
+
+@pytest.mark.parametrize(
+    ("content", "parameters"),
+    [
+        ("{rate: 2}", {"rate": 2}),
+        ("/echo: {rate: 2}\n/other: {rate: 3}", {"rate": 2}),
+        ("/*: {ros__parameters: {rate: 2}}", {"rate": 2}),
+        ("a: &a {ros__parameters: {rate: 2}}\necho: *a", {"rate": 2}),
+    ],
+)
+def test_simpler_files_of_parameters_are_read_too(
+    tmp_path: Path, content: str, parameters: dict[str, object]
+) -> None:
+    """A map of parameters, or of nodes, as `tfbus param dump` writes it."""
+    path = tmp_path / "params.yaml"
+    path.write_text(content)
+    assert dict(settings_of("--params-file", str(path)).parameters) == parameters
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("other: {ros__parameters: {a: 1}}", "no parameters for /echo; it has some for /other"),
+        ("[1]", "is not a map of parameters"),
+        ("{", "params.yaml:1: is not YAML"),
+        ("", "is empty; write a map of parameters"),
+    ],
+)
+def test_a_mistake_in_a_file_of_parameters_is_one_sentence(
+    tmp_path: Path, content: str, sentence: str
+) -> None:
+    """A file that has nothing for the node is most likely misspelt."""
+    path = tmp_path / "params.yaml"
+    path.write_text(content)
+    result = run("--params-file", str(path))
+    assert result.exit_code == 2
+    assert sentence in result.stderr

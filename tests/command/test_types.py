@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 import pytest
 
-from tfbus.command.types import OutputFile
+from tfbus.command.types import NodeName, OutputFile, ParameterName
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,25 @@ def test_a_file_to_write_may_exist(tmp_path: Path) -> None:
     path = tmp_path / "a.svg"
     path.touch()
     assert OutputFile(".svg").convert(str(path), None, None) == path
+
+
+@pytest.mark.parametrize("name", ["sim", "/sim", "/robot7/sim", "robot7/arm/sim", "/sim/"])
+def test_a_node_goes_by_its_name_or_its_full_name(name: str) -> None:
+    """Names of nodes may have a namespace, and a leading slash as in ROS."""
+    assert NodeName().convert(name, None, None) == name
+
+
+@pytest.mark.parametrize("name", ["caf\udce9", "", "/", "a b", "sim\x1b[2J"])
+def test_a_name_that_no_node_has_is_a_usage_error(name: str) -> None:
+    """The error is one sentence that a terminal can show."""
+    with pytest.raises(click.UsageError, match="cannot be") as caught:
+        NodeName().convert(name, None, None)
+    assert str(caught.value.message).isprintable()
+
+
+@pytest.mark.parametrize("name", ["caf\udce9", "", "/rate", "a b"])
+def test_a_name_that_no_parameter_has_is_a_usage_error(name: str) -> None:
+    """The error is one sentence that a terminal can show."""
+    with pytest.raises(click.UsageError, match="cannot be the name of a parameter") as caught:
+        ParameterName().convert(name, None, None)
+    assert str(caught.value.message).isprintable()

@@ -8,7 +8,15 @@ import pytest
 from tests.live_bus import Bus, eventually
 from tfbus import BusError, NodeSettings
 from tfbus.bus.session import Session
-from tfbus.discover.presence import NodeWatch, describe_nodes, list_nodes, relative_name
+from tfbus.discover.presence import (
+    NodeWatch,
+    describe_nodes,
+    key_beside,
+    list_nodes,
+    relative_name,
+)
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import node_key
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -133,10 +141,26 @@ def test_names_as_they_are_written_within_a_namespace(
     assert relative_name(name, namespace) == relative
 
 
-def test_a_node_outside_of_the_namespace_cannot_be_reached() -> None:
-    """A full name outside of the namespace is refused with the remedy."""
-    with pytest.raises(BusError) as caught:
-        relative_name("/robot8/sim", "robot7")
-    assert str(caught.value) == (
-        "node '/robot8/sim' is outside of namespace 'robot7': omit --namespace"
-    )
+def test_a_node_outside_of_the_namespace_keeps_its_full_name() -> None:
+    """The slash says that the name is no part of the namespace."""
+    assert relative_name("/robot8/sim", "robot7") == "/robot8/sim"
+    assert key_beside("/robot8/sim", node_key, "robot7") == "/robot8/@tfbus/node/sim"
+    assert key_beside("/sim", node_key, "robot7") == "/@tfbus/node/sim"
+    assert key_beside("/robot7/sim", node_key, "robot7") == "@tfbus/node/sim"
+    assert key_beside("arm/sim", node_key, "robot7") == "arm/@tfbus/node/sim"
+
+
+def test_a_node_of_another_namespace_is_described(bus: Bus) -> None:
+    """A full name reaches a node from any namespace."""
+    bus.node("sim", namespace="robot8")
+    session = bus.node("asker", namespace="robot7").session
+    described = eventually(lambda: attempt(session))
+    assert [node.name for node in described] == ["/robot8/sim"]
+
+
+def attempt(session: Session) -> list[NodeDescription]:
+    """The descriptions of the other robot's node, [] while it is not found."""
+    try:
+        return describe_nodes(session, "/robot8/sim")
+    except BusError:
+        return []

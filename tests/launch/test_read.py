@@ -302,9 +302,9 @@ MISTAKES = [
         "must be one value, not a mapping",
     ),
     (
-        "nodes:\n  - node: a\n    remappings:\n      pose: /pose",
+        "nodes:\n  - node: a\n    remappings:\n      pose: /a//b",
         "4: nodes[0].remappings.pose",
-        "begins with '/'",
+        "cannot be the name of a topic",
     ),
     ("nodes:\n  - node: a\n    required: maybe", "3: nodes[0].required", "true or false"),
     ("nodes:\n  - node: a\n    respawn: 3", "3: nodes[0].respawn", "true or false"),

@@ -705,6 +705,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
         (["--dry-run"], 0, "[a] env PYTHONUNBUFFERED=1 TFBUS_LOG_LEVEL=info true", ""),
         (["--show-args"], 0, "No arguments.", ""),
         (["x:=1"], 2, "", "takes no argument 'x'; it takes none"),
+        (["x=1"], 2, "", "takes no argument 'x'; it takes none"),
         (["x"], 2, "", "'x' is not of the form NAME:=VALUE"),
         (["--mode", "pear"], 2, "", "is not one of"),
         (["--namespace", "a//b"], 2, "", "cannot be the name of a namespace"),

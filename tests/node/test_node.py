@@ -4,6 +4,7 @@ import logging
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 
@@ -29,6 +30,13 @@ DEADLINE_S = 10.0
 @dataclass(frozen=True)
 class Number:
     value: int
+
+
+# A few letters of YAML that stand for 9 to the power of nine values.
+BOMB = "[&a [x,x,x,x,x,x,x,x,x]" + "".join(
+    f",&{anchor} [{','.join([f'*{before}'] * 9)}]" for before, anchor in pairwise("abcdefghi")
+)
+BOMB += "]"
 
 
 class Records(logging.Handler):
@@ -201,7 +209,7 @@ class TestTopics:
     def test_a_topic_that_cannot_be_is_refused(self, node: Node) -> None:
         """Names are checked where they are given."""
         with pytest.raises(InvalidNameError):
-            node.create_subscription(Pose, "/turtle1/pose", print)
+            node.create_subscription(Pose, "turtle1//pose", print)
 
     def test_publishing_on_a_closed_node_is_a_bus_error(self, node: Node) -> None:
         """A publisher of a node that is closed says so."""
@@ -505,6 +513,22 @@ class TestParameters:
         ]:
             assert self.set(other, name, value) == reason
         assert parameters["count"].value == 10
+
+    @pytest.mark.parametrize("value", ["[" * 9999, BOMB, "x" * 200_000, ["x" * 9999] * 9])
+    def test_a_refusal_holds_little_of_the_value(
+        self, node: Node, other: Node, value: object
+    ) -> None:
+        """A text that YAML reads as billions of values, or slowly, is a wrong value like others."""
+        node.declare_parameter("count", 1)
+        refusal = self.set(other, "count", value)
+        assert refusal.startswith("'count' must be an integer, not ")
+        assert len(refusal) < 150
+
+    def test_a_bomb_is_no_list(self, node: Node, other: Node) -> None:
+        """Anchors and aliases are not read in a value of a list either."""
+        axes = node.declare_parameter("axes", [1])
+        assert self.set(other, "axes", BOMB).startswith("'axes' must be a list, not '[&a")
+        assert axes.value == [1]
 
     def test_bounds_hold(self, node: Node, other: Node) -> None:
         """A number outside of the parameter's bounds is refused; the bounds are allowed."""

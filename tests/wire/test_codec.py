@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus import DecodeError
+from tfbus import BusError, DecodeError
 from tfbus.messages import Color, Pose, Twist, Vector3
 from tfbus.wire.codec import decode_map, decode_message, encode_map, encode_message, from_map
 
@@ -235,3 +235,10 @@ def test_a_tuple_of_several_types_is_a_list_of_that_length() -> None:
     assert refusal({"edge": ["world", "1"]}, Row) == (
         "field 'edge[1]' must be an integer, not a text"
     )
+
+
+def test_a_text_that_utf_8_cannot_hold_is_an_error_in_one_sentence() -> None:
+    """A lone surrogate comes from a command line in another encoding."""
+    with pytest.raises(BusError) as caught:
+        encode_map({"name": "caf\udce9"})
+    assert str(caught.value) == (r"could not send the text 'caf\udce9': it is not valid Unicode")

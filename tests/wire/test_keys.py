@@ -1,5 +1,7 @@
 """Names and keys: every name of a user becomes a key that Zenoh takes, and comes back."""
 
+from typing import Any
+
 import pytest
 import zenoh
 from hypothesis import given
@@ -162,14 +164,52 @@ def test_names_that_no_topic_can_have(name: str) -> None:
     )
 
 
-def test_a_topic_from_ros_is_told_what_to_write() -> None:
-    """A topic with ROS's leading slash is refused with what to write."""
+def test_an_absolute_topic_is_one() -> None:
+    """A topic may have ROS's leading slash."""
+    assert keys.check_topic("/turtle1/pose") == "/turtle1/pose"
+
+
+@pytest.mark.parametrize("name", ["~", "~/pose"])
+def test_a_private_name_belongs_to_a_node(name: str) -> None:
+    """Without a node the name behind `~` is unknown: the error says what to write."""
+    with pytest.raises(InvalidNameError, match="write the node's name instead of '~'"):
+        keys.check_topic(name)
+
+
+@pytest.mark.parametrize("name", ["a\x1b[2J", "a\u202eb", "caf\udce9", "a\x00"])
+def test_a_topic_can_be_printed(name: str) -> None:
+    """A control character or a lone surrogate is refused, and escaped in the error."""
     with pytest.raises(InvalidNameError) as caught:
-        keys.check_topic("/turtle1/pose")
-    assert str(caught.value) == (
-        "topic '/turtle1/pose' begins with '/': names are relative to the node's namespace, "
-        "write 'turtle1/pose'"
-    )
+        keys.check_topic(name)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("check", [keys.check_topic, keys.check_parameter])
+def test_a_name_is_a_text(check: Any) -> None:
+    """A name of another type is refused in one sentence."""
+    with pytest.raises(InvalidNameError, match="must be a str, not int"):
+        check(7)
+
+
+@pytest.mark.parametrize(
+    ("name", "namespace", "resolved"),
+    [
+        ("pose", "", "pose"),
+        ("/pose", "", "pose"),
+        ("/turtle1/pose", "", "turtle1/pose"),
+        ("pose", "robot7", "pose"),
+        ("/pose", "robot7", "/pose"),
+        ("/robot7/pose", "robot7", "pose"),
+        ("/robot77/pose", "robot7", "/robot77/pose"),
+        ("/robot7", "robot7", "/robot7"),
+        ("/fleet/robot7/pose", "fleet/robot7", "pose"),
+        ("~/pose", "", "sim/pose"),
+        ("~/pose", "robot7", "sim/pose"),
+    ],
+)
+def test_names_are_resolved_as_in_ros(name: str, namespace: str, resolved: str) -> None:
+    """A slash begins a name outside of the namespace, and `~` stands for the node."""
+    assert keys.resolve(name, "sim", namespace) == resolved
 
 
 @given(st.text(max_size=8) | awkward)
@@ -179,7 +219,7 @@ def test_zenoh_takes_every_topic_that_is_allowed(name: str) -> None:
         keys.check_topic(name)
     except InvalidNameError:
         return
-    assert str(zenoh.KeyExpr(name)) == name
+    assert str(zenoh.KeyExpr(name.removeprefix("/"))) == name.removeprefix("/")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.wire.yaml_values import read_value
+from tfbus.wire.yaml_values import read_strangers_value, read_value
 
 
 @pytest.mark.parametrize(
@@ -55,6 +55,23 @@ def test_keys_are_texts() -> None:
 def test_what_is_no_yaml_says_itself(text: str) -> None:
     """A text that is not YAML is its own value."""
     assert read_value(text) == text
+
+
+@pytest.mark.parametrize("text", ["[&a 1, *a]", "&a 1", "{x: &a [1], y: *a}", "*a"])
+def test_anchors_and_aliases_from_the_network_are_no_values(text: str) -> None:
+    """In a text from the network, a few aliases of aliases could stand for billions of values."""
+    assert read_strangers_value(text) == text
+
+
+@pytest.mark.parametrize("text", ["[" * 101, "{" * 101, "7 " * 5001])
+def test_a_text_from_the_network_that_is_slow_to_read_is_a_text(text: str) -> None:
+    """PyYAML's time grows with the square of the nesting."""
+    assert read_strangers_value(text) == text
+
+
+def test_a_usual_text_from_the_network_is_read() -> None:
+    """Lists and maps come as text too."""
+    assert read_strangers_value("[[1, 2], {x: 1e-3}]") == [[1, 2], {"x": 0.001}]
 
 
 @given(st.text(max_size=40))

@@ -4,6 +4,7 @@ import threading
 from typing import Any
 
 from tfbus.broadcast.stream import Stream
+from tfbus.errors import InvalidArgumentException
 from tfbus.node.node import Node
 
 # Held only while a node's streams are looked up, never while one declares itself.
@@ -47,4 +48,9 @@ class NodeStreams:
 
 def stream_of_node(node: Node, name: str | None = None) -> Stream:
     """The stream of this name that the node publishes; of the node's own name where it is None."""
+    if not hasattr(node, "describers"):
+        raise InvalidArgumentException(
+            "a broadcaster takes a Node, as in TransformBroadcaster(node), not "
+            f"{type(node).__name__}"
+        )
     return NodeStreams.of(node).get(node, name or node.name)

@@ -9,12 +9,15 @@ import ctypes
 import itertools
 import logging
 import threading
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
+from tfbus.wording import printable
 
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64
@@ -24,10 +27,14 @@ class Callbacks:
     """The callbacks of one session, as Zenoh takes them.
 
     Zenoh swallows the exceptions of its callbacks: here the first of each callback is logged.
-    After `mute()` none is.
+    After `mute()` none is. Messages larger than the limit of their kind reach no callback: the
+    first that a callback misses is logged, and `too_large` counts them by the key or key expression
+    of their subscription.
     """
 
-    def __init__(self, log: logging.Logger) -> None:
+    def __init__(self, log: logging.Logger, limits: Limits = DEFAULT_LIMITS) -> None:
+        self.too_large: Counter[str] = Counter()
+        self._limits = limits
         self._once = LogOnce(log)
         self._is_muted = False
 
@@ -35,20 +42,57 @@ class Callbacks:
         """Log no further exceptions: the session ends, and what callbacks use with it."""
         self._is_muted = True
 
-    def of_samples(self, key: str, callback: Callable[[str, bytes], None]) -> Any:
-        """A handler of Zenoh's that calls `callback(key, payload)` for each sample."""
+    def of_samples(
+        self,
+        key: str,
+        callback: Callable[[str, bytes], None],
+        on_too_large: Callable[[], object] = lambda: None,
+    ) -> Any:
+        """A handler of Zenoh's that calls `callback(key, payload)` for each sample, and
+        `on_too_large()` for one that is dropped unread.
+        """
         report = self._reporter(f"message of {key}")
+        kind = kind_of(key)
+        most = self._limits.of(kind)
+        first = object()
+
+        def drop(sample: zenoh.Sample, size: int) -> None:
+            self.too_large[key] += 1
+            on_too_large()
+            self._once.warning(
+                first,
+                "Dropped a message of %s on %r unread: %s",
+                size_text(size),
+                printable(str(sample.key_expr)),
+                self._limits.mistake_in(kind, size),
+            )
 
         # What `direct` and `guarded` do, in one call instead of three: where messages come one
         # by one, the calls take their time.
         def on_sample(sample: zenoh.Sample) -> None:
             kept.known = True
             try:
-                callback(str(sample.key_expr), sample.payload.to_bytes())
+                payload: Any = sample.payload
+                size = len(payload)
+                if size > most:
+                    drop(sample, size)
+                else:
+                    callback(str(sample.key_expr), payload.to_bytes())
             except Exception:
                 report()
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
+
+    def mistake_in_answer(self, key: str, size: int) -> str:
+        """Why an answer of this size to a query of `key` is not read, "" where it is; the first of
+        a kind is logged, and `too_large` counts them by kind.
+        """
+        kind = kind_of_query(key)
+        mistake = self._limits.mistake_in(kind, size)
+        if mistake:
+            self.too_large[kind] += 1
+            self._once.warning(kind, "Dropped an answer to %r unread: %s", printable(key), mistake)
+        return mistake
 
     def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""

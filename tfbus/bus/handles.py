@@ -9,6 +9,8 @@ import zenoh
 from tfbus.bus import forks
 from tfbus.bus.callbacks import direct
 from tfbus.bus.zenoh_errors import as_bus_error
+from tfbus.errors import BusError
+from tfbus.wire.limits import Limits, kind_of
 
 
 class Declaration:
@@ -74,9 +76,11 @@ class HeardWatch(_MatchWatch):
 class BytesPublisher(Declaration):
     """Sends payloads on one key."""
 
-    def __init__(self, key: str, publisher: Any):
+    def __init__(self, key: str, publisher: Any, limits: Limits):
         super().__init__(publisher)
         self._key = key
+        self._limits = limits
+        self._most = limits.of(kind_of(key))
 
     @property
     def heard(self) -> bool:
@@ -84,7 +88,13 @@ class BytesPublisher(Declaration):
         return _is_matched(self._declared)
 
     def put(self, payload: bytes) -> None:
-        """Send one payload. Raises BusError where the session is closed."""
+        """Send one payload.
+
+        Raises BusError where the session is closed, or the payload larger than readers take.
+        """
+        if len(payload) > self._most:
+            mistake = self._limits.mistake_in(kind_of(self._key), len(payload))
+            raise BusError(f"could not publish {self._key}: {mistake}")
         try:
             self._declared.put(payload)
         except zenoh.ZError as error:
@@ -98,10 +108,17 @@ class PublishersWithin:
     share one watch, which knows whether any of their keys has a subscriber.
     """
 
-    def __init__(self, session: zenoh.Session, watch: HeardWatch, priority: zenoh.Priority):
+    def __init__(
+        self,
+        session: zenoh.Session,
+        watch: HeardWatch,
+        priority: zenoh.Priority,
+        limits: Limits,
+    ):
         self.session = session
         self.priority = priority
         self._watch = watch
+        self._limits = limits
         forks.holders.add(self, "session")
 
     @property
@@ -111,7 +128,7 @@ class PublishersWithin:
 
     def publisher(self, key: str) -> BytesPublisher:
         """A publisher of one key."""
-        return BytesPublisher(key, _OneOfMany(self, key))
+        return BytesPublisher(key, _OneOfMany(self, key), self._limits)
 
 
 class _OneOfMany:

@@ -1,17 +1,23 @@
 """Queries: what other processes ask, and what they answer."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import zenoh
 
 from tfbus.bus import forks
 from tfbus.bus.zenoh_errors import bus_errors
-from tfbus.errors import TfbusError
+from tfbus.errors import BusError, TfbusError
+from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
+from tfbus.wording import printable
 
 # What Zenoh puts in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
+
+# A refusal is one sentence: this much of it is read.
+_MOST_OF_A_REFUSAL = 1000
 
 
 @dataclass(frozen=True)
@@ -26,38 +32,71 @@ class Answer:
     refusal: str | None = None
 
 
-def answer_of(reply: zenoh.Reply) -> Answer:
-    """The answer in a reply of Zenoh's."""
+def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answer:
+    """The answer in a reply of Zenoh's.
+
+    A refusal, of which a terminal can show all, where `mistake_in_size` says why a payload of this
+    size is not read.
+    """
     if reply.ok is not None:
+        if mistake := mistake_in_size(size_of(reply.ok.payload)):
+            return Answer(
+                str(reply.ok.key_expr), b"", refusal=f"the answer was dropped unread: {mistake}"
+            )
         return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
     payload = reply.err.payload.to_bytes() if reply.err is not None else b""
     if payload == _NO_ANSWER_IN_TIME:
         payload = b""
-    return Answer("", b"", refusal=payload.decode(errors="replace"))
+    reason = payload[: 4 * _MOST_OF_A_REFUSAL].decode(errors="replace")
+    return Answer("", b"", refusal=printable(reason, _MOST_OF_A_REFUSAL))
+
+
+def size_of(payload: Any) -> int:
+    """The size of a payload of Zenoh's in bytes, without reading it."""
+    return len(payload)  # which Zenoh's stubs do not know
 
 
 class Query:
     """A query of another process: give it any number of answers, then close it."""
 
-    def __init__(self, query: zenoh.Query):
+    def __init__(self, query: zenoh.Query, limits: Limits = DEFAULT_LIMITS):
         self._query = query
         forks.holders.add(self, "_query")
+        self._limits = limits
         self.key = str(query.key_expr)
-        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    @property
+    def payload(self) -> bytes:
+        """What the query brings; b"" for nothing."""
+        return self._query.payload.to_bytes() if self._query.payload is not None else b""
+
+    def check_size(self) -> None:
+        """Raise BusError where it brings more than the limit of its kind; nothing of it is read."""
+        if self._query.payload is not None:
+            self._check(size_of(self._query.payload), "the query was dropped unread")
 
     def parameter(self, name: str) -> str | None:
         """The value of this name in the selector `key?name=value`; None where it has none."""
         return self._query.parameters.get(name)
 
     def answer(self, key: str, payload: bytes) -> None:
-        """Send one answer; `key` lies within the key expression of the query."""
+        """Send one answer; `key` lies within the key expression of the query.
+
+        Raises BusError where it is larger than the asker takes.
+        """
+        self._check(len(payload), "the answer cannot be sent")
         with bus_errors(f"answer the query for {self.key}"):
-            self._query.reply(key, payload)
+            # An absolute key: this query came to the session without a namespace.
+            self._query.reply(key.removeprefix("/"), payload)
+
+    def _check(self, size: int, what: str) -> None:
+        if mistake := self._limits.mistake_in(kind_of_query(self.key), size):
+            raise BusError(f"{what}: {mistake}")
 
     def refuse(self, reason: str) -> None:
         """Answer that this cannot be done, and why; the asker gets the reason."""
         with bus_errors(f"refuse the query for {self.key}"):
-            self._query.reply_err(reason.encode())
+            self._query.reply_err(reason.encode(errors="backslashreplace"))
 
     @contextmanager
     def answering(self, what: str) -> Iterator[None]:

@@ -38,7 +38,7 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
             ),
             publisher_detection=True,
         )
-    return BytesPublisher(key, publisher)
+    return BytesPublisher(key, publisher, session.settings.limits)
 
 
 def declare_retained_subscriber(

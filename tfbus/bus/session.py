@@ -8,6 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 
 import zenoh
 
@@ -26,7 +28,10 @@ from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.workers import Workers
+from tfbus.wire.keys import relative
+from tfbus.wire.limits import kind_of_query
 
 # A client tries its router again after this time.
 _RETRY_S = 0.5
@@ -34,6 +39,9 @@ _RETRY_S = 0.5
 # At most as many long answers are sent at a time, and as many queries wait for that.
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
+
+# Zenoh takes no infinite time for a query: thirty years.
+_LONGEST_QUERY_S = 1e9
 
 
 class Session:
@@ -49,25 +57,27 @@ class Session:
         *,
         patience_s: float = 0.0,
         scouting_s: float | None = None,
-        any_id: bool = False,
+        is_second: bool = False,
     ):
         """Open the session.
 
         A client waits for its router for at most `patience_s` seconds. A peer opens alone after
-        `scouting_s` seconds without others (None: as configured). With `any_id` a configuration
-        file does not set its id. Raises BusError where it cannot
-        join the bus, as in a fork of a process that had joined it.
+        `scouting_s` seconds without others (None: as configured). The second session of a process
+        has an id of its own, and listens on other ports. Raises BusError where it cannot join the
+        bus, as in a fork of a process that had joined it.
         """
         forks.begin()
         configure_zenoh_threads()
         zenoh.try_init_log_from_env()
         self.settings = settings
-        self.callbacks = Callbacks(log)
+        self.callbacks = Callbacks(log, settings.limits)
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
+        self._outside: Session | None = None
+        self._outside_lock = threading.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
-        config = zenoh_config(settings, scouting_s, any_id=any_id)
+        config = zenoh_config(settings, scouting_s, is_second=is_second)
         with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())
@@ -113,6 +123,28 @@ class Session:
                 # nothing about an error, and the end of the process ends the session too.
                 self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
 
+    # Names of other namespaces
+
+    def placed(self, key: str) -> tuple["Session", str]:
+        """The session that reaches a key, and the key as that session names it.
+
+        A key that begins with a slash is absolute, outside of this session's namespace. The first
+        one opens a second session, without a namespace, which ends with this one.
+        """
+        key = relative(key, self.settings.namespace)
+        return (self._open_outside(), key[1:]) if key.startswith("/") else (self, key)
+
+    def _open_outside(self) -> "Session":
+        with self._outside_lock:
+            if self._closed:
+                raise BusError("the session is closed")
+            if self._outside is None:
+                self._outside = Session(
+                    replace(self.settings, namespace=""), self._log, is_second=True
+                )
+                self._ending.append(self._outside.close)
+            return self._outside
+
     def at_close(self, end: Callable[[], None]) -> Callable[[], None]:
         """Call `end()` before the session closes; the function returned takes that back."""
         self._ending.append(end)
@@ -142,28 +174,38 @@ class Session:
         that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
         batching stays on: messages wait for others only while the link is busy.
         """
+        at, key = self.placed(key)
         with bus_errors(f"publish {key}"):
-            publisher = self.zenoh.declare_publisher(
+            publisher = at.zenoh.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_priority(urgent),
             )
-        return BytesPublisher(key, publisher)
+        return BytesPublisher(key, publisher, self.settings.limits)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
-        return PublishersWithin(self.zenoh, self.watch_heard(expression), _priority(urgent))
+        watch = self.watch_heard(expression)
+        return PublishersWithin(self.zenoh, watch, _priority(urgent), self.settings.limits)
 
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
         with bus_errors(f"watch {key}"):
             return HeardWatch(self.zenoh.declare_publisher(key))
 
-    def subscriber(self, key: str, callback: Callable[[str, bytes], None]) -> Declaration:
-        """Call `callback(key, payload)` for each message."""
+    def subscriber(
+        self,
+        key: str,
+        callback: Callable[[str, bytes], None],
+        on_too_large: Callable[[], object] = lambda: None,
+    ) -> Declaration:
+        """Call `callback(key, payload)` for each message, and `on_too_large()` for one that is
+        dropped unread, since it is larger than the limit of its kind.
+        """
+        at, key = self.placed(key)
         with bus_errors(f"subscribe to {key}"):
-            handler = self.callbacks.of_samples(key, callback)
-            return Declaration(self.zenoh.declare_subscriber(key, handler))
+            handler = self.callbacks.of_samples(key, callback, on_too_large)
+            return Declaration(at.zenoh.declare_subscriber(key, handler))
 
     # Ask and answer
 
@@ -174,13 +216,21 @@ class Session:
 
         Where answers may be `long`, more than fits into a link, the callback runs on a thread of
         its own: if two processes sent such answers to each other on Zenoh's threads, each would
-        wait for the other. At most 4 run and 64 wait; further queries are refused.
+        wait for the other. At most 4 run and 64 wait; further queries are refused, and those
+        larger than the limit of their kind.
         """
+        at, key = self.placed(key)
         what = f"query of {key}"
         guarded = self.callbacks.guarded(what, callback)
 
         def on_query(zenoh_query: zenoh.Query) -> None:
-            query = Query(zenoh_query)
+            query = Query(zenoh_query, self.settings.limits)
+            try:
+                query.check_size()
+            except BusError as error:
+                query.refuse(str(error))
+                query.close()
+                return
             if not long:
                 callback(query)
             elif not self._answering.do(lambda: guarded(query)):
@@ -189,12 +239,13 @@ class Session:
 
         with bus_errors(f"serve {key}"):
             handler = direct(self.callbacks.guarded(what, on_query))
-            return Declaration(self.zenoh.declare_queryable(key, handler))
+            return Declaration(at.zenoh.declare_queryable(key, handler))
 
     def watch_served(self, key: str) -> ServedWatch:
         """A watch that knows whether a process serves `key`."""
+        at, key = self.placed(key)
         with bus_errors(f"watch {key}"):
-            return ServedWatch(self.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
+            return ServedWatch(at.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
 
     def ask(
         self,
@@ -235,17 +286,25 @@ class Session:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
         `on_end()`. With `others` this session itself is not asked.
         """
+        at, key = self.placed(key)
+        wait_s = seconds_to_wait(timeout_s)
         guarded = self.callbacks.guarded
-        guarded_answer = guarded(f"answer of {key}", lambda reply: on_answer(answer_of(reply)))
+        limits, kind = self.settings.limits, kind_of_query(key)
+        if payload is not None and (mistake := limits.mistake_in(kind, len(payload))):
+            raise BusError(f"could not query {key}: {mistake}")
+        mistake_in_size = partial(self.callbacks.mistake_in_answer, key)
+        guarded_answer = guarded(
+            f"answer of {key}", lambda reply: on_answer(answer_of(reply, mistake_in_size))
+        )
         guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
         with bus_errors(f"query {key}"):
-            self.zenoh.get(
+            at.zenoh.get(
                 key,
                 direct(guarded_answer, lambda: guarded_end(None)),
                 payload=payload,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
-                timeout=timeout_s,
+                timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 accept_replies=(
                     zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
@@ -262,7 +321,10 @@ class Session:
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
         keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        handler = direct(lambda reply: keys.put(answer_of(reply).key), lambda: keys.put(None))
+        handler = direct(
+            lambda reply: keys.put(str(reply.ok.key_expr) if reply.ok else ""),
+            lambda: keys.put(None),
+        )
         with bus_errors(f"list {key}"):
             self.zenoh.liveliness().get(key, handler, timeout=timeout_s)
         return sorted(set(filter(None, iter(keys.get, None))))

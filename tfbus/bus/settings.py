@@ -9,7 +9,9 @@ from types import MappingProxyType
 from typing import Any
 
 from tfbus.errors import SettingsError
-from tfbus.wire.keys import check_namespace, check_node_name, check_topic
+from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
+from tfbus.wire.limits import Limits
+from tfbus.wording import printable
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
@@ -40,15 +42,23 @@ def _endpoints_from_environment(name: str) -> tuple[str, ...]:
     return tuple(filter(None, _from_environment(name).replace(",", " ").split()))
 
 
+def _limits_from_environment() -> Limits:
+    try:
+        return Limits.parse(_from_environment("LIMITS"))
+    except SettingsError as error:
+        raise SettingsError(f"TFBUS_LIMITS: {error}") from error
+
+
 @dataclass(frozen=True)
 class NodeSettings:
     """A node's name, and how it joins the bus.
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
-    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`), so one setting serves all
-    processes of a machine. `mode` is "peer", "client", "router", or "" for that of the
-    configuration file ("peer" without one). Endpoints are Zenoh's, such as `tcp/host:7447`. With
-    `sim_time` the node's time comes from the topic `clock`.
+    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`, `TFBUS_LIMITS`), so one
+    setting serves all processes of a machine. `mode` is "peer", "client", "router", or "" for that
+    of the configuration file ("peer" without one). Endpoints are Zenoh's (`tcp/host:7447`). With
+    `sim_time` the node's time comes from the topic `clock`. `limits` are the largest messages that
+    it reads and sends, by kind; in the environment `topic=64MB, service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """
@@ -63,6 +73,7 @@ class NodeSettings:
     sim_time: bool = field(default_factory=lambda: _truth_from_environment("SIM_TIME"))
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
+    limits: Limits = field(default_factory=_limits_from_environment)
 
     def __post_init__(self) -> None:
         check_node_name(self.name)
@@ -70,8 +81,10 @@ class NodeSettings:
         set_field(self, "namespace", check_namespace(self.namespace))
         set_field(self, "parameters", MappingProxyType(dict(self.parameters)))
         set_field(self, "remappings", MappingProxyType(dict(self.remappings)))
+        for name in self.parameters:
+            check_parameter(name)
         for name in (*self.remappings, *self.remappings.values()):
-            check_topic(name)
+            resolve(name, self.name, self.namespace)
         _check_choice("mode", self.mode, ("", *MODES))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):
@@ -79,12 +92,20 @@ class NodeSettings:
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
 
+    @property
+    def full_name(self) -> str:
+        """The node's name with its namespace: `/sim`, `/robot7/sim`."""
+        return "/" + "/".join(filter(None, (self.namespace, self.name)))
+
     def renamed(self, name: str) -> "NodeSettings":
         """These settings for a node of another name."""
         return replace(self, name=name)
 
 
 def _check_endpoint(endpoint: str) -> None:
+    if not endpoint.isprintable():
+        shown = printable(endpoint, 60)
+        raise SettingsError(f"endpoint '{shown}' has a character that cannot be printed")
     protocol, found, address = endpoint.partition("/")
     if not found:
         written = endpoint if ":" in endpoint else f"{endpoint}:7447"

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +28,24 @@ _URGENT_BATCHES = 8
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
+# Zenoh drops what is larger without a word. So that a message somewhat too large is still named in
+# the log, it passes on up to this many times the largest limit, and 64 KiB for what is around it.
+_NAMED_UP_TO = 2
+_AROUND_A_PAYLOAD = 65536
+_MOST_OF_ZENOH = 2**32 - 1
+
+# The port at the end of each endpoint in a list in JSON: ["tcp/[::]:7447#iface=eth0"].
+_PORT = re.compile(r':\d{1,5}(?=["?#])')
+
+
 def zenoh_config(
-    settings: NodeSettings, scouting_s: float | None = None, *, any_id: bool = False
+    settings: NodeSettings, scouting_s: float | None = None, *, is_second: bool = False
 ) -> zenoh.Config:
     """Zenoh's configuration for these settings: the file's, overridden by what is given.
 
-    A session opens without others after `scouting_s` seconds of scouting (None: as configured).
-    With `any_id` its id is not that of the file. Raises SettingsError where the file is not a
-    configuration.
+    A session opens without others after `scouting_s` seconds of scouting (None: as configured). The
+    second one of a process has another id, and listens as the first does, on ports that are free.
+    Raises SettingsError where the file is not a configuration.
     """
     config = _config_of(settings.config)
     named = _named_in_file(settings.config)
@@ -46,6 +57,10 @@ def zenoh_config(
         # An unplugged host is noticed after this time; Zenoh's default is 10 s.
         "transport/link/tx/lease": _LEASE_MS,
         "transport/link/tx/queue/size/interactive_high": _URGENT_BATCHES,
+        # Zenoh's default is 1 GB, and any peer could make every process hold that.
+        "transport/link/rx/max_message_size": min(
+            _NAMED_UP_TO * settings.limits.largest + _AROUND_A_PAYLOAD, _MOST_OF_ZENOH
+        ),
         # Zenoh polls it 30 times a second, which takes as much CPU as all else of an idle session.
         "transport/shared_memory": {"enabled": False},
     }
@@ -57,12 +72,15 @@ def zenoh_config(
     }
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
-    if any_id:
-        given["id"] = f"a{os.urandom(15).hex()}"  # without a leading zero, as Zenoh wants it
     unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
     for key, value in {**unnamed, **given}.items():
         if value:
             config.insert_json5(key, json.dumps(value))
+    if is_second:
+        # Not the id that a file gives to the first; without a leading zero, as Zenoh wants it.
+        config.insert_json5("id", json.dumps(f"a{os.urandom(15).hex()}"))
+        listen = config.get_json("listen/endpoints")
+        config.insert_json5("listen/endpoints", _PORT.sub(":0", listen))
     return config
 
 

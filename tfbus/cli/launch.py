@@ -133,7 +133,8 @@ def _settings(bus: Mapping[str, Any]) -> NodeSettings:
 def _given(arguments: Sequence[str]) -> dict[str, str]:
     given = {}
     for text in arguments:
-        name, found, value = text.partition(":=")
+        name, found, value = text.partition("=")
+        name = name.removesuffix(":")  # `:=` is ROS's sign, and `=` the one of tfbus
         if not found or not name:
             raise click.UsageError(f"{text!r} is not of the form NAME:=VALUE")
         given[name] = value

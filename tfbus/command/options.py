@@ -2,12 +2,16 @@
 
 import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import click
 
 from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
+from tfbus.command.ros_args import RosArgs
 from tfbus.errors import SettingsError, TfbusError
+from tfbus.wording import printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -59,9 +63,8 @@ def node_options(default_name: str) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        return _with_options(default_name, {**_NODE_OPTIONS, **_BUS_OPTIONS})(
-            _interruptible(function)
-        )
+        options = {**_NODE_OPTIONS, **_BUS_OPTIONS}
+        return _ROS_ARGS(_with_options(default_name, options)(_interruptible(function)))
 
     return decorate
 
@@ -133,21 +136,62 @@ class _click_exits:
 
 def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
     values = {name: value for name, value in given.items() if value not in (None, ())}
-    values["parameters"] = _pairs(given.get("parameters", ()), "=", "--param name=value")
-    values["remappings"] = _pairs(given.get("remappings", ()), ":=", "--remap from:=to")
-    return NodeSettings(**({"name": default_name} | values))
+    files = values.pop("parameter_files", ())
+    remappings = _pairs(given.get("remappings", ()), ":=", "--remap from:=to")
+    # ROS's remappings of the node itself.
+    for rule, name in (("__node", "name"), ("__name", "name"), ("__ns", "namespace")):
+        if rule in remappings:
+            values.setdefault(name, remappings.pop(rule))
+    values["remappings"] = remappings
+    parameters = _pairs(given.get("parameters", ()), "=", "--param name=value")
+    # With ROS's sign in --param name:=value.
+    values["parameters"] = {name.removesuffix(":"): text for name, text in parameters.items()}
+    settings = NodeSettings(**({"name": default_name} | values))
+    return _with_sim_time(_with_parameter_files(settings, files), given.get("sim_time"))
 
 
 def _pairs(texts: Iterable[str], separator: str, form: str) -> dict[str, str]:
     pairs = {}
     for text in texts:
         name, found, value = text.partition(separator)
-        if not found or not name:
-            raise SettingsError(f"{text!r} is not of the form {form}")
+        if not found or not name.rstrip(":"):
+            raise SettingsError(f"'{printable(text, 60)}' is not of the form {form}")
         pairs[name] = value
     return pairs
 
 
+def _with_parameter_files(settings: NodeSettings, files: Iterable[str]) -> NodeSettings:
+    """The settings with the parameters of the files, where none is given on the command line."""
+    values: dict[str, Any] = {}
+    for file in files:
+        from tfbus.command.parameter_files import parameters_from_file  # YAML
+
+        values |= parameters_from_file(Path(file), settings.full_name)
+    return replace(settings, parameters=values | dict(settings.parameters)) if values else settings
+
+
+def _with_sim_time(settings: NodeSettings, is_given: bool | None) -> NodeSettings:
+    """The settings with `sim_time` for ROS's parameter `use_sim_time`."""
+    parameters = dict(settings.parameters)
+    value = parameters.pop(_USE_SIM_TIME, None)
+    if value is None:
+        return settings
+    truth = str(value).lower()
+    if truth not in ("true", "false"):
+        raise SettingsError(f"{_USE_SIM_TIME} must be true or false, not {value!r}")
+    sim_time = truth == "true" if is_given is None else is_given
+    return replace(settings, parameters=parameters, sim_time=sim_time)
+
+
+_USE_SIM_TIME = "use_sim_time"
+
+_ROS_ARGS = click.option(
+    "--ros-args",
+    cls=RosArgs,
+    is_flag=True,
+    expose_value=False,
+    help="Arguments of ROS 2 follow, up to --: -p name:=value, -r from:=to, -r __ns:=/robot7.",
+)
 _BUS_OPTIONS = {
     "namespace": click.option(
         "--namespace", metavar="PATH", help="Prefix of all names on the bus, such as robot7."
@@ -200,13 +244,21 @@ _NODE_OPTIONS = {
         "parameters",
         multiple=True,
         metavar="NAME=VALUE",
-        help="Set a parameter of the node; repeatable.",
+        help="Set a parameter of the node; repeatable. -p as in ROS.",
+    ),
+    "parameter_files": click.option(
+        "--params-file",
+        "parameter_files",
+        multiple=True,
+        type=click.Path(exists=True, dir_okay=False),
+        metavar="FILE",
+        help="Set parameters from a YAML file, as of ROS 2; repeatable.",
     ),
     "remappings": click.option(
         "--remap",
         "remappings",
         multiple=True,
         metavar="FROM:=TO",
-        help="Use another topic or service name; repeatable.",
+        help="Use another topic or service name; repeatable. -r as in ROS.",
     ),
 }

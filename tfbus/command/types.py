@@ -16,7 +16,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import mistake_in
-from tfbus.wire.keys import check_topic
+from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, check_topic
 
 if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
@@ -92,6 +92,18 @@ class NodeName(_BusName):
 
     name = "node"
 
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error for an invalid one."""
+        path, _, name = str(value).rstrip("/").rpartition("/")
+        try:
+            check_namespace(path)
+            check_node_name(name)
+        except InvalidNameError as error:
+            self.fail(str(error), param, ctx)
+        return str(value)
+
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
         """All nodes."""
         return dict.fromkeys(names.nodes, "")
@@ -133,6 +145,15 @@ class ParameterName(_BusName):
     """The name of a parameter of the node in the command's argument `node`."""
 
     name = "parameter"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The name; a usage error for an invalid one."""
+        try:
+            return check_parameter(str(value))
+        except InvalidNameError as error:
+            self.fail(str(error), param, ctx)
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
         """The parameters of that node."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from tfbus.discover.presence import relative_name
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.keys import relative
 
 # The type of messages on the keys of transforms.
 TRANSFORMS_TYPE = "TransformMessage"
@@ -74,7 +75,10 @@ def graph_of(
         above = relative_name(node.name, namespace).rpartition("/")[0]
         for kind in ("publishes", "subscribes", "serves", "calls"):
             for name, type_ in getattr(node, kind).items():
-                full = "/".join(filter(None, (above, name)))
+                full = relative(
+                    name if name.startswith("/") else "/".join(filter(None, (above, name))),
+                    namespace,
+                )
                 ends[kind][full].append(Endpoint(node.name, type_, node.host, node.pid))
 
     def at(kind: str, name: str) -> tuple[Endpoint, ...]:

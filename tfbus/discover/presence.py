@@ -14,6 +14,7 @@ from tfbus.wire.keys import (
     ALL_STREAMS_EVERYWHERE,
     full_name,
     node_key,
+    relative,
     stream_of,
 )
 from tfbus.wording import did_you_mean
@@ -31,7 +32,7 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     Raises BusError with the nearest name where there is none, DecodeError where a description is
     unreadable.
     """
-    key = _key_of(name, session.settings.namespace)
+    key = key_beside(name, node_key, session.settings.namespace)
     answers = session.ask(key, timeout_s=2.0)
     described = [_read(session, answer) for answer in answers if answer.refusal is None]
     if not described:
@@ -115,19 +116,19 @@ class NodeWatch:
 def relative_name(name: str, namespace: str) -> str:
     """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
 
-    Raises BusError for a node outside the namespace: it cannot be reached from there.
+    That of a node elsewhere stays absolute, with its slash.
     """
-    path = name.strip("/")
-    if not namespace or not name.startswith("/"):
-        return path
-    if not path.startswith(f"{namespace}/"):
-        raise BusError(f"node {name!r} is outside of namespace {namespace!r}: omit --namespace")
-    return path.removeprefix(f"{namespace}/")
+    return relative(name.rstrip("/"), namespace)
 
 
-def _key_of(name: str, namespace: str) -> str:
-    prefix, _, node = relative_name(name, namespace).rpartition("/")
-    return "/".join(filter(None, (prefix, node_key(node))))
+def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:
+    """The key of something of a node, `key(name without its path)`, in the node's namespace.
+
+    `name` is relative to the namespace of the session that asks, or full.
+    """
+    path = relative_name(name, namespace)
+    node = path.rpartition("/")[2]
+    return f"{path.removesuffix(node)}{key(node)}"
 
 
 def _absent(name: str, present: list[str]) -> str:

@@ -18,6 +18,7 @@ from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
 from tfbus.listen.watch import StreamState
+from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.fleet import FrameNames
 from tfbus.wire.keys import (
@@ -36,7 +37,7 @@ _ROUNDS = 4
 # A stream that is read for longer should have sent something.
 _SOON_S = 1.0
 
-_log = logging.getLogger(__name__)
+_log = library_log(__name__)
 
 
 # Subscribes to a key until the declaration is closed: stream, key, and whether it carries static

@@ -68,6 +68,12 @@ class TransformListener:
         reads: Reads = "everything",
         fleet: Fleet | None = None,
     ) -> None:
+        if not isinstance(buffer, Buffer) or not isinstance(node, Node):
+            raise InvalidArgumentException(
+                "a TransformListener takes a Buffer and a Node, in this order: "
+                "TransformListener(buffer, node), not "
+                f"({type(buffer).__name__}, {type(node).__name__})"
+            )
         if not 0.0 <= history_s < float("inf"):
             raise InvalidArgumentException(
                 f"history_s must be a number of seconds, 0 or more, not {history_s!r}"

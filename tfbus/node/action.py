@@ -17,9 +17,11 @@ from typing import Any, Literal, get_args
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError, ServiceError
+from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.node.service import Caller, Service, submit_or_refuse
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import (
     as_map,
     decode_map,
@@ -204,7 +206,7 @@ class SentGoal:
 
     def cancel(self, *, timeout_s: float = 1.0) -> None:
         """Ask the server to cancel this goal; its result then has how far it came."""
-        if self._accepted.wait(timeout_s) and not self._ended.is_set():
+        if self._accepted.wait(seconds_to_wait(timeout_s)) and not self._ended.is_set():
             request = encode_message(CancelGoal.Request(self._id))
             for _ in self._session.ask(f"{self._name}/cancel", request, timeout_s=timeout_s):
                 pass
@@ -219,10 +221,9 @@ class SentGoal:
 
         Raises ServiceError where it was refused, its server is gone, or it does not end in time.
         """
-        if not self._ended.wait(timeout_s):
-            raise ServiceError(
-                f"timed out after {timeout_s:g} s: action {self._name!r} has not ended"
-            )
+        wait_s = seconds_to_wait(timeout_s)
+        if not self._ended.wait(wait_s):
+            raise ServiceError(f"timed out after {wait_s:g} s: action {self._name!r} has not ended")
         if isinstance(self._outcome, ServiceError):
             raise self._outcome
         return self._outcome
@@ -277,12 +278,14 @@ class GoalClient(Caller):
         *,
         on_feedback: Callable[[Any], None] = lambda feedback: None,
         on_result: Callable[[GoalResult], None] = lambda result: None,
-        timeout_s: float = 5.0,
+        timeout_s: float | None = 5.0,
     ) -> SentGoal:
         """Send a Goal; the callbacks run on threads of Zenoh's.
 
-        Waits for a server, at most `timeout_s`, but not for the goal. Raises ServiceError where
-        there is no server in that time.
+        Waits for a server, at most `timeout_s` (None: for ever), but not for the goal. Raises
+        TypeError where the goal is of another type, ServiceError where there is no server in that
+        time.
         """
-        self._require_server(timeout_s)
+        check_part(f"action {self.name!r}", self.goal_type.Goal, goal)
+        self._require_server(seconds_to_wait(timeout_s))
         return SentGoal(self._session, self.goal_type, self.name, goal, on_feedback, on_result)

@@ -69,6 +69,8 @@ class ClockPublisher(Endpoint):
     def _on_node(self, key: str, alive: bool) -> None:
         # A publisher of `**/clock`, for all namespaces, would publish on `tf/**` too.
         namespace = key.partition("@tfbus/")[0]
+        if self.name.startswith("/"):  # remapped to one topic outside of all of them
+            return
         if alive and namespace not in self._publishers:
             self._executor.submit("the clock's namespaces", lambda: self._add(namespace))
 

@@ -25,7 +25,7 @@ def check_id_is_free(settings: NodeSettings, log: logging.Logger, patience_s: fl
     taken = id_in_file(settings.config)
     if taken is None:
         return
-    with Session(settings, log, patience_s=patience_s, any_id=True) as session:
+    with Session(settings, log, patience_s=patience_s, is_second=True) as session:
         session.settle()
         for answer in session.ask(ALL_NODES_EVERYWHERE, timeout_s=_ANSWER_WITHIN_S):
             other = _described(answer)

@@ -11,6 +11,12 @@ from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.errors import ParameterError, TfbusError
+from tfbus.node.arguments import (
+    check_callback,
+    check_message_type,
+    check_parts,
+    check_seconds,
+)
 from tfbus.node.clock_start import ClockStart
 from tfbus.node.duplicate_name import DuplicateNameWatch
 from tfbus.node.fixed_id import check_id_is_free
@@ -21,8 +27,9 @@ from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscript
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock, SimulatedClock
 from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup
-from tfbus.wire.keys import CLOCK_TOPIC, check_topic, node_key
+from tfbus.wire.keys import CLOCK_TOPIC, node_key, resolve
 
 if TYPE_CHECKING:
     # They take long to load, and most nodes do not need them.
@@ -67,7 +74,7 @@ class Node:
         self.settings = settings
         self.name = settings.name
         self.namespace = settings.namespace
-        self.full_name = "/" + "/".join(filter(None, (self.namespace, self.name)))
+        self.full_name = settings.full_name
         self.log = open_log(self.full_name, self.name, settings.log_level)
         self.started_ns = time.time_ns()
         self.clock: Clock = SimulatedClock() if settings.sim_time else SYSTEM_CLOCK
@@ -166,7 +173,7 @@ class Node:
         if not self._is_ready:
             self._is_ready = True
             self._parameters.warn_of_undeclared()
-            self.log.info("%s", text)
+            self.log.info(text)
             self._clock_start.expect()
 
     def spin(self) -> None:
@@ -183,6 +190,7 @@ class Node:
         """
         forks.check()
         clock = clock or self.clock
+        timeout_s = seconds_to_wait(timeout_s)
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
         with Wakeup() as wakeup, clock.limit(timeout_s, wakeup.wake) as limit:
@@ -219,6 +227,7 @@ class Node:
         Returns whether it runs: the system's clock always does, a simulated one from its first
         message on. Returns early where the node is shut down.
         """
+        timeout_s = seconds_to_wait(timeout_s)
         if not self.clock.is_running:
             self._clock_start.expect()
             with Wakeup() as wakeup:
@@ -230,6 +239,7 @@ class Node:
 
     def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
         """A publisher of messages of this type, a dataclass."""
+        check_message_type("create_publisher(message_type, topic)", message_type)
         topic = self._resolve(topic)
         return self._info.add("publishes", Publisher(self.session, message_type, topic))
 
@@ -237,6 +247,9 @@ class Node:
         self, message_type: type[M], topic: str, callback: Callable[[M], Any]
     ) -> Subscription[M]:
         """Call `callback(message)` for each message on the topic."""
+        call = "create_subscription(message_type, topic, callback)"
+        check_message_type(call, message_type)
+        check_callback(call, callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
@@ -255,6 +268,7 @@ class Node:
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
+        check_callback("create_raw_subscription(topic, callback)", callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes", RawSubscription(self.session, topic, callback, type_name)
@@ -264,6 +278,9 @@ class Node:
         self, service_type: type[ServiceType], name: str, handler: Callable[[Any], Any]
     ) -> Service:
         """Serve requests: `handler(request)` returns a Response or raises ServiceError."""
+        call = "create_service(service_type, name, handler)"
+        check_parts(call, service_type, ("Request", "Response"))
+        check_callback(call, handler)
         name = self._resolve(name)
         return self._info.add(
             "serves", Service(self.session, self.executor, self.log, service_type, name, handler)
@@ -271,6 +288,7 @@ class Node:
 
     def create_client(self, service_type: type[ServiceType], name: str) -> Client:
         """A client that calls a service."""
+        check_parts("create_client(service_type, name)", service_type, ("Request", "Response"))
         name = self._resolve(name)
         return self._info.add("calls", Client(self.session, service_type, name))
 
@@ -280,6 +298,9 @@ class Node:
         """Serve an action: `handler(handle)` is called once a goal and ends the handle later."""
         from tfbus.node.action import GoalServer
 
+        call = "create_goal_server(goal_type, name, handler)"
+        check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
+        check_callback(call, handler)
         name = self._resolve(name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
@@ -289,6 +310,8 @@ class Node:
         """A client that sends goals to an action server."""
         from tfbus.node.action import GoalClient
 
+        call = "create_goal_client(goal_type, name)"
+        check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         name = self._resolve(name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
@@ -297,9 +320,13 @@ class Node:
     ) -> Timer:
         """Call `callback()` every `period_s` seconds, the first time after one period.
 
-        The seconds are those of the node's clock, unless another is given.
+        The seconds are those of the node's clock, unless another is given. Raises ValueError where
+        the period is not more than 0.
         """
         forks.check()
+        call = "create_timer(period_s, callback)"
+        check_seconds(call, period_s)
+        check_callback(call, callback)
         clock = clock or self.clock
         if isinstance(clock, SimulatedClock):
             return self.executor.every_simulated(clock, period_s, callback)
@@ -343,4 +370,12 @@ class Node:
         return self._info.describe()
 
     def _resolve(self, name: str) -> str:
-        return self.settings.remappings.get(name, check_topic(name))
+        """The name as the session uses it, after remapping."""
+        given = self._expanded(name)
+        for source, target in self.settings.remappings.items():
+            if self._expanded(source) == given:
+                return self._expanded(target)
+        return given
+
+    def _expanded(self, name: str) -> str:
+        return resolve(name, self.name, self.namespace)

@@ -7,18 +7,19 @@ A node takes values at its start (`--param name=value`, or a launch file), and o
 
 import logging
 import math
+import reprlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from tfbus.bus.query import Query, within
 from tfbus.bus.session import Session
-from tfbus.errors import ParameterError
+from tfbus.errors import BusError, ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
-from tfbus.wire.keys import check_topic, last_name, node_parameters_key, parameter_key
-from tfbus.wording import did_you_mean
+from tfbus.wire.keys import check_parameter, last_name, node_parameters_key, parameter_key
+from tfbus.wording import did_you_mean, printable
 
 Value = bool | int | float | str | list[Any]
 
@@ -61,7 +62,7 @@ class Parameter:
     ):
         if type(default) not in _TYPE_NAMES:
             raise ParameterError(f"a parameter cannot be of type {type(default).__name__}")
-        self.name = check_topic(name, kind="parameter")
+        self.name = check_parameter(name)
         self.value: Any = default
         self.description = description
         self._type: type = type(default)
@@ -79,7 +80,8 @@ class Parameter:
         self.value = checked
 
     def checked(self, value: Any) -> Any:
-        """The value in this parameter's type, read as YAML where it is a text.
+        """The value in this parameter's type, read as YAML where it is a text of up to 10,000
+        letters.
 
         Raises ParameterError where the type is wrong or the value out of bounds.
         """
@@ -89,7 +91,8 @@ class Parameter:
             value = float(value)
         if type(value) is not self._type or not _fits_the_wire(value):
             raise ParameterError(
-                f"{self.name!r} must be {_with_article(_TYPE_NAMES[self._type])}, not {value!r}"
+                f"{self.name!r} must be {_with_article(_TYPE_NAMES[self._type])}, not "
+                f"{_shown(value)}"
             )
         if isinstance(value, float) and not math.isfinite(value):
             raise ParameterError(f"{self.name!r} must be finite, not {value}")
@@ -153,9 +156,10 @@ class Parameters:
     def _serve(self, query: Query) -> None:
         with query.answering("the node"):
             asked = self._asked_for(query.key)
-            if query.payload:
+            if payload := query.payload:
+                values = decode_map(payload)
                 for parameter in asked:
-                    self._set(parameter, decode_map(query.payload))
+                    self._set(parameter, values)
             for parameter in asked:
                 key = parameter_key(self._node, parameter.name)
                 query.answer(key, encode_map(parameter.describe()))
@@ -165,27 +169,33 @@ class Parameters:
         if not asked and "*" not in key:
             name = last_name(key)
             hint = did_you_mean(name, self._parameters, none="; there are none")
-            raise ParameterError(f"{self._node} has no parameter {name!r}{hint}")
+            raise ParameterError(f"{self._node} has no parameter '{printable(name, 60)}'{hint}")
         return asked
 
     def _set(self, parameter: Parameter, values: dict[str, Any]) -> None:
         if "value" not in values:
             raise ParameterError("set a parameter with a map that has 'value'")
         parameter.set(values["value"])
-        self._log.info("Parameter %s is now %r", parameter.name, parameter.value)
+        self._log.info("Parameter %s is now %s", parameter.name, _shown(parameter.value))
 
 
 def _read_text(text: str) -> object:
-    from tfbus.wire.yaml_values import read_value  # YAML, only where a value comes as text
+    # YAML, only where a value comes as text
+    from tfbus.wire.yaml_values import read_strangers_value
 
-    return read_value(text)
+    return read_strangers_value(text)
+
+
+def _shown(value: object) -> str:
+    """The value as a sentence holds it, short."""
+    return printable(repr(value[:80]) if isinstance(value, str) else reprlib.repr(value), 80)
 
 
 def _fits_the_wire(value: Any) -> bool:
     """Whether msgpack can hold the value: no integer of more than 64 bits, no date of YAML's."""
     try:
         encode_map({"value": value})
-    except (OverflowError, TypeError, ValueError):
+    except (BusError, OverflowError, TypeError, ValueError):
         return False
     return True
 

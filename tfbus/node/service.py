@@ -4,6 +4,7 @@ A service type is a class that holds two dataclasses, `Request` and `Response`.
 """
 
 import logging
+import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -11,8 +12,10 @@ from typing import Any
 from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.errors import ServiceError
+from tfbus.node.arguments import check_part
 from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.executor import Executor
+from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.wire.codec import decode_message, encode_message
 
 # A class with the dataclasses Request and Response in it, which types cannot say.
@@ -79,10 +82,10 @@ class Caller(Endpoint):
         return self._watch.served
 
     def _wait(self, timeout_s: float | None) -> bool:
-        return self._watch.wait(timeout_s)
+        return self._watch.wait(seconds_to_wait(timeout_s))
 
-    def _require_server(self, timeout_s: float) -> None:
-        if not self._wait(timeout_s):
+    def _require_server(self, timeout_s: float | None) -> None:
+        if not self._wait(timeout_s) and timeout_s is not None:
             raise ServiceError(f"no {self.kind} {self.name!r} after {timeout_s:g} s")
 
 
@@ -100,19 +103,22 @@ class Client(Caller):
         """Wait for a server, at most `timeout_s` (None: for ever); whether there is one."""
         return self._wait(timeout_s)
 
-    def call(self, request: Any, *, timeout_s: float = 5.0) -> Any:
+    def call(self, request: Any, *, timeout_s: float | None = 5.0) -> Any:
         """Send a Request and return the Response.
 
-        Waits for the service and for its answer, together at most `timeout_s`. Raises ServiceError
-        where the service is not there or does not answer in that time, or refuses, with its
-        reason.
+        Waits for the service and for its answer, together at most `timeout_s` (None: for ever).
+        Raises TypeError where the request is of another type, ServiceError where the service is
+        not there or does not answer in that time, or refuses, with its reason.
         """
-        deadline = time.monotonic() + timeout_s
-        self._require_server(timeout_s)
+        check_part(f"service {self.name!r}", self.service_type.Request, request)
+        wait_s = seconds_to_wait(timeout_s)
+        deadline = math.inf if wait_s is None else time.monotonic() + wait_s
+        self._require_server(wait_s)
         remaining_s = max(deadline - time.monotonic(), 0.001)
         payload = encode_message(request)
         for answer in self._session.ask(self.name, payload, timeout_s=remaining_s):
             if answer.refusal is not None:
                 raise ServiceError(answer.refusal or f"{self.name!r} did not answer in time")
             return decode_message(self.service_type.Response, answer.payload)
-        raise ServiceError(f"{self.name!r} did not answer within {timeout_s:g} s")
+        within = "" if wait_s is None else f" within {wait_s:g} s"
+        raise ServiceError(f"{self.name!r} did not answer{within}")

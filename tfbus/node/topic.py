@@ -68,9 +68,9 @@ class RawSubscription(Endpoint):
 class Subscription(Endpoint, Generic[M]):
     """Calls `callback(message)` for each message of a topic, on the node's thread.
 
-    A message of the wrong shape is dropped and counted in `rejected`; the first is logged. Where
-    messages come faster than the callback returns, at most 10 wait; the oldest are dropped and
-    counted in `dropped`.
+    A message of the wrong shape, or larger than the limit of topics, is dropped and counted in
+    `rejected`; the first is logged. Where messages come faster than the callback returns, at most
+    10 wait; the oldest are dropped and counted in `dropped`.
     """
 
     def __init__(
@@ -92,18 +92,23 @@ class Subscription(Endpoint, Generic[M]):
         # Guards the counts, the pending messages, and that each of them has one delivery.
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
-        self._parts = [session.subscriber(topic, self._on_message)]
+        self._too_large = 0
+        self._parts = [session.subscriber(topic, self._on_message, self._on_too_large)]
 
     @property
     def rejected(self) -> int:
-        """How many messages were of the wrong shape."""
-        return self._log_once.counts[_REJECTED]
+        """How many messages were of the wrong shape, or too large to be read."""
+        return self._log_once.counts[_REJECTED] + self._too_large
 
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
         super().close()
         with self._lock:
             self._pending.clear()
+
+    def _on_too_large(self) -> None:
+        with self._lock:
+            self._too_large += 1
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:

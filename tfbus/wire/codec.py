@@ -12,19 +12,33 @@ from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
-from tfbus.errors import DecodeError
+from tfbus.errors import BusError, DecodeError
+from tfbus.wire.msgpack_items import too_many_items
+from tfbus.wording import printable
 
 M = TypeVar("M")
 Reader = Callable[[object, str], Any]
 
 
 def encode_map(value: Mapping[str, Any]) -> bytes:
-    """The bytes of a plain map, for a message without a type."""
-    return cast(bytes, msgpack.packb(dict(value)))
+    """The bytes of a plain map, for a message without a type.
+
+    Raises BusError where a text has a lone surrogate: UTF-8 cannot hold it.
+    """
+    try:
+        return cast(bytes, msgpack.packb(dict(value)))
+    except UnicodeEncodeError as error:
+        text = printable(str(error.object), 60)
+        raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
 
 
 def decode_map(data: bytes) -> dict[str, Any]:
-    """The map in the bytes. Raises DecodeError where they are not one msgpack map."""
+    """The map in the bytes.
+
+    Raises DecodeError where they are not one msgpack map, or hold more than a million values.
+    """
+    if mistake := too_many_items(data):
+        raise DecodeError(mistake)
     try:
         value = msgpack.unpackb(data)
     except (ValueError, TypeError, msgpack.UnpackException) as error:
@@ -97,7 +111,7 @@ def _read_fields(
         for name in values:
             if name not in shape:
                 raise DecodeError(
-                    f"there is no field {path + str(name)!r}; "
+                    f"there is no field '{printable(path + str(name), 60)}'; "
                     f"{type_name(message_type)} has {', '.join(shape) or 'no fields'}"
                 )
     read = {}
@@ -212,7 +226,8 @@ _KINDS = {
 
 
 def _wrong_type(path: str, expected: str, value: object) -> DecodeError:
-    return DecodeError(f"field {path!r} must be {expected}, not {_kind(value)}")
+    shown = printable(path, 100)
+    return DecodeError(f"field '{shown}' must be {expected}, not {_kind(value)}")
 
 
 def _kind(value: object) -> str:

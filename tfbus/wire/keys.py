@@ -9,6 +9,7 @@ import re
 from urllib.parse import unquote
 
 from tfbus.errors import InvalidNameError
+from tfbus.wording import printable
 
 TRANSFORMS = "tf"
 STATIC_TRANSFORMS = "tf_static"
@@ -141,11 +142,13 @@ def check_node_name(name: str) -> str:
 
     Raises InvalidNameError: a node's name is letters, digits, `_`, `-` and `.`.
     """
+    if not isinstance(name, str):
+        raise InvalidNameError(f"a node's name must be a str, not {type(name).__name__}")
     if _NODE_NAME.fullmatch(name):
         return name
     hint = ": give the namespace with --namespace" if "/" in name else ""
     raise InvalidNameError(
-        f"{name!r} cannot be a node's name: use letters, digits, '_', '-' and '.', "
+        f"'{printable(name, 60)}' cannot be a node's name: use letters, digits, '_', '-' and '.', "
         f"and begin with a letter, a digit or '_'{hint}"
     )
 
@@ -155,25 +158,71 @@ def check_namespace(namespace: str) -> str:
 
     Raises InvalidNameError where a part is empty or has a character that Zenoh reserves.
     """
+    if not isinstance(namespace, str):
+        raise InvalidNameError(f"a namespace must be a str, not {type(namespace).__name__}")
     namespace = namespace.strip("/")
-    return check_topic(namespace, kind="namespace") if namespace else ""
+    if namespace:
+        _check_path(namespace, namespace, "namespace")
+    return namespace
 
 
 def check_topic(name: str, *, kind: str = "topic") -> str:
     """The name itself where it is valid for a topic, service or action.
 
-    Raises InvalidNameError: names are relative paths such as `turtle1/pose`; no part is empty,
-    begins with `@` or has white space or one of `* $ ? #`.
+    Names are paths such as `turtle1/pose`, relative to a namespace; `/robot7/scan` is absolute.
+    Raises InvalidNameError where a part is empty, begins with `@`, or has white space, one of
+    `* $ ? #`, or a character that cannot be printed.
     """
-    if name.startswith("/"):
+    if not isinstance(name, str):
+        raise InvalidNameError(f"the name of a {kind} must be a str, not {type(name).__name__}")
+    if name == "~" or name.startswith("~/"):
         raise InvalidNameError(
-            f"{kind} {name!r} begins with '/': names are relative to the node's namespace, "
-            f"write {name.lstrip('/')!r}"
+            f"{kind} '{printable(name, 60)}' is private to a node: write the node's name instead "
+            "of '~'"
         )
-    parts = name.split("/")
-    if not all(parts) or _RESERVED.search(name) or any(part.startswith("@") for part in parts):
+    _check_path(name.removeprefix("/"), name, kind)
+    return name
+
+
+def check_parameter(name: str) -> str:
+    """The name itself where it is valid for a parameter: as for a topic, and never absolute."""
+    if not isinstance(name, str):
+        raise InvalidNameError(f"a parameter's name must be a str, not {type(name).__name__}")
+    _check_path(name, name, "parameter")
+    return name
+
+
+def resolve(name: str, node: str, namespace: str) -> str:
+    """The name of a topic, service or action of a node as its session uses it.
+
+    `~/pose` is `<node>/pose`; an absolute name within the namespace is relative to it. Raises as
+    `check_topic`.
+    """
+    if isinstance(name, str) and name.startswith("~/"):
+        name = f"{node}{name[1:]}"
+    return relative(check_topic(name), namespace)
+
+
+def relative(name: str, namespace: str) -> str:
+    """A name or key without its slash where it is absolute and within the namespace.
+
+    Any other is as it was: `/robot8/scan`, seen from `robot7`, stays absolute.
+    """
+    if not name.startswith("/"):
+        return name
+    prefix = f"/{namespace}/" if namespace else "/"
+    return name.removeprefix(prefix)
+
+
+def _check_path(path: str, name: str, kind: str) -> None:
+    parts = path.split("/")
+    shown = f"'{printable(name, 60)}'"
+    if not all(parts) or _RESERVED.search(path) or any(part.startswith("@") for part in parts):
         raise InvalidNameError(
-            f"{name!r} cannot be the name of a {kind}: use parts joined by '/', none of them "
+            f"{shown} cannot be the name of a {kind}: use parts joined by '/', none of them "
             "empty or beginning with '@', without white space or any of * $ ? #"
         )
-    return name
+    if not path.isprintable():
+        raise InvalidNameError(
+            f"{shown} cannot be the name of a {kind}: it has a character that cannot be printed"
+        )

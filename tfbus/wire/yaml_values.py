@@ -13,6 +13,10 @@ import yaml
 _TAG = "tag:yaml.org,2002:"
 _BASES = {"0o": 8, "0x": 16}
 
+# Of a text that came over the network. PyYAML's time grows with the square of the nesting.
+_MOST_LETTERS = 10_000
+_MOST_NESTED = 100
+
 # The core schema: https://yaml.org/spec/1.2.2/#1032-tag-resolution
 _WORDS = {
     "null": r"null|~|",
@@ -30,6 +34,20 @@ def read_value(text: str) -> Any:
         return text
 
 
+def read_strangers_value(text: str) -> Any:
+    """As `read_value`, for a text that came over the network.
+
+    A text is its own value where it has anchors, which let a few letters stand for billions of
+    values, or more than 10,000 letters or 100 lists and maps, which could take seconds to read.
+    """
+    if len(text) > _MOST_LETTERS or text.count("[") + text.count("{") > _MOST_NESTED:
+        return text
+    try:
+        return yaml.load(text, _STRANGERS_LOADER)
+    except Exception:
+        return text
+
+
 def _read_int(loader: Any, node: Any) -> int:
     return int(node.value, _BASES.get(node.value[:2].lower(), 10))
 
@@ -39,6 +57,13 @@ def _read_map(loader: Any, node: Any) -> dict[str, Any]:
         if not isinstance(key, yaml.ScalarNode):
             raise yaml.YAMLError("the key of a map must be a text")
     return {key.value: loader.construct_object(value, deep=True) for key, value in node.value}
+
+
+def _without_anchors(loader: Any, parent: Any, index: Any) -> Any:
+    event = loader.peek_event()
+    if getattr(event, "anchor", None) is not None:
+        raise yaml.YAMLError("there are no anchors and aliases here")
+    return yaml.SafeLoader.compose_node(loader, parent, index)
 
 
 def _make_loader() -> Any:
@@ -53,3 +78,4 @@ def _make_loader() -> Any:
 
 
 _LOADER = _make_loader()
+_STRANGERS_LOADER: Any = type("_Loader", (_LOADER,), {"compose_node": _without_anchors})

@@ -3,7 +3,7 @@
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.cli.output import warn
-from tfbus.discover.presence import describe_nodes, relative_name
+from tfbus.discover.presence import describe_nodes, key_beside, relative_name
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
@@ -34,7 +34,8 @@ def set_parameter(session: Session, node: str, name: str, value: object) -> Para
 def full_name_of(session: Session, node: str) -> str:
     """The full name of a node, given a name relative to the session's namespace or a full one."""
     namespace = session.settings.namespace
-    return "/" + "/".join(filter(None, (namespace, relative_name(node, namespace))))
+    name = relative_name(node, namespace)
+    return name if name.startswith("/") else "/" + "/".join(filter(None, (namespace, name)))
 
 
 def _one(
@@ -52,10 +53,13 @@ def _ask(
     session: Session, node: str, parameter: str | None, payload: bytes | None = None
 ) -> list[ParameterDescription]:
     """The node's answers about its parameter, or all of its parameters if that is None."""
-    path, _, name = relative_name(node, session.settings.namespace).rpartition("/")
-    key = parameter_key(name, parameter) if parameter else node_parameters_key(name)
+
+    def key_of(name: str) -> str:
+        return parameter_key(name, parameter) if parameter else node_parameters_key(name)
+
+    key = key_beside(node, key_of, session.settings.namespace)
     described = []
-    for answer in session.ask("/".join(filter(None, (path, key))), payload, timeout_s=_PATIENCE_S):
+    for answer in session.ask(key, payload, timeout_s=_PATIENCE_S):
         if answer.refusal is not None:
             raise ParameterError(answer.refusal or f"node {node!r} did not answer in time")
         described.append(_read(node, answer))

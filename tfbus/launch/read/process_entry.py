@@ -8,7 +8,7 @@ from tfbus.errors import TfbusError
 from tfbus.launch.description import Process, Respawn
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.substitution import Scope
-from tfbus.wire.keys import check_namespace, check_node_name, check_topic
+from tfbus.wire.keys import check_namespace, check_node_name, resolve
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),
@@ -111,7 +111,7 @@ def _remappings(fields: Fields) -> tuple[tuple[str, str], ...]:
     for (source, target), value in zip(pairs, fields.entries("remappings").values(), strict=True):
         for name in (source, target):
             try:
-                check_topic(name)
+                resolve(name, "node", "")
             except TfbusError as error:
                 raise value.place.mistake(str(error)) from error
     return pairs

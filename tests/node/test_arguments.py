@@ -1,0 +1,177 @@
+"""What a node's methods are given is checked at once, and the right call named."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.live_bus import Bus
+from tfbus import (
+    Buffer,
+    InvalidArgumentException,
+    InvalidNameError,
+    Node,
+    NodeSettings,
+    ServiceError,
+    StaticTransformBroadcaster,
+    TransformBroadcaster,
+    TransformListener,
+)
+from tfbus.messages import Pose, RotateAbsolute, Spawn
+
+
+@pytest.fixture
+def node(bus: Bus) -> Node:
+    return bus.node("node")
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (
+            lambda node: node.create_timer(print, 0.1),
+            "create_timer(period_s, callback): the first argument must be a number, not print",
+        ),
+        (
+            lambda node: node.create_timer(0.1, None),
+            "create_timer(period_s, callback): the last argument must be a function, not None",
+        ),
+        (
+            lambda node: node.create_publisher("pose", Pose),
+            "create_publisher(message_type, topic): message_type must be a class of messages, a "
+            "dataclass such as tfbus.messages.Pose, not 'pose'",
+        ),
+        (
+            lambda node: node.create_publisher(int, "pose"),
+            "create_publisher(message_type, topic): message_type must be a class of messages, a "
+            "dataclass such as tfbus.messages.Pose, not int",
+        ),
+        (
+            lambda node: node.create_subscription(Pose(0, 0, 0, 0, 0, 0), "pose", print),
+            "create_subscription(message_type, topic, callback): message_type must be a class of "
+            "messages, a dataclass such as tfbus.messages.Pose, not a value of type Pose",
+        ),
+        (
+            lambda node: node.create_subscription(Pose, "pose", 10),
+            "create_subscription(message_type, topic, callback): the last argument must be a "
+            "function, not 10",
+        ),
+        (
+            lambda node: node.create_raw_subscription("pose", "x"),
+            "create_raw_subscription(topic, callback): the last argument must be a function, "
+            "not 'x'",
+        ),
+        (
+            lambda node: node.create_service(Pose, "spawn", print),
+            "create_service(service_type, name, handler): the type must be a class that holds the "
+            "dataclasses Request and Response, not Pose",
+        ),
+        (
+            lambda node: node.create_service(Spawn, "spawn", None),
+            "create_service(service_type, name, handler): the last argument must be a function, "
+            "not None",
+        ),
+        (
+            lambda node: node.create_client("spawn", Spawn),
+            "create_client(service_type, name): the type must be a class that holds the "
+            "dataclasses Request and Response, not 'spawn'",
+        ),
+        (
+            lambda node: node.create_goal_server(Spawn, "x", print),
+            "create_goal_server(goal_type, name, handler): the type must be a class that holds "
+            "the dataclasses Goal and Feedback and Result, not Spawn",
+        ),
+        (
+            lambda node: node.create_goal_client(None, "x"),
+            "create_goal_client(goal_type, name): the type must be a class that holds the "
+            "dataclasses Goal and Feedback and Result, not None",
+        ),
+        (
+            lambda node: node.create_client(Spawn, "spawn").call({"x": 1}),
+            "service 'spawn' takes Spawn.Request, not a value of type dict",
+        ),
+        (
+            lambda node: node.create_goal_client(RotateAbsolute, "turn").send(Spawn.Request(1, 2)),
+            "action 'turn' takes RotateAbsolute.Goal, not a value of type Request",
+        ),
+    ],
+)
+def test_a_wrong_type_is_named_with_the_right_call(
+    node: Node, call: Callable[[Node], object], sentence: str
+) -> None:
+    """The error comes where the mistake is, not with the first message."""
+    with pytest.raises(TypeError) as caught:
+        call(node)
+    assert str(caught.value) == sentence
+    assert all(not node.describe()[kind] for kind in ("publishes", "subscribes", "serves"))
+
+
+def test_a_listener_says_the_order_of_its_arguments(node: Node) -> None:
+    """A Buffer and a Node are easily swapped."""
+    swapped: Any = (node, Buffer())
+    with pytest.raises(InvalidArgumentException) as caught:
+        TransformListener(*swapped)
+    assert str(caught.value) == (
+        "a TransformListener takes a Buffer and a Node, in this order: "
+        "TransformListener(buffer, node), not (Node, Buffer)"
+    )
+
+
+@pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])
+def test_a_broadcaster_takes_a_node(broadcaster: Any) -> None:
+    """A name is no node."""
+    with pytest.raises(InvalidArgumentException, match=r"TransformBroadcaster\(node\), not str"):
+        broadcaster("node")
+
+
+@pytest.mark.parametrize("name", [7, None, b"sim"])
+def test_a_name_is_a_text(name: Any) -> None:
+    """Names of other types are refused in one sentence."""
+    with pytest.raises(InvalidNameError, match="a node's name must be a str, not "):
+        NodeSettings(name)
+    with pytest.raises(InvalidNameError, match="a namespace must be a str, not "):
+        NodeSettings("sim", namespace=7)  # type: ignore[arg-type]  # that is the test
+
+
+@pytest.mark.parametrize("period_s", [math.nan, math.inf, -1, 0])
+def test_a_period_is_a_positive_number(node: Node, period_s: float) -> None:
+    """A timer of any other period would run without pause, or never."""
+    with pytest.raises(ValueError, match="a timer's period must be more than 0 s"):
+        node.create_timer(period_s, print)
+
+
+def test_nan_is_no_timeout(node: Node) -> None:
+    """Every wait of a node refuses it at once."""
+    client = node.create_client(Spawn, "spawn")
+    goals = node.create_goal_client(RotateAbsolute, "turn")
+    waits: list[Callable[[], object]] = [
+        lambda: node.wait(math.nan),
+        lambda: node.wait_for_clock(math.nan),
+        lambda: client.wait_for_service(math.nan),
+        lambda: client.call(Spawn.Request(1, 2), timeout_s=math.nan),
+        lambda: goals.wait_for_server(math.nan),
+        lambda: goals.send(RotateAbsolute.Goal(1.0), timeout_s=math.nan),
+        lambda: node.session.ask("spawn", timeout_s=math.nan),
+    ]
+    for wait in waits:
+        with pytest.raises(ValueError, match="timeout_s must be a number of seconds"):
+            wait()
+
+
+def test_a_deadline_that_has_passed_waits_no_time(node: Node) -> None:
+    """A negative timeout is a short one, as for Python's own locks."""
+    client = node.create_client(Spawn, "spawn")
+    assert node.wait(-1)
+    assert not client.wait_for_service(-1)
+    with pytest.raises(ServiceError, match="no service 'spawn' after 0 s"):
+        client.call(Spawn.Request(1, 2), timeout_s=-1)
+
+
+@pytest.mark.parametrize("timeout_s", [math.inf, None])
+def test_a_call_may_wait_for_ever(bus: Bus, node: Node, timeout_s: float | None) -> None:
+    """Infinity and None are timeouts without an end."""
+    bus.node("server").create_service(Spawn, "spawn", lambda request: Spawn.Response("t"))
+    client = node.create_client(Spawn, "spawn")
+    assert client.wait_for_service(timeout_s)
+    assert client.call(Spawn.Request(1, 2), timeout_s=timeout_s) == Spawn.Response("t")

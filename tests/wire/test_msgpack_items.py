@@ -1,0 +1,78 @@
+"""Payloads of very many values are refused before any of them is made."""
+
+import struct
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfbus.errors import DecodeError
+from tfbus.wire.codec import decode_map
+from tfbus.wire.msgpack_items import _has_more, too_many_items
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=300)
+scalars = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats()
+    | texts
+    | st.binary(max_size=300)
+    | st.builds(msgpack.ExtType, st.integers(0, 127), st.binary(max_size=300))
+)
+values = st.recursive(
+    scalars,
+    lambda inner: st.lists(inner, max_size=20) | st.dictionaries(texts, inner, max_size=20),
+    max_leaves=60,
+)
+
+
+def count(value: object) -> int:
+    """How many values this is, with those in it, and the keys of maps."""
+    if isinstance(value, list):
+        return 1 + sum(map(count, value))
+    if isinstance(value, dict):
+        return 1 + sum(1 + count(inner) for inner in value.values())
+    return 1
+
+
+@given(values)
+def test_every_value_of_a_payload_is_counted(value: object) -> None:
+    """Each format of msgpack counts as what msgpack makes of it."""
+    payload = msgpack.packb(value)
+    assert not _has_more(payload, count(value))
+    assert _has_more(payload, count(value) - 1)
+
+
+@pytest.mark.parametrize("single_float", [False, True])
+def test_floats_of_both_sizes_are_counted(single_float: bool) -> None:
+    """A list of numbers may have floats of four bytes."""
+    payload = msgpack.packb([1.5] * 100, use_single_float=single_float)
+    assert not _has_more(payload, 101)
+    assert _has_more(payload, 100)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"\x81\xa1a\xdd" + struct.pack(">I", 8_000_000) + b"\x80" * 8_000_000,
+        b"\x81\xa1a\xdd" + struct.pack(">I", 8_000_000) + b"\x90" * 8_000_000,
+        b"\x81\xa1a" + b"\x91" * 8_000_000,
+        b"\x81\xa1a" + b"\xdd\x00\x0f\xff\xff" * 500 + b"\x80" * 100_000,
+        b"\x81\xa1a\x9f" + (b"\xdc\xff\xff" + b"\xa2ab" * 65535) * 15 + b"\xc0" * 50_000,
+    ],
+    ids=["maps", "arrays", "nested", "announced", "texts"],
+)
+def test_a_message_of_too_many_values_is_refused(payload: bytes) -> None:
+    """Several megabytes of empty maps would take a hundred times as much memory."""
+    with pytest.raises(DecodeError):
+        decode_map(payload)
+
+
+def test_a_large_message_of_few_values_is_read() -> None:
+    """An image, or half a million numbers, is no attack."""
+    message = {"image": bytes(6_000_000), "ranges": [0.5] * 500_000}
+    payload = msgpack.packb(message)
+    assert too_many_items(payload) == ""
+    assert decode_map(payload) == message

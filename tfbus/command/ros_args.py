@@ -1,0 +1,116 @@
+"""ROS's ways to set up a node on its command line, in tfbus's words.
+
+`--ros-args -p rate:=2 -r __ns:=/robot7 --` becomes `--param rate=2 --namespace robot7`; `-p` and
+`-r` mean the same without `--ros-args`; of a command that has options of that name itself, only
+with a `:=` in their value.
+"""
+
+import re
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import click
+
+from tfbus.wording import printable
+
+_BEGIN, _END = "--ros-args", "--"
+_SHORT = {"-p": "--param", "-r": "--remap"}
+
+# ROS's options, and how tfbus calls them; those after which nothing changes are left out.
+_OPTIONS = {
+    **_SHORT,
+    "--param": "--param",
+    "--remap": "--remap",
+    "--params-file": "--params-file",
+    "--log-level": "--log-level",
+}
+_FLAGS_WITHOUT_MEANING = re.compile(
+    r"--(enable|disable)-(rosout-logs|stdout-logs|external-lib-logs)"
+)
+_LEVELS = {"warn": "warning", "fatal": "error"}
+_ASSIGNMENT = re.compile(r"([A-Za-z_~/][\w./~:-]*?)(:?=)(.*)", re.DOTALL)
+
+
+class RosArgs(click.Option):
+    """The option `--ros-args`: all that follows is as in ROS, up to `--` or the end."""
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Read the arguments of ROS in tfbus's words, before click reads any."""
+        super().add_to_parser(parser, ctx)
+        parse = parser.parse_args
+        own = {name for param in ctx.command.params for name in param.opts}
+        has_arguments = any(isinstance(param, click.Argument) for param in ctx.command.params)
+
+        def parse_args(args: list[str]) -> Any:
+            if not ctx.resilient_parsing:
+                args = list(in_tfbus_words(args, own, has_arguments))
+            return parse(args)
+
+        parser.parse_args = parse_args
+
+
+def in_tfbus_words(
+    args: list[str], own: Collection[str] = (), has_arguments: bool = False
+) -> Iterator[str]:
+    """The arguments with those of ROS translated.
+
+    `own` are the options of the command itself. Raises click.UsageError, with the right form, for
+    an argument of ROS that tfbus does not have.
+    """
+    rest = iter(args)
+    before = ""
+    for arg in rest:
+        if arg == _BEGIN:
+            yield from _of_ros(rest)
+        elif arg == _END:
+            yield from (arg, *rest)
+        elif arg in _SHORT:
+            value = _value_of(arg, rest)
+            yield from (arg if arg in own and ":=" not in value else _SHORT[arg], value)
+        else:
+            _check_assignment(arg, before, has_arguments)
+            yield arg
+        before = arg
+
+
+def _of_ros(rest: Iterator[str]) -> Iterator[str]:
+    for arg in rest:
+        if arg == _END:
+            return
+        if arg == _BEGIN or _FLAGS_WITHOUT_MEANING.fullmatch(arg):
+            continue
+        name, has_value, value = arg.partition("=") if arg.startswith("--") else (arg, "", "")
+        if name not in _OPTIONS:
+            raise click.UsageError(
+                f"'{printable(arg, 60)}' is not known after --ros-args; known: "
+                f"{', '.join(_OPTIONS)}, and -- ends them"
+            )
+        value = value if has_value else _value_of(arg, rest)
+        yield from (_OPTIONS[name], _level(value) if name == "--log-level" else value)
+
+
+def _value_of(option: str, rest: Iterator[str]) -> str:
+    value = next(rest, None)
+    if value is None:
+        raise click.UsageError(f"option '{option}' needs a value, as in {option} name:=value")
+    return value
+
+
+def _level(text: str) -> str:
+    """The level in `WARN`, and in `node:=warn`."""
+    level = text.rpartition(":=")[2].lower()
+    return _LEVELS.get(level, level)
+
+
+def _check_assignment(arg: str, before: str, has_arguments: bool) -> None:
+    found = _ASSIGNMENT.fullmatch(arg)
+    if not found or before.startswith("-"):
+        return
+    name, sign, value = found.groups()
+    if sign == "=" and has_arguments:
+        return
+    name, value = printable(name.lstrip("_~"), 60), printable(value, 60)
+    raise click.UsageError(
+        f"'{printable(arg, 60)}' needs its option: write --param {name}={value} to set a "
+        f"parameter, or --remap {name}:={value} to use another name"
+    )

@@ -1,0 +1,59 @@
+"""Checks what a node's methods are given, and names what they want."""
+
+from dataclasses import is_dataclass
+from typing import Any
+
+from tfbus.wording import printable
+
+
+def check_message_type(call: str, message_type: object) -> None:
+    """Raise TypeError where it is no dataclass; `call` is the call as it should be."""
+    if not _is_message(message_type):
+        raise TypeError(
+            f"{call}: message_type must be a class of messages, a dataclass such as "
+            f"tfbus.messages.Pose, not {_shown(message_type)}"
+        )
+
+
+def check_parts(call: str, type_: object, parts: tuple[str, ...]) -> None:
+    """Raise TypeError where it is no class that holds these dataclasses: a type of service or
+    action.
+    """
+    missing = [part for part in parts if not _is_message(getattr(type_, part, None))]
+    if missing or not isinstance(type_, type):
+        raise TypeError(
+            f"{call}: the type must be a class that holds the dataclasses {' and '.join(parts)}, "
+            f"not {_shown(type_)}"
+        )
+
+
+def check_callback(call: str, callback: object) -> None:
+    """Raise TypeError where it cannot be called."""
+    if not callable(callback):
+        raise TypeError(f"{call}: the last argument must be a function, not {_shown(callback)}")
+
+
+def check_seconds(call: str, seconds: object) -> None:
+    """Raise TypeError where it is no number."""
+    if isinstance(seconds, str) or not hasattr(seconds, "__float__"):
+        raise TypeError(f"{call}: the first argument must be a number, not {_shown(seconds)}")
+
+
+def check_part(what: str, part: Any, message: object) -> None:
+    """Raise TypeError where the message is not of the type that the service or action takes."""
+    if not isinstance(message, part):
+        raise TypeError(f"{what} takes {part.__qualname__}, not {_shown(message)}")
+
+
+def _is_message(type_: object) -> bool:
+    return isinstance(type_, type) and is_dataclass(type_)
+
+
+def _shown(value: object) -> str:
+    """The value in a sentence: a class or function by its name, a short value as it is."""
+    name = getattr(value, "__qualname__", None)
+    if callable(value) and isinstance(name, str):
+        return printable(name, 60)
+    if value is None or isinstance(value, str | int | float):
+        return printable(repr(value), 60)
+    return f"a value of type {type(value).__name__}"

@@ -1,0 +1,66 @@
+"""Counts the values in a msgpack payload without making them.
+
+A value of one byte takes up to seventy bytes in Python: 8 MB of empty maps took 600 MB. The size of
+a payload alone does not bound that; the number of its values does.
+"""
+
+# More are refused: they take at most some ten megabytes, and a fraction of a second to read.
+MOST_ITEMS = 1_000_000
+
+# A payload of this size cannot hold enough values to harm.
+_HARMLESS_SIZE = 64 * 1024
+
+
+def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
+    """Why the payload is not read, as a sentence; "" where it has at most `most` values.
+
+    Binary data and text are one value, however long. What is no msgpack is not found here.
+    """
+    if len(data) <= _HARMLESS_SIZE or not _has_more(data, most):
+        return ""
+    return f"it has more than {most} values; send many numbers as bytes"
+
+
+# By the first byte of a value: how many bytes follow, or how many values, or how wide the length is
+# that follows. https://github.com/msgpack/msgpack/blob/master/spec.md#formats
+_BYTES = [0] * 256
+_VALUES = [0] * 256
+_LENGTH_WIDTH = [0] * 256
+_EXTENSIONS = range(0xC7, 0xCA)
+_ARRAYS = range(0xDC, 0xDE)
+_MAPS = range(0xDE, 0xE0)
+
+
+def _fill_tables() -> None:
+    _VALUES[0x80:0x90] = range(0, 32, 2)  # maps
+    _VALUES[0x90:0xA0] = range(16)  # arrays
+    _BYTES[0xA0:0xC0] = range(32)  # texts
+    _LENGTH_WIDTH[0xC4:0xCA] = (1, 2, 4, 1, 2, 4)  # binary data, extensions
+    _BYTES[0xCA:0xD4] = (4, 8, 1, 2, 4, 8, 1, 2, 4, 8)  # floats and integers
+    _BYTES[0xD4:0xD9] = (2, 3, 5, 9, 17)  # extensions of one size, with their type
+    _LENGTH_WIDTH[0xD9:0xE0] = (1, 2, 4, 2, 4, 2, 4)  # texts, arrays, maps
+
+
+_fill_tables()
+
+
+def _has_more(data: bytes, most: int) -> bool:
+    at, end = 0, len(data)
+    seen, announced = 0, 1
+    while announced and at < end:
+        head = data[at]
+        at += 1 + _BYTES[head]
+        seen += 1
+        announced += _VALUES[head] - 1
+        if width := _LENGTH_WIDTH[head]:
+            length = int.from_bytes(data[at : at + width], "big")
+            at += width
+            if head in _ARRAYS:
+                announced += length
+            elif head in _MAPS:
+                announced += 2 * length
+            else:
+                at += length + (head in _EXTENSIONS)
+        if seen + announced > most:
+            return True
+    return False

@@ -35,7 +35,7 @@ class Questions:
         self.token: Callable[[str, bool], None]
         self.describe: Callable[[str, bytes], None]
         monkeypatch.setattr(watch, "ask_retained_later", self.ask)
-        monkeypatch.setattr(watch, "declare_retained_subscriber", self.subscribe)
+        monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(
             cast(Session, self), lambda state: None, executor=cast(Executor, self)
         )

@@ -50,6 +50,18 @@ class Callbacks:
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
 
+    def of_signed_samples(self, key: str, callback: Callable[[str, bytes, str], None]) -> Any:
+        """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
+        the sample is from, "" where it does not say. Retained samples do.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            source = sample.source_info
+            sender = "" if source is None else str(source.source_id.zid)
+            callback(str(sample.key_expr), sample.payload.to_bytes(), sender)
+
+        return direct(self.guarded(f"message of {key}", on_sample))
+
     def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""
         report = self._reporter(what)

@@ -17,18 +17,21 @@ _NO_ANSWER_IN_TIME = b"Timeout"
 class Answer:
     """One answer to a query: its key and payload, or a refusal with its text.
 
-    `refusal` is "" where the answer has not come in time, None where it is no refusal.
+    `refusal` is "" where the answer has not come in time, None where it is no refusal. `sender` is
+    the id of the session that answered, as Zenoh names it; "" where it does not.
     """
 
     key: str
     payload: bytes
     refusal: str | None = None
+    sender: str = ""
 
 
 def answer_of(reply: zenoh.Reply) -> Answer:
     """The answer in a reply of Zenoh's."""
     if reply.ok is not None:
-        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+        sender = "" if reply.replier_id is None else str(reply.replier_id.zid)
+        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), sender=sender)
     payload = reply.err.payload.to_bytes() if reply.err is not None else b""
     if payload == _NO_ANSWER_IN_TIME:
         payload = b""

@@ -14,11 +14,17 @@ from tfbus.geometry.transform import check_frame_id
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.held import Held
 from tfbus.listen.history import AskedHistory
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
-from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.reception import (
+    DynamicReception,
+    StaticReception,
+    StreamReception,
+    lines_of,
+)
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.listen.watch import StreamState, StreamWatch
@@ -82,6 +88,8 @@ class TransformListener:
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
         self._once = LogOnce(node.log)
+        self._lines = lines_of(node.log)
+        self._held = Held()
         self._registry = Registry(self._make_reception, self._forget_strangers)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
         self._reads_everything = reads == "everything"
@@ -215,7 +223,14 @@ class TransformListener:
             self._names.reader(key),
             self._on_overlap,
             self._on_takeover,
+            on_dispute=self._on_dispute,
+            held=self._held,
+            once=self._once,
+            lines=self._lines,
         )
+
+    def _on_dispute(self, name: str, epoch_ns: int) -> None:
+        self._watch.ask_for_epoch(name, epoch_ns)
 
     def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
         self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
@@ -248,8 +263,12 @@ class TransformListener:
         former, stream.state = stream.state or StreamState(state.name), state
         self._take_token(stream, former, state)
         description = state.description
-        if description is not None and description != former.description:
-            _describe(stream.reception, description)
+        is_confirmed = state.confirmed and state.alive
+        was_confirmed = former.confirmed and former.alive
+        if description is not None and (
+            description != former.description or is_confirmed > was_confirmed
+        ):
+            _describe(stream.reception, description, confirmed=is_confirmed)
             self._registry.forget_removed(described)
         if state.alive and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
@@ -269,12 +288,13 @@ class TransformListener:
             stream.reception.appear()
             if stream.is_lost:
                 stream.is_lost = False
-                self._log.info("Stream %s is back", _name(state))
+                self._lines.info(("back", state.name), "Stream %s is back", _name(state))
 
     def _warn_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
         if frames and self._node.ok:
-            self._log.warning(
+            self._lines.warning(
+                ("gone", state.name),
                 "Stream %s is gone; its last transforms stay, marked as gone: %s",
                 _name(state),
                 name_some(frames),
@@ -341,12 +361,18 @@ class TransformListener:
         self.buffer.remove_sent(frames, name)
 
 
-def _describe(reception: StreamReception, description: StreamDescription) -> None:
+def _describe(
+    reception: StreamReception, description: StreamDescription, *, confirmed: bool
+) -> None:
     children = frozenset(child for _, child, _ in description.frames)
     statics = frozenset(child for _, child, static in description.frames if static)
     publisher = (description.node, description.pid, description.session)
     reception.describe(
-        description.epoch, children, statics, publisher if description.session else None
+        description.epoch,
+        children,
+        statics,
+        publisher if description.session else None,
+        confirmed=confirmed,
     )
 
 

@@ -1,0 +1,73 @@
+"""Descriptions that wait to be read: the last of each sender at each key, the senders in turn."""
+
+import threading
+from dataclasses import dataclass
+
+# Of one sender as much may wait as a thousand large streams say of themselves.
+_MOST_BYTES = 64 * 2**20
+_OVERHEAD_BYTES = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Letter:
+    """A description: the key that it came at, its bytes, and the session it is from, "" for one
+    that does not say.
+    """
+
+    key: str
+    payload: bytes
+    sender: str
+
+
+class Mailbox:
+    """Letters that wait, at most `most_bytes` of them; safe from any thread.
+
+    A later letter of the same sender at the same key takes the place of the former. However many
+    one sender writes, the others have their turn after each. Where there is no room the oldest of
+    the sender that has most of them is thrown away.
+    """
+
+    def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+        self._waiting: dict[str, dict[str, Letter]] = {}
+        self._bytes: dict[str, int] = {}
+
+    def put(self, letter: Letter) -> bool:
+        """Put a letter in; whether a further one waits than before."""
+        with self._lock:
+            mine = self._waiting.setdefault(letter.sender, {})
+            former = mine.get(letter.key)
+            mine[letter.key] = letter
+            self._count(letter.sender, _size(letter) - (_size(former) if former else 0))
+            was_full = sum(self._bytes.values()) > self._most_bytes
+            if was_full:
+                greediest = max(self._bytes, key=lambda sender: self._bytes[sender])
+                self._take_from(greediest)
+            return former is None and not was_full
+
+    def take(self) -> Letter | None:
+        """The next letter of the sender whose turn it is; None for none."""
+        with self._lock:
+            sender = next(iter(self._waiting), None)
+            if sender is None:
+                return None
+            letter = self._take_from(sender)
+            if sender in self._waiting:
+                self._waiting[sender] = self._waiting.pop(sender)
+            return letter
+
+    def _take_from(self, sender: str) -> Letter:
+        mine = self._waiting[sender]
+        letter = mine.pop(next(iter(mine)))
+        self._count(sender, -_size(letter))
+        if not mine:
+            del self._waiting[sender], self._bytes[sender]
+        return letter
+
+    def _count(self, sender: str, more: int) -> None:
+        self._bytes[sender] = self._bytes.get(sender, 0) + more
+
+
+def _size(letter: Letter) -> int:
+    return len(letter.payload) + _OVERHEAD_BYTES

@@ -58,7 +58,7 @@ def samples() -> list[bytes]:
         [transform("world", "turtle1", 1), transform("turtle1", "drone", 2)],
         [transform(f"link{i}", f"link{i + 1}", i) for i in range(20)],
         [transform("world", f"turtle{i}", i) for i in range(40)],
-        [transform("world", "t" * 300, 3)],
+        [transform("world", "t" * 255, 3)],
         [transform("wörld", "\N{TURTLE}", 4)],
     ]
     return [

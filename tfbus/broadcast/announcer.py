@@ -1,6 +1,8 @@
 """Announces which frames a stream has, by the stream's description."""
 
+import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 
 from tfbus.bus.handles import BytesPublisher
@@ -50,6 +52,7 @@ class FrameAnnouncer:
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._described_bytes = 0
+        self._described_s = -math.inf
         self.reparented = 0
 
     def add(self, edges: Edges) -> None:
@@ -95,6 +98,7 @@ class FrameAnnouncer:
                 return
             self._is_due = True
             pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
+            pause_s -= time.monotonic() - self._described_s
         self._executor.after(max(_ANNOUNCE_AFTER_S, pause_s), self._announce)
 
     def _announce(self) -> None:
@@ -106,6 +110,7 @@ class FrameAnnouncer:
                 rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())
             payload = self._describe(rows)
             self._described_bytes = len(payload)
+            self._described_s = time.monotonic()
             self._publisher.put(payload)
 
     def _unknown(self, child: str, static: bool) -> LookupException:

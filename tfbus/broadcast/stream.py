@@ -27,6 +27,7 @@ from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wording import printable
 
 # Epochs closer to each other than this, as of a short recording in a loop, are logged once.
 _LOG_EPOCHS_EVERY_S = 5.0
@@ -199,7 +200,7 @@ class Stream:
             self._node,
             self._epoch_ns,
             frames,
-            host=socket.gethostname(),
+            host=printable(socket.gethostname()),
             pid=os.getpid(),
             session=self._session.id,
             priority=options.priority,

@@ -37,6 +37,9 @@ _DISPUTES_APART_S = 1.0
 _LINES_APART_S = 60.0
 _MOST_LINES = 100
 
+# A message may bring new frames: after so many transforms a stream is weighed again.
+_GROWS_AFTER = 1000
+
 
 def lines_of(log: logging.Logger) -> LogOnce:
     """The log for what streams do again and again."""
@@ -66,6 +69,7 @@ class StreamReception:
         now_s: Callable[[], float] = time.monotonic,
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
+        on_growth: Callable[[str], None] = lambda name: None,
         held: Held | None = None,
         once: LogOnce | None = None,
         lines: LogOnce | None = None,
@@ -78,6 +82,7 @@ class StreamReception:
         self.on_overlap = on_overlap
         self.on_takeover = on_takeover
         self.on_dispute = on_dispute
+        self.on_growth = on_growth
         self.now_s = now_s
         self.lock = threading.Lock()
         self.epochs = Epochs()
@@ -91,6 +96,8 @@ class StreamReception:
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
         self._disputed_s = -math.inf
+        # Where so many transforms have been counted it may have grown.
+        self.grows_at = _GROWS_AFTER
 
     @property
     def epoch_ns(self) -> int | None:
@@ -300,6 +307,7 @@ class StreamReception:
             return
         self.apply_statics(None)
         self._remove_statics(removed)
+        self.on_growth(self.name)
 
     def _is_outdated_set(self, epoch_ns: int) -> bool:
         """Whether static transforms of this epoch are outdated; with the lock held.
@@ -446,6 +454,10 @@ class DynamicReception:
                 self._count_missed(epoch_ns, message.seq)
             if stamp_ns is not None:
                 counts.add_delay((stream.now_ns() - stamp_ns) / 1e9)
+            grows = counts.transforms >= stream.grows_at
+        if grows:
+            stream.grows_at = counts.transforms + _GROWS_AFTER
+            stream.on_growth(stream.name)
 
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
         next_seq = self._next_seq

@@ -21,7 +21,8 @@ class Stream:
 
     `state` is the last of its token and description, with frames as they are called here; None
     before the first. `is_lost` is whether its publisher is gone since. `split_keys` are the keys of
-    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one.
+    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one,
+    `keys` those that messages came on.
     """
 
     reception: StreamReception
@@ -29,23 +30,28 @@ class Stream:
     is_lost: bool = False
     split_keys: set[str] = field(default_factory=set)
     read_keys: set[str] = field(default_factory=set)
+    keys: set[str] = field(default_factory=set)
 
 
 class Registry:
     """The streams and keys that a listener has met; safe from any thread.
 
     `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream where
-    it is time for `forget_strangers`.
+    it is time for `forget_strangers`, which calls `on_forgotten(name)` for each.
     """
 
     def __init__(
-        self, make: Callable[[str, str], StreamReception], on_crowded: Callable[[], object]
+        self,
+        make: Callable[[str, str], StreamReception],
+        on_crowded: Callable[[], object],
+        on_forgotten: Callable[[str], object] = lambda name: None,
     ) -> None:
         self.most_keys = MOST_KEYS
         # By key.
         self.receptions: dict[str, DynamicReception | StaticReception] = {}
         self._make = make
         self._on_crowded = on_crowded
+        self._on_forgotten = on_forgotten
         self._streams: dict[str, Stream] = {}
         self._crowded_from = 2 * MOST_GONE
 
@@ -79,12 +85,25 @@ class Registry:
     def meet(self, key: str) -> DynamicReception | StaticReception:
         """What receives the messages of a key, made where it is new."""
         made = StaticReception if is_static(key) else DynamicReception
+        stream = self.stream(key)
+        stream.keys.add(key)
         # Two threads may come here at once: both get the same one.
-        return self.receptions.setdefault(key, made(self.stream(key).reception))
+        return self.receptions.setdefault(key, made(stream.reception))
 
     def forget_key(self, key: str) -> None:
         """Make room: forget a key on which no messages are expected."""
-        self.receptions.pop(key, None)
+        reception = self.receptions.pop(key, None)
+        stream = None if reception is None else self._streams.get(reception.stream.name)
+        if stream is not None:
+            stream.keys.discard(key)
+
+    def forget(self, name: str) -> Stream | None:
+        """Forget a stream and its keys; what was known of it, None for nothing."""
+        stream = self._streams.pop(name, None)
+        if stream is not None:
+            for key in list(stream.keys):
+                self.receptions.pop(key, None)
+        return stream
 
     def forget_removed(self, described: StreamState) -> None:
         """Make room: forget the keys of frames that a split stream no longer lists."""
@@ -109,10 +128,8 @@ class Registry:
             is_silent = (stream.reception.counts.last_heard_ns or 0) < silent_since_ns
             is_stranger = name not in known and not stream.read_keys
             if is_stranger and (stream.state is not None or is_silent):
-                self._streams.pop(name, None)
-        for key, reception in list(self.receptions.items()):
-            if reception.stream.name not in self._streams:
-                self.forget_key(key)
+                self.forget(name)
+                self._on_forgotten(name)
         self._crowded_from = len(self._streams) + MOST_GONE
 
 

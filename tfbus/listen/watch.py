@@ -122,6 +122,15 @@ class StreamWatch:
             "a disputed epoch", lambda: self._ask_for_epoch(name, epoch_ns), limit=_MOST_CLAIMS
         )
 
+    def forget(self, key: str) -> None:
+        """Forget the description of the stream of this token, until another comes. Call it on the
+        executor's thread.
+        """
+        state = self._states.get(stream_of(key))
+        if state is not None:
+            self._states[state.name] = replace(state, description=None, confirmed=False)
+            self._end_questions(key)
+
     def close(self) -> None:
         """Stop watching. Twice is fine."""
         self._closed = True

@@ -57,9 +57,6 @@ class NodeDescription:
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
 
-    def __post_init__(self) -> None:
-        _check_names(name=self.name, host=self.host, version=self.version, session=self.session)
-
 
 # The fields that others than the node itself fill, in their order on the wire; always sent.
 FILLED_BY_OTHERS = ("streams", "unread", "buffers")

@@ -1,0 +1,43 @@
+"""Descriptions that wait to be read."""
+
+from tfbus.listen.mailbox import Letter, Mailbox
+
+
+def letter(sender: str, key: str = "k", payload: bytes = b"") -> Letter:
+    return Letter(key, payload, sender)
+
+
+def taken(mailbox: Mailbox) -> list[Letter]:
+    return list(iter(mailbox.take, None))
+
+
+def test_the_last_letter_of_a_sender_at_a_key_takes_the_place_of_the_former() -> None:
+    """A flood at one key is one letter, and that of another sender is another."""
+    mailbox = Mailbox()
+    news = [mailbox.put(letter("a", payload=bytes([number]))) for number in range(100)]
+    assert news == [True] + 99 * [False]
+    assert mailbox.put(letter("b"))
+    assert taken(mailbox) == [letter("a", payload=b"c"), letter("b")]
+    assert mailbox.take() is None
+
+
+def test_senders_have_their_turns() -> None:
+    """However many keys one writes to, another waits for one letter at most."""
+    mailbox = Mailbox()
+    for number in range(1000):
+        mailbox.put(letter("flood", f"k{number}"))
+    mailbox.put(letter("honest"))
+    assert [each.sender for each in taken(mailbox)[:3]] == ["flood", "honest", "flood"]
+
+
+def test_there_is_room_for_so_many_bytes() -> None:
+    """The oldest of the sender with the most bytes goes, never one of another."""
+    mailbox = Mailbox(most_bytes=10_000)
+    mailbox.put(letter("honest", payload=bytes(1000)))
+    for number in range(100):
+        mailbox.put(letter("flood", f"k{number}", bytes(500)))
+    left = taken(mailbox)
+    assert [each.key for each in left if each.sender == "flood"] == [
+        f"k{n}" for n in range(92, 100)
+    ]
+    assert [each.sender for each in left].count("honest") == 1

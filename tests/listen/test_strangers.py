@@ -6,9 +6,11 @@ from collections.abc import Iterator
 import pytest
 
 from tests.builders import S, at, description, payload, x_of
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
 from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.bus.retained import declare_retained_publisher
+from tfbus.listen.info import StreamInfo
 from tfbus.wire.codec import encode_message
 
 FUTURE_NS = 2**62
@@ -23,7 +25,9 @@ class Scene:
         self.dynamic = TransformBroadcaster(self.sim)
         self.static = StaticTransformBroadcaster(self.sim)
         self.buffer = Buffer()
-        self.listener = TransformListener(self.buffer, bus.node("listener"))
+        receiver = bus.node("listener")
+        self.log = Lines(receiver.log)
+        self.listener = TransformListener(self.buffer, receiver)
         self.stranger = bus.node("stranger")
         self.static.send_transform(at(2, "post"))
         self.send(1)
@@ -34,7 +38,7 @@ class Scene:
     def send(self, x: float) -> None:
         self.dynamic.send_transform(at(x, "robot", time.time_ns()))
 
-    def stream(self) -> object:
+    def stream(self) -> StreamInfo:
         return next(info for info in self.listener.streams() if info.name == "sim")
 
     def put(self, key: str, data: bytes) -> None:
@@ -68,6 +72,7 @@ def test_a_later_epoch_of_a_stranger_ends_nothing(scene: Scene, key: str, ahead_
     assert (x_of(scene.buffer, "world", "robot"), x_of(scene.buffer, "world", "post")) == (1, 2)
     eventually(lambda: scene.reaches(3))
     assert scene.stream().epoch_ns == scene.sim.started_ns
+    eventually(lambda: [line for line in scene.log.lines if "confirms it" in line])
 
 
 def test_a_description_of_a_stranger_removes_nothing(scene: Scene) -> None:

@@ -22,8 +22,10 @@ _MOST_OTHERS = 100
 
 _FRAMES_NAMED = 5
 
-# Streams that are met within this time of each other are met together.
-_TOGETHER_NS = 30 * 10**9
+# Streams that are met within this time of each other are met together. One that is new was started
+# less than the other time ago: it may take a while to send.
+_TOGETHER_NS = 5 * 10**9
+_NEW_NS = 30 * 10**9
 _MOST_STARTS = 100_000
 
 # Priority, start and name: the order of publishers.
@@ -182,7 +184,7 @@ class Starts:
 
     One that says that it was started long before this listener first met it, while the listener was
     there to meet it, may say so to win: it counts as started when it was met. So it does where its
-    clock is wrong. Of those met within 30 s of each other, as after a cut link, the order is that
+    clock is wrong. Of those met within 5 s of each other, as after a cut link, the order is that
     of their word. `clock_ns` is the system's clock.
     """
 
@@ -209,7 +211,7 @@ class Starts:
     def _judge(self, said_ns: int) -> tuple[int, int]:
         now_ns = self._clock_ns()
         if now_ns > self._met_ns + _TOGETHER_NS:
-            if said_ns > now_ns - _TOGETHER_NS:
+            if said_ns > now_ns - _NEW_NS:
                 return said_ns, said_ns
             self._met_ns = now_ns
             self._is_late = True

@@ -35,7 +35,7 @@ _DISPUTES_APART_S = 1.0
 # Lines that a stream could cause without end come again after this time, with their number; and of
 # so many streams in that time.
 _LINES_APART_S = 60.0
-_MOST_LINES = 100
+_MOST_LINES = 50
 
 # A message may bring new frames: after so many transforms a stream is weighed again.
 _GROWS_AFTER = 1000

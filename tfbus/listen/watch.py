@@ -17,6 +17,7 @@ from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wording import stamp_text
 
 # Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
@@ -241,13 +242,24 @@ class StreamWatch:
                 is_confirmed |= description.epoch == epoch_ns
                 self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
 
+        def on_over() -> None:
+            self._claims.pop(key, None)
+            if not is_confirmed and not self._closed:
+                self._once.warning(
+                    ("epoch", name),
+                    "Dropped messages of stream %r with the epoch %s: no process that publishes "
+                    "the stream confirms it. Another process sends on its key",
+                    name,
+                    stamp_text(epoch_ns),
+                )
+
         asking = self._claims[key] = AskUntil(
             self._executor,
             _WHAT,
             _CLAIM_PAUSES,
             ask=ask,
             is_settled=lambda: self._closed or is_confirmed,
-            on_over=lambda: self._claims.pop(key, None),
+            on_over=on_over,
         )
         asking.start()
 

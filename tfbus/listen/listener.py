@@ -245,6 +245,11 @@ class TransformListener:
         for each in self._budget.note(name, owner, size):
             self._give_up(each)
 
+    def _on_forgotten(self, name: str) -> None:
+        """The stream is long gone, and so is what it sent."""
+        self._budget.forget(name)
+        self.buffer.remove_sent(self.buffer.sent_by(name), name)
+
     def _makes_room(self, name: str) -> bool:
         """Whether a stream of another peer, which takes more, goes for this one."""
         greedy = self._budget.oldest_of_the_greediest()

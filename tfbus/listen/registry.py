@@ -1,6 +1,5 @@
 """What a listener knows of each stream, and what receives the messages of each key."""
 
-import time
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
@@ -10,9 +9,6 @@ from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 
 # Keys come from the bus: dynamic transforms are taken on at most this many.
 MOST_KEYS = 200_000
-
-# A stream without a token may be forgotten after this silence.
-_SILENT_NS = 60 * 10**9
 
 
 @dataclass
@@ -120,14 +116,11 @@ class Registry:
             stream.split_keys = keys
 
     def forget_strangers(self, known: Container[str]) -> None:
-        """Make room: forget streams that are not `known`, if they had a token, or are silent."""
+        """Make room: forget streams that had a token, and are not `known`."""
         if len(self._streams) < self._crowded_from:
             return
-        silent_since_ns = time.time_ns() - _SILENT_NS
         for name, stream in list(self._streams.items()):
-            is_silent = (stream.reception.counts.last_heard_ns or 0) < silent_since_ns
-            is_stranger = name not in known and not stream.read_keys
-            if is_stranger and (stream.state is not None or is_silent):
+            if name not in known and not stream.read_keys and stream.state is not None:
                 self.forget(name)
                 self._on_forgotten(name)
         self._crowded_from = len(self._streams) + MOST_GONE

@@ -16,9 +16,10 @@ def test_the_last_letter_of_a_sender_at_a_key_takes_the_place_of_the_former() ->
     mailbox = Mailbox()
     news = [mailbox.put(letter("a", payload=bytes([number]))) for number in range(100)]
     assert news == [True] + 99 * [False]
-    assert mailbox.put(letter("b"))
+    assert not mailbox.put(letter("b"))
     assert taken(mailbox) == [letter("a", payload=b"c"), letter("b")]
     assert mailbox.take() is None
+    assert mailbox.put(letter("a"))
 
 
 def test_senders_have_their_turns() -> None:
@@ -41,3 +42,15 @@ def test_there_is_room_for_so_many_bytes() -> None:
         f"k{n}" for n in range(92, 100)
     ]
     assert [each.sender for each in left].count("honest") == 1
+
+
+def test_the_taking_begins_once_and_goes_on() -> None:
+    """A letter that comes while another is read is read after it, without a second reader."""
+    mailbox = Mailbox()
+    assert mailbox.put(letter("a"))
+    assert mailbox.take() == letter("a")
+    assert not mailbox.put(letter("b"))
+    assert mailbox.has_more()
+    assert mailbox.take() == letter("b")
+    assert not mailbox.has_more()
+    assert mailbox.put(letter("a"))

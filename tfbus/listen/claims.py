@@ -146,10 +146,10 @@ class Claims:
                     resolutions.setdefault(each, Resolution(set(), set())).accepted.add(child)
                 continue
             first = self._firsts.get(child)
-            for each in {first, stream, self._displaced.get(child)} & claims.keys():
-                resolution = resolutions.setdefault(each, Resolution(set(), set()))
+            for name in claims.keys() & {first, stream, self._displaced.get(child)}:
+                resolution = resolutions.setdefault(name, Resolution(set(), set()))
                 resolution.accepted.discard(child)
-                (resolution.accepted if each == first else resolution.rejected).add(child)
+                (resolution.accepted if name == first else resolution.rejected).add(child)
         return resolutions
 
     def news(self, stream: str, contested: Iterable[str]) -> list[Conflict]:
@@ -170,8 +170,8 @@ class Claims:
                 if len(self._reported) >= _MOST_REPORTED:
                     self._reported.clear()
                 self._reported.add(frozenset(pair))
-                first, other = (self._claims[frames[0]][name] for name in pair)
-                news.append(Conflict(first, other, tuple(frames)))
+                claims = self._claims[frames[0]]
+                news.append(Conflict(claims[pair[0]], claims[pair[1]], tuple(frames)))
         return news
 
     def _rank(self, stream: str, description: StreamDescription) -> "Rank":

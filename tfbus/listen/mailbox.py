@@ -32,25 +32,35 @@ class Mailbox:
         self._lock = threading.Lock()
         self._waiting: dict[str, dict[str, Letter]] = {}
         self._bytes: dict[str, int] = {}
+        self._is_taken = False
 
     def put(self, letter: Letter) -> bool:
-        """Put a letter in; whether a further one waits than before."""
+        """Put a letter in; whether the taking has to begin.
+
+        It goes on until `has_more` is False.
+        """
         with self._lock:
             mine = self._waiting.setdefault(letter.sender, {})
             former = mine.get(letter.key)
             mine[letter.key] = letter
             self._count(letter.sender, _size(letter) - (_size(former) if former else 0))
-            was_full = sum(self._bytes.values()) > self._most_bytes
-            if was_full:
-                greediest = max(self._bytes, key=lambda sender: self._bytes[sender])
-                self._take_from(greediest)
-            return former is None and not was_full
+            while sum(self._bytes.values()) > self._most_bytes:
+                self._take_from(max(self._bytes, key=lambda sender: self._bytes[sender]))
+            was_taken, self._is_taken = self._is_taken, True
+            return not was_taken
+
+    def has_more(self) -> bool:
+        """Whether a letter waits; where none does, the taking ends until the next."""
+        with self._lock:
+            self._is_taken = bool(self._waiting)
+            return self._is_taken
 
     def take(self) -> Letter | None:
         """The next letter of the sender whose turn it is; None for none."""
         with self._lock:
             sender = next(iter(self._waiting), None)
             if sender is None:
+                self._is_taken = False
                 return None
             letter = self._take_from(sender)
             if sender in self._waiting:

@@ -33,6 +33,11 @@ _PATIENCE = 4
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
 
+# Of so many tokens the descriptions are asked for at a time. Where further ones wait, one that has
+# been asked for five times gives way, and waits again.
+_MOST_ASKED = 200
+_TURNS = 5
+
 # A question has one answer, or a few where several processes publish the stream.
 _MOST_ANSWERS = 16
 
@@ -97,6 +102,8 @@ class StreamWatch:
         self._returning: set[str] = set()
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
+        # Tokens whose description is to be asked for, the oldest first.
+        self._to_ask: dict[str, None] = {}
         # The questions about disputed epochs, by their stream's key.
         self._claims: dict[str, AskUntil] = {}
         self._mailbox = Mailbox()
@@ -151,9 +158,16 @@ class StreamWatch:
             self._do(self._open_letter)
 
     def _open_letter(self) -> None:
+        """Read one letter: what comes meanwhile, such as a token, waits for no more."""
         letter = self._mailbox.take()
-        if letter is not None and (description := self._read(letter.key, letter.payload)):
-            self._take_description(letter.key, description, letter.sender)
+        if letter is None:
+            return
+        try:
+            if description := self._read(letter.key, letter.payload):
+                self._take_description(letter.key, description, letter.sender)
+        finally:
+            if self._mailbox.has_more():
+                self._do(self._open_letter)
 
     def _is_name(self, key: str) -> bool:
         name = stream_of(key)
@@ -268,6 +282,9 @@ class StreamWatch:
         at keys that begin with `@`. With an epoch, the description of that one among several
         publishers is reported even where it was known before.
         """
+        if epoch_ns is None and key not in self._asking and len(self._asking) >= _MOST_ASKED:
+            self._to_ask[key] = None
+            return
         known = self._state(key).description
         answers: dict[str, StreamDescription | None] = {}
         asked = ended = next_to_count = 0
@@ -275,6 +292,11 @@ class StreamWatch:
         def ask(turn: int, on_end: Callable[[], None]) -> None:
             nonlocal asked
             asked = turn
+            if turn >= _TURNS and self._to_ask and epoch_ns is None:
+                self._to_ask[key] = None
+                asking.close()
+                on_end()
+                return
 
             def end() -> None:
                 on_end()
@@ -314,12 +336,25 @@ class StreamWatch:
             return bool(answers if epoch_ns is None else readable)
 
         self._end_questions(key)
+
+        def on_over() -> None:
+            if self._asking.get(key) is asking:
+                del self._asking[key]
+            self._ask_next()
+
         asking = self._asking[key] = AskUntil(
-            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled
+            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled, on_over=on_over
         )
         asking.start()
 
+    def _ask_next(self) -> None:
+        while self._to_ask and len(self._asking) < _MOST_ASKED and not self._closed:
+            key = next(iter(self._to_ask))
+            del self._to_ask[key]
+            self._ask_for_description(key)
+
     def _end_questions(self, key: str) -> None:
+        self._to_ask.pop(key, None)
         asking = self._asking.pop(key, None)
         if asking is not None:
             asking.close()

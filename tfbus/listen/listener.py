@@ -241,7 +241,7 @@ class TransformListener:
             + FRAME_BYTES * frames
             + ROW_BYTES * (0 if described is None else len(described.frames))
         )
-        owner = "" if state is None or not state.alive else state.owner
+        owner = "" if state is None else state.owner
         for each in self._budget.note(name, owner, size):
             self._give_up(each)
 

@@ -1,9 +1,10 @@
-"""Descriptions that wait to be read: the last of each sender at each key, the senders in turn."""
+"""Descriptions that wait to be read: in the order of each sender, the senders in turn."""
 
 import threading
+from collections import deque
 from dataclasses import dataclass
 
-# Of one sender as much may wait as a thousand large streams say of themselves.
+# As much may wait as a thousand large streams say of themselves.
 _MOST_BYTES = 64 * 2**20
 _OVERHEAD_BYTES = 500
 
@@ -22,16 +23,17 @@ class Letter:
 class Mailbox:
     """Letters that wait, at most `most_bytes` of them; safe from any thread.
 
-    A later letter of the same sender at the same key takes the place of the former. However many
-    one sender writes, the others have their turn after each. Where there is no room the oldest of
-    the sender that has most of them is thrown away.
+    However many one sender writes, the others have their turn after each. Where there is no room
+    the oldest of the sender that has most of them is thrown away. No other is: a frame that is in
+    one description and not in the next was removed.
     """
 
     def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
         self._most_bytes = most_bytes
         self._lock = threading.Lock()
-        self._waiting: dict[str, dict[str, Letter]] = {}
-        self._bytes: dict[str, int] = {}
+        self._waiting: dict[str, deque[Letter]] = {}
+        self._sums: dict[str, int] = {}
+        self._bytes = 0
         self._is_taken = False
 
     def put(self, letter: Letter) -> bool:
@@ -40,12 +42,10 @@ class Mailbox:
         It goes on until `has_more` is False.
         """
         with self._lock:
-            mine = self._waiting.setdefault(letter.sender, {})
-            former = mine.get(letter.key)
-            mine[letter.key] = letter
-            self._count(letter.sender, _size(letter) - (_size(former) if former else 0))
-            while sum(self._bytes.values()) > self._most_bytes:
-                self._take_from(max(self._bytes, key=lambda sender: self._bytes[sender]))
+            self._waiting.setdefault(letter.sender, deque()).append(letter)
+            self._count(letter.sender, _size(letter))
+            while self._bytes > self._most_bytes:
+                self._take_from(max(self._sums, key=self._sums.__getitem__))
             was_taken, self._is_taken = self._is_taken, True
             return not was_taken
 
@@ -56,7 +56,7 @@ class Mailbox:
             return self._is_taken
 
     def take(self) -> Letter | None:
-        """The next letter of the sender whose turn it is; None for none."""
+        """The next letter of the sender whose turn it is; None for none, which ends the taking."""
         with self._lock:
             sender = next(iter(self._waiting), None)
             if sender is None:
@@ -68,15 +68,15 @@ class Mailbox:
             return letter
 
     def _take_from(self, sender: str) -> Letter:
-        mine = self._waiting[sender]
-        letter = mine.pop(next(iter(mine)))
+        letter = self._waiting[sender].popleft()
         self._count(sender, -_size(letter))
-        if not mine:
-            del self._waiting[sender], self._bytes[sender]
+        if not self._waiting[sender]:
+            del self._waiting[sender], self._sums[sender]
         return letter
 
     def _count(self, sender: str, more: int) -> None:
-        self._bytes[sender] = self._bytes.get(sender, 0) + more
+        self._sums[sender] = self._sums.get(sender, 0) + more
+        self._bytes += more
 
 
 def _size(letter: Letter) -> int:

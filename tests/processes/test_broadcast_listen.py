@@ -248,7 +248,7 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
 def test_streams_without_a_node_are_not_counted_for_ever(
     sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Streams without a token are forgotten when they take too much memory; those of a node stay."""
+    """Streams without a token are forgotten when they take too much; those of a node stay."""
     budget = Budget(most_bytes=120_000, most_bytes_a_peer=60_000)
     monkeypatch.setattr("tfbus.listen.listener.Budget", lambda: budget)
     buffer = Buffer()

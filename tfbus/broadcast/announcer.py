@@ -91,15 +91,17 @@ class FrameAnnouncer:
             self._edges.pop(child, None)
         self.announce_soon()
 
-    def announce_soon(self) -> None:
-        """Send the description soon, once for all changes until then."""
+    def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
+        """Send the description after this time, once for all changes until then; later where a long
+        one was sent just now.
+        """
         with self._lock:
             if self._is_due:
                 return
             self._is_due = True
             pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
             pause_s -= time.monotonic() - self._described_s
-        self._executor.after(max(_ANNOUNCE_AFTER_S, pause_s), self._announce)
+        self._executor.after(max(after_s, pause_s), self._announce)
 
     def _announce(self) -> None:
         with self._announcing:

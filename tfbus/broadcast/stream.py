@@ -34,6 +34,8 @@ _LOG_EPOCHS_EVERY_S = 5.0
 # This many in a row are no accident.
 _MANY_EPOCHS = 10
 
+_AT_ONCE_S = 0.001
+
 # The options of a stream without dynamic transforms.
 _ONLY_STATIC = StreamOptions(history_s=0.0)
 
@@ -166,7 +168,8 @@ class Stream:
             if self._statics:
                 self._send_statics()
         self._log_epoch(child, back_ns)
-        self._frames.announce_soon()
+        # Listeners hold back its messages until it comes.
+        self._frames.announce_soon(_AT_ONCE_S)
         return self._epoch_ns
 
     def _log_epoch(self, child: str, back_ns: int) -> None:

@@ -132,3 +132,27 @@ def test_the_publisher_undoes_what_came_before_it(bus: Bus) -> None:
         assert [info.epoch_ns for info in listener.streams() if info.name == "sim"] == [
             sim.started_ns
         ]
+
+
+def test_a_name_that_cannot_be_shown_is_ignored_wherever_it_stands(scene: Scene) -> None:
+    """A stream of such a name is no stream, and a frame of such a name no frame."""
+    evil = "evil%1B[31m%0A[INFO]"
+    session = scene.stranger.session
+    token = session.token(f"@tfbus/stream/{evil}")
+    publisher = declare_retained_publisher(session, "@tfbus/stream/other")
+    rows = [("world", "a\x1b[31m", False), ("world", "fine", True)]
+
+    def is_met() -> bool:
+        for key in ("tf", "tf_static"):
+            scene.put(f"{key}/{evil}", payload([at(1, "ghost")]))
+        publisher.put(encode_message(description(rows, session=session.id)))
+        return any(info.name == "other" and info.frames for info in scene.listener.streams())
+
+    eventually(is_met)
+    eventually(lambda: len([line for line in scene.log.lines if "cannot be shown" in line]) == 2)
+    infos = {info.name: info for info in scene.listener.streams()}
+    assert infos.keys() == {"sim", "other"}
+    assert infos["other"].frames == (("world", "fine", True),)
+    assert "ghost" not in scene.buffer.frames()
+    assert all(line.isprintable() for line in scene.log.lines)
+    token.close()

@@ -28,7 +28,7 @@ from tfbus.wording import counted, duration
 _LOOK_EVERY_S = 1.0
 _ASK_EVERY_S = 2.0
 # A screen shows some fifty rows, and each costs time and memory: filter to see others.
-_MOST_ROWS = 1000
+_MOST_ROWS = 500
 _NAMES = ("frames", "streams", "nodes", "topics")
 _STYLES: dict[State, str] = {
     "static": "dim",

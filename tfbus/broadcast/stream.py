@@ -22,6 +22,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import TransformStamped
+from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
@@ -56,6 +57,12 @@ class Stream:
         executor: Executor,
         log: logging.Logger,
     ) -> None:
+        """Publish it. Raises InvalidArgumentException for a name that listeners would ignore."""
+        if not name or not is_printable(name):
+            raise InvalidArgumentException(
+                f"a stream cannot be called '{printable(name, most=60)}': use 1 to 255 letters "
+                "that can be printed"
+            )
         self.name = name
         self._node = node
         self._started_ns = self._epoch_ns = epoch_ns

@@ -26,3 +26,10 @@ def mistake_in(name: object) -> str:
         f"{shown} contains U+{ord(letter):04X}, which cannot be printed: use letters, digits, "
         "spaces and signs"
     )
+
+
+def is_printable(name: str) -> bool:
+    """Whether a name of something else, such as a stream or a node, can be shown and is not too
+    long.
+    """
+    return len(name) <= MOST_LETTERS and name.isprintable()

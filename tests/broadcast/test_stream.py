@@ -650,3 +650,28 @@ def test_a_listener_of_another_process_has_what_was_sent_before_it(bus: Bus) -> 
         eventually(lambda: buffer.can_transform("world", "base", 500_000_000))
     assert buffer.lookup_transform("world", "base", 500_000_000).transform.x == 0.5
     assert buffer.lookup_transform("world", "base").transform.x == 2
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\udc80", "a" * 256, "a\x1b[31m"])
+def test_a_stream_has_a_name_that_can_be_shown(bus: Bus, name: str) -> None:
+    """Listeners ignore others."""
+    with pytest.raises(InvalidArgumentException, match="use 1 to 255 letters"):
+        TransformBroadcaster(bus.node("sim"), stream=name)
+
+
+def test_a_frame_that_cannot_be_encoded_does_not_stop_the_description(bus: Bus) -> None:
+    """It is refused where it is sent, and what is sent later is described."""
+    broadcaster = TransformBroadcaster(bus.node("sim"))
+    watching = TransformListener(Buffer(), bus.node("listener"))
+    good = at(1, "robot")
+    batch = TransformBatch.from_transforms([good])
+    for name in ("a\udc80", "a\nb"):
+        with pytest.raises(InvalidArgumentException, match="cannot be printed"):
+            broadcaster.send_transform(batch.with_frames(("world", name)))
+    broadcaster.send_transform(good)
+
+    def listed() -> list[tuple[str, str, bool]]:
+        return [row for info in watching.streams() for row in info.frames]
+
+    eventually(lambda: listed() == [("world", "robot", False)])
+    watching.close()

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.builders import description
+from tests.builders import S, description
+from tests.fakes import Clock
 from tfbus import InvalidArgumentException
-from tfbus.listen.claims import Claims, Conflict, Rule
+from tfbus.listen.claims import Claims, Conflict, Rule, Starts
 from tfbus.wire.descriptions import StreamDescription
 
 
@@ -21,12 +22,14 @@ def described(
     )
 
 
-def rejected(claims: Claims, stream: str, contested: set[str]) -> dict[str, set[str]]:
-    """The rejected frames of each stream that has some."""
-    resolutions = claims.resolutions(stream, contested)
-    return {
-        name: resolution.rejected for name, resolution in resolutions.items() if resolution.rejected
-    }
+def rejected(claims: Claims, *updates: tuple[str, StreamDescription | None]) -> dict[str, set[str]]:
+    """The rejected frames of each stream that has some, after these updates."""
+    excluded: dict[str, set[str]] = {}
+    for stream, listed in updates:
+        contested = claims.update(stream, listed)
+        for name, resolution in claims.resolutions(stream, contested).items():
+            excluded[name] = (excluded.get(name, set()) - resolution.accepted) | resolution.rejected
+    return {name: frames for name, frames in excluded.items() if frames}
 
 
 def test_frames_of_one_stream_are_not_contested() -> None:
@@ -39,38 +42,37 @@ def test_frames_of_one_stream_are_not_contested() -> None:
 def test_the_first_is_the_one_of_the_older_epoch() -> None:
     """With "first" the stream that was started first wins, in whatever order they are met."""
     for order in permutations("abc"):
-        claims = Claims("first")
-        for name in order:
-            contested = claims.update(name, described("robot", epoch="bca".index(name)))
-        assert rejected(claims, order[-1], contested) == {"a": {"robot"}, "c": {"robot"}}
+        updates = [(name, described("robot", epoch="bca".index(name))) for name in order]
+        assert rejected(Claims("first"), *updates) == {"a": {"robot"}, "c": {"robot"}}
 
 
 @pytest.mark.parametrize("rule", ["first", "priority"])
 def test_a_clock_that_goes_back_makes_no_publisher_younger(rule: Rule) -> None:
     """A publisher whose epoch has grown since it was started still wins over one started later."""
-    claims = Claims(rule)
-    claims.update("a", described("robot", epoch=1, started=1))
-    claims.update("b", described("robot", epoch=2, started=2))
-    contested = claims.update("a", described("robot", epoch=3, started=1))
-    assert rejected(claims, "a", contested) == {"b": {"robot"}}
+    updates = [
+        ("a", described("robot", epoch=1, started=1)),
+        ("b", described("robot", epoch=2, started=2)),
+        ("a", described("robot", epoch=3, started=1)),
+    ]
+    assert rejected(Claims(rule), *updates) == {"b": {"robot"}}
 
 
 def test_the_priority_comes_before_the_epoch() -> None:
     """With "priority" the higher one wins, and of equal ones the first started."""
-    claims = Claims("priority")
-    claims.update("a", described("robot", epoch=1))
-    claims.update("b", described("robot", epoch=3, priority=2))
-    contested = claims.update("c", described("robot", epoch=2, priority=2))
-    assert rejected(claims, "c", contested) == {"a": {"robot"}, "b": {"robot"}}
+    updates = [
+        ("a", described("robot", epoch=1)),
+        ("b", described("robot", epoch=3, priority=2)),
+        ("c", described("robot", epoch=2, priority=2)),
+    ]
+    assert rejected(Claims("priority"), *updates) == {"a": {"robot"}, "b": {"robot"}}
 
 
 def test_with_latest_no_stream_is_left_out() -> None:
     """As in tf2, all frames are accepted, and the last to send wins."""
     claims = Claims("latest")
     claims.update("a", described("robot", epoch=1))
-    contested = claims.update("b", described("robot", epoch=2))
-    assert contested == {"robot"}
-    assert rejected(claims, "b", contested) == {}
+    assert claims.update("b", described("robot", epoch=2)) == {"robot"}
+    assert rejected(claims, ("b", described("robot", epoch=2))) == {}
 
 
 def test_when_the_winner_is_gone_the_next_takes_over() -> None:
@@ -80,8 +82,8 @@ def test_when_the_winner_is_gone_the_next_takes_over() -> None:
     claims.update("b", described("robot", epoch=2))
     contested = claims.update("a", None)
     assert claims.resolutions("a", contested)["b"].accepted == {"robot"}
-    contested = claims.update("a", described("robot", "arm", epoch=3))
-    assert rejected(claims, "a", contested) == {"a": {"robot"}}
+    again = described("robot", "arm", epoch=3)
+    assert rejected(claims, ("a", again)) == {"a": {"robot"}}
     contested = claims.update("a", described("arm", epoch=3))
     assert claims.resolutions("a", contested)["a"].accepted == {"robot"}
 
@@ -91,13 +93,13 @@ def test_each_pair_is_reported_once() -> None:
     claims = Claims("latest")
     claims.update("b", described("robot", "arm", "drone", epoch=1))
     contested = claims.update("a", described("robot", "arm", epoch=2))
-    (conflict,) = claims.news(contested)
+    (conflict,) = claims.news("a", contested)
     assert isinstance(conflict, Conflict)
     assert (conflict.first.stream, conflict.other.stream) == ("b", "a")
     assert conflict.frames == ("arm", "robot")
     assert str(conflict.other) == "'a' of /node (host h, pid 2)"
     claims.update("a", None)
-    assert claims.news(claims.update("a", described("robot", epoch=3))) == []
+    assert claims.news("a", claims.update("a", described("robot", epoch=3))) == []
 
 
 def test_an_unknown_rule_is_refused() -> None:
@@ -122,19 +124,15 @@ def test_after_any_events_the_rule_alone_decides(
     events: list[tuple[str, set[str] | None, int, int]], rule: Rule
 ) -> None:
     """Each frame is accepted from the one winner among the streams that list it now."""
-    claims = Claims(rule)
-    now: dict[str, StreamDescription] = {}
-    excluded: dict[str, set[str]] = {}
-    for stream, children, epoch, priority in events:
-        description = (
-            None if children is None else described(*children, epoch=epoch, priority=priority)
+    updates = [
+        (
+            stream,
+            None if children is None else described(*children, epoch=epoch, priority=priority),
         )
-        contested = claims.update(stream, description)
-        now.pop(stream, None)
-        if description is not None:
-            now[stream] = description
-        for name, resolution in claims.resolutions(stream, contested).items():
-            excluded[name] = (excluded.get(name, set()) - resolution.accepted) | resolution.rejected
+        for stream, children, epoch, priority in events
+    ]
+    excluded = rejected(Claims(rule), *updates)
+    now = {stream: listed for stream, listed in dict(updates).items() if listed is not None}
     for child in "xyz":
         claimants = [
             (-listed.priority if rule == "priority" else 0, listed.epoch, name)
@@ -143,3 +141,39 @@ def test_after_any_events_the_rule_alone_decides(
         ]
         losers = {name for _, _, name in sorted(claimants)[1:]}
         assert {name for name, frames in excluded.items() if child in frames} == losers
+
+
+def test_who_claims_late_to_have_been_there_first_was_not() -> None:
+    """A stream that a listener meets after a minute, and that says it is an hour old, is new."""
+    clock = Clock(3600 * S)
+    claims = Claims("first", Starts(clock))
+    old = described("robot", started=1800 * S)
+    claims.update("honest", old)
+    clock.now_ns += 60 * S
+    liar = described("robot", started=1)
+    assert rejected(claims, ("liar", liar), ("honest", old), ("liar", liar)) == {"liar": {"robot"}}
+    # One that starts now is believed, and so is one that was there before and is back.
+    claims.update("honest", None)
+    new = described("robot", started=clock.now_ns)
+    assert rejected(claims, ("new", new), ("honest", old)).keys() == {"new", "liar"}
+
+
+def test_streams_that_are_met_together_late_are_ranked_by_their_word() -> None:
+    """After a cut link all are met at once: the first started wins, whichever is met first."""
+    for order in permutations(("a", "b")):
+        clock = Clock(3600 * S)
+        claims = Claims("first", Starts(clock))
+        clock.now_ns += 600 * S
+        updates = [(name, described("robot", started=1 + "ab".index(name))) for name in order]
+        assert rejected(claims, *updates) == {"b": {"robot"}}
+
+
+def test_a_frame_that_thousands_claim_costs_a_newcomer_no_more() -> None:
+    """Of 2,000 streams that list the same 50 frames, each is compared with the first only."""
+    claims = Claims("first")
+    frames = [f"frame{number}" for number in range(50)]
+    for number in range(2000):
+        updates = (f"stream{number}", described(*frames, epoch=number + 1))
+        contested = claims.update(*updates)
+        assert len(claims.resolutions(updates[0], contested)) <= 2
+        assert len(claims.news(updates[0], contested)) == min(number, 1)

@@ -18,7 +18,8 @@ class Met:
 
     def __init__(self) -> None:
         self.crowded = 0
-        self.registry = Registry(self.make, self.count_crowded)
+        self.forgotten: list[str] = []
+        self.registry = Registry(self.make, self.count_crowded, self.forgotten.append)
 
     def make(self, name: str, key: str) -> StreamReception:
         log = logging.getLogger("test")
@@ -70,21 +71,35 @@ def test_keys_have_a_limit(met: Met) -> None:
 def test_strangers_are_forgotten_where_there_are_many(
     met: Met, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Forgotten are streams that are gone or silent, but not those that are known or read."""
+    """Forgotten are streams that are long gone, but not those that are known or read, nor those
+    that never had a token.
+    """
     monkeypatch.setattr(registry, "MOST_GONE", 2)
     met = Met()
-    gone, known, read, silent = (met.registry.stream(f"tf/{n}") for n in ("g", "k", "r", "s"))
+    gone, known, read, _ = (met.registry.stream(f"tf/{n}") for n in ("g", "k", "r", "s"))
     assert met.crowded == 0
     met.registry.meet("tf/g")
     gone.state = known.state = read.state = StreamState("any")
-    gone.reception.counts.last_heard_ns = 10**30
     read.read_keys.add("tf/r")
-    met.registry.stream("tf/new").reception.counts.last_heard_ns = 10**30
+    met.registry.stream("tf/new")
     assert met.crowded == 1
     met.registry.forget_strangers({"k"})
-    assert met.registry.streams().keys() == {"k", "r", "new"}
+    assert met.registry.streams().keys() == {"k", "r", "s", "new"}
+    assert met.forgotten == ["g"]
     assert met.registry.receptions == {}
-    assert silent not in met.registry.streams().values()
+
+
+def test_a_stream_is_forgotten_with_all_its_keys(met: Met) -> None:
+    """Met again, it begins as a new one."""
+    keys = ["tf/arm/a", "tf/arm/b", "tf_static/arm", "tf/sim"]
+    for key in keys:
+        met.registry.meet(key)
+    stream = met.registry.forget("arm")
+    assert stream is not None
+    assert stream.keys == set(keys[:3])
+    assert list(met.registry.receptions) == ["tf/sim"]
+    assert met.registry.forget("arm") is None
+    assert met.registry.meet("tf/arm/a").stream is not stream.reception
 
 
 def test_a_few_strangers_are_kept(met: Met) -> None:

@@ -29,13 +29,14 @@ class Questions:
         self.takes_s = 0.0
         self.answers: list[bytes] = []
         self.asked_at_s: list[float] = []
+        self.asked_keys: list[str] = []
         self.now_s = 0.0
         self._order = itertools.count()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self.token: Callable[[str, bool], None]
         self.describe: Callable[[str, bytes], None]
         monkeypatch.setattr(watch, "ask_retained_later", self.ask)
-        monkeypatch.setattr(watch, "declare_retained_subscriber", self.subscribe)
+        monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(
             cast(Session, self), lambda state: None, executor=cast(Executor, self)
         )
@@ -48,6 +49,7 @@ class Questions:
 
     def ask(self, session: Session, key: str, on_answer: Any, on_end: Any, **how: Any) -> None:
         self.asked_at_s.append(self.now_s)
+        self.asked_keys.append(key)
         for answer in self.answers:
             on_answer(Answer(key, answer))
         self.after(self.takes_s, on_end)
@@ -112,3 +114,25 @@ def test_a_stream_that_is_back_has_time_to_describe_itself(
     assert questions.asked_at_s[1] <= 0.6
     questions.run(most_s)
     assert questions.is_alive()
+
+
+def test_tokens_without_end_are_asked_about_in_turns(
+    questions: Questions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a thousand that never answer a few are asked at a time, and all have their turn."""
+    monkeypatch.setattr(watch, "_MOST_ASKED", 10)
+    keys = [f"@tfbus/stream/s{number}" for number in range(1000)]
+    for key in keys:
+        questions.token(key, True)
+    questions.asked_keys.clear()
+    questions.run(1.0)
+    assert set(questions.asked_keys) == set(keys[:10])
+    questions.run(1000.0)
+    assert set(questions.asked_keys) == set(keys)
+    # Those that are gone are not asked about.
+    for key in keys:
+        questions.token(key, False)
+    questions.run(1001.0)
+    asked = len(questions.asked_keys)
+    questions.run(2000.0)
+    assert len(questions.asked_keys) == asked

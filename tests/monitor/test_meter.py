@@ -3,11 +3,25 @@
 import math
 import time
 
+import pytest
+
+from tests.builders import at, payload
 from tests.live_bus import Bus, eventually
 from tfbus import Transform, TransformBroadcaster, TransformStamped
+from tfbus.monitor import meter as meter_module
 from tfbus.monitor.meter import EdgeFlow, TransformMeter
+from tfbus.runtime.clock import SystemClock
 
 S = 1_000_000_000
+
+
+class Seconds(SystemClock):
+    """A clock that stands still until the test sets `now_s`."""
+
+    now_s = 0.0
+
+    def elapsed_ns(self) -> int:
+        return round(self.now_s * 1e9)
 
 
 def test_an_edge_has_its_gap_order_and_delays(bus: Bus) -> None:
@@ -64,3 +78,19 @@ def test_without_samples_nothing_is_measured(bus: Bus) -> None:
     assert list(meter.edges()) == []
     assert meter.stream("robot").bytes_per_s == 0.0
     assert EdgeFlow("robot", "world", "base").least_delay_s is None
+
+
+def test_silent_edges_make_room_for_others(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flood of names is not measured for ever, and what is held of samples has a limit."""
+    monkeypatch.setattr(meter_module, "_MOST_EDGES", 3)
+    monkeypatch.setattr(meter_module, "_MOST_IN_ALL", 20)
+    clock = Seconds()
+    meter = TransformMeter(bus.node("meter"), recent_s=math.inf, clock=clock)
+    for number in range(50):
+        meter._take("tf/flood", payload([at(1, f"frame{number % 5}", number)]))
+    assert {flow.child for flow in meter.edges()} == {"frame0", "frame1", "frame2"}
+    assert meter._samples <= 23
+    clock.now_s = 100.0
+    meter._take("tf/honest", payload([at(1, "robot")]))
+    assert {(flow.stream, flow.child) for flow in meter.edges()} == {("honest", "robot")}
+    assert meter._samples <= 3

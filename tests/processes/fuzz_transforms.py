@@ -1,12 +1,13 @@
 """Spoilt and random payloads through the real decoder and a listener's reception.
 
-    python tests/processes/fuzz_transforms.py --seconds 60 [--seed N] [--payloads 1000000]
+    python -m tests.processes.fuzz_transforms --seconds 60 [--seed N] [--payloads 1000000]
 
 The seed is printed; with it and the same number of payloads all of them come again. For each
 payload it holds that nothing is raised, that the fast way to read it finds what the other one
 reads, and that it is counted: as a message, as one that cannot be read, with the reason, or as
-one of an earlier epoch. Each row is taken, or refused for a reason that is counted, or too old.
-And what another publisher has sent is as it was.
+one of an earlier epoch, or of the future. Each row is taken, or refused for a reason that is
+counted, or too old. And what another publisher has sent is as it was. Spoilt descriptions come
+between the messages, and the tools show what is left of a round.
 """
 
 import argparse
@@ -21,9 +22,16 @@ from typing import Any
 
 import msgpack
 
+from tests.builders import description
+from tests.processes.fuzz_tools import Tools
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
+from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.watch import StreamState
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import StreamDescription, read_description
+from tfbus.wire.keys import stream_key
 from tfbus.wire.scan import scan_message
 from tfbus.wire.transforms import (
     TransformMessage,
@@ -37,6 +45,9 @@ S = 10**9
 ROUND = 500
 # After this many the publisher restarts, on a host with another clock.
 REAPPEARS = 5
+
+# And after so many messages comes a description.
+_DESCRIBED_EVERY = 10
 
 # Bytes that mean something to MessagePack, or stand at the ends of ranges.
 _TELLING = bytes([0x00, 0x7F, 0x80, 0x8F, 0x90, 0xA0, 0xBF, 0xC0, 0xC1, 0xC2, 0xC3, 0xC4, 0xC6])
@@ -58,7 +69,7 @@ def samples() -> list[bytes]:
         [transform("world", "turtle1", 1), transform("turtle1", "drone", 2)],
         [transform(f"link{i}", f"link{i + 1}", i) for i in range(20)],
         [transform("world", f"turtle{i}", i) for i in range(40)],
-        [transform("world", "t" * 300, 3)],
+        [transform("world", "t" * 255, 3)],
         [transform("wörld", "\N{TURTLE}", 4)],
     ]
     return [
@@ -68,12 +79,21 @@ def samples() -> list[bytes]:
     ]
 
 
-class Payloads:
-    """Payloads that are one like another, from a seed."""
+def descriptions() -> list[bytes]:
+    """Descriptions as tfbus sends them: of no and of many frames, with all fields and with few."""
+    rows = [[("world", f"turtle{i}", i % 2 == 0) for i in range(count)] for count in (0, 1, 30)]
+    few = [description(each, epoch=5 * S) for each in rows]
+    more: dict[str, Any] = {"host": "h", "pid": 7, "session": "ab12", "priority": 2, "split": True}
+    full = [description(each, epoch=6 * S, history_s=3.0, started_ns=S, **more) for each in rows]
+    return [encode_message(each) for each in (*few, *full)]
 
-    def __init__(self, seed: int) -> None:
+
+class Payloads:
+    """Payloads that are one like another, from a seed; spoilt ones of these samples."""
+
+    def __init__(self, seed: int, good: list[bytes]) -> None:
         self._random = random.Random(seed)
-        self._samples = samples()
+        self._samples = good
         self._spoil: list[Callable[[bytearray], None]] = [
             self._flip,
             self._put_telling,
@@ -220,6 +240,8 @@ class Target:
             "fuzz", self.buffer, self.log, time.time_ns, TransformReader()
         )
         self.keys = [DynamicReception(self.stream), StaticReception(self.stream)]
+        self.described: StreamDescription | None = None
+        self.tools = Tools(self.buffer, self._infos)
         self.reasons: Counter[str] = Counter()
         self.received = self.refused = self.fast = 0
 
@@ -232,9 +254,10 @@ class Target:
             stream.vanish()
             stream.appear()
         self.received += 1
-        before = (stream.counts.messages, stream.counts.rejected, stream.counts.outdated)
+        before = self._counts()
         self.keys[static].receive(payload)
-        after = (stream.counts.messages, stream.counts.rejected, stream.counts.outdated)
+        self.tools.receive("tf/fuzz", payload)
+        after = self._counts()
         counted = [now - then for now, then in zip(after, before, strict=True)]
         if reason is None:
             assert counted in ([1, 0, 0], [0, 0, 1]), f"a message was counted as {counted}"
@@ -245,6 +268,28 @@ class Target:
         self.refused += 1
         if self.refused == 1:
             assert reason in self.logged.texts[-1], "the first reason is logged"
+
+    def _counts(self) -> tuple[int, int, int]:
+        counts = self.stream.counts
+        return counts.messages, counts.rejected, counts.outdated + counts.disputed
+
+    def describe(self, payload: bytes) -> bool:
+        """Let a description come in; whether it can be read."""
+        try:
+            described, mistake = read_description(payload)
+        except DecodeError as error:
+            assert 0 < len(str(error)) < 1000, "a reason is a sentence"
+            return False
+        assert len(mistake) < 500
+        self.described = described
+        children = frozenset(child for _, child, _ in described.frames)
+        statics = frozenset(child for _, child, static in described.frames if static)
+        self.stream.describe(described.epoch, children, statics)
+        return True
+
+    def _infos(self) -> list[StreamInfo]:
+        state = StreamState("fuzz", True, self.described, stream_key("fuzz"))
+        return [stream_info("fuzz", state, self.stream), StreamInfo("sane", alive=True)]
 
     def _reason(self, payload: bytes) -> str | None:
         """Why it is refused, None where it is read; and the fast way agrees."""
@@ -260,7 +305,8 @@ class Target:
         return None
 
     def examine(self) -> None:
-        """What is in the buffer makes sense, and what another sent is as it was."""
+        """What is in the buffer makes sense, what another sent is as it was, and the tools live."""
+        self.tools.look(self.described)
         assert self._sane_now() == self.before, "edges of another publisher were harmed"
         assert self.buffer.given >= self.buffer.taken + self.buffer.rejected.rows
         assert len(self.buffer.rejected) <= 101, "reasons are kept without bound"
@@ -299,7 +345,7 @@ def _check_equal(scanned: TransformMessage, message: TransformMessage) -> None:
 
 def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
     """Send this many payloads in at most this time: how many were sent, read, and refused why."""
-    made = Payloads(seed)
+    made, told = Payloads(seed, samples()), Payloads(seed, descriptions())
     report: Counter[str] = Counter()
     ends = time.monotonic() + seconds
     while report["payloads"] < payloads and time.monotonic() < ends:
@@ -308,6 +354,10 @@ def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
             payload = made.next()
             try:
                 target.receive(payload, static=number % 5 == 0)
+                if number % _DESCRIBED_EVERY == 0:
+                    payload = told.next()
+                    report["descriptions"] += 1
+                    report["descriptions read"] += target.describe(payload)
             except BaseException:
                 print(f"seed {seed}, payload {report['payloads']}: {payload.hex()}", flush=True)
                 raise
@@ -315,7 +365,7 @@ def fuzz(seed: int, payloads: int, seconds: float = math.inf) -> Counter[str]:
         target.examine()
         report["read"] += target.stream.counts.messages
         report["read fast"] += target.fast
-        report["outdated"] += target.stream.counts.outdated
+        report["outdated"] += target.stream.counts.outdated + target.stream.counts.disputed
         report["refused"] += target.refused
         report["rows"] += target.buffer.given
         report["rows refused"] += target.buffer.rejected.rows

@@ -20,6 +20,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
+from tfbus.listen.budget import Budget
 from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 
@@ -247,15 +248,14 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
 def test_streams_without_a_node_are_not_counted_for_ever(
     sender: Node, receiver: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Names of streams without a token are forgotten when there are many, and they are silent;
-    those that are there stay.
-    """
-    monkeypatch.setattr("tfbus.listen.registry.MOST_GONE", 10)
-    monkeypatch.setattr("tfbus.listen.registry._SILENT_NS", 0)
+    """Streams without a token are forgotten when they take too much; those of a node stay."""
+    budget = Budget(most_bytes=120_000, most_bytes_a_peer=60_000)
+    monkeypatch.setattr("tfbus.listen.listener.Budget", lambda: budget)
     buffer = Buffer()
     with TransformListener(buffer, receiver) as listener:
         StaticTransformBroadcaster(sender).send_transform(at(1))
         eventually(lambda: x_of(buffer) == 1)
+        eventually(lambda: any(info.session for info in listener.streams()))
         seen: set[str] = set()
 
         def put() -> bool:

@@ -4,6 +4,7 @@ import logging
 
 import pytest
 
+from tests.fakes import Clock
 from tfbus.runtime.log_once import LogOnce
 
 
@@ -37,3 +38,35 @@ def test_the_first_exception_of_a_kind_is_logged_with_its_traceback(
     assert record.levelno == logging.ERROR
     assert record.exc_info is not None and record.exc_info[0] is ValueError
     assert once.counts == {"failed": 2}
+
+
+def test_a_kind_is_logged_again_after_a_while_with_its_number(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A hundred restarts within a minute are one line, and the next minute's first says so."""
+    clock = Clock()
+    lines = LogOnce(logging.getLogger("test"), again_s=60.0, clock=clock)
+    for clock.now_ns in [*range(100), 60, 61]:
+        lines.warning("restarted", "Stream %r restarted", "sim")
+    assert caplog.messages == [
+        "Stream 'sim' restarted",
+        "Stream 'sim' restarted (60 times since the last line)",
+    ]
+    assert lines.counts == {"restarted": 102}
+
+
+def test_many_kinds_at_once_end_in_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    """Names come from the bus: of a thousand in a minute the first ten are logged, and again."""
+    clock = Clock()
+    lines = LogOnce(logging.getLogger("test"), again_s=60.0, most=10, clock=clock)
+    for number in range(1000):
+        lines.warning(number, "Stream %r is gone", number)
+    assert len(caplog.messages) == 11
+    assert caplog.messages[-1] == (
+        "More than 10 lines like the last ones within 60 s: the rest is left out"
+    )
+    assert len(lines.counts) == 10
+    clock.now_ns = 61
+    lines.warning("later", "Stream %r is gone", "later")
+    assert caplog.messages[-1] == "Stream 'later' is gone"
+    assert len(lines.counts) == 10

@@ -139,3 +139,10 @@ def test_without_a_terminal_it_says_what_to_use(bus: Bus) -> None:
     done = bus.run("top")
     assert done.returncode == 2
     assert "top needs a terminal: in scripts use tfbus frames" in done.stderr
+
+
+def test_two_rows_of_one_key_are_one() -> None:
+    """A node that answers twice, from whatever fault, is one row, as it said last."""
+    rows = tuple(Row("/sim 1", (Cell(text, text),)) for text in ("first", "second"))
+    table = Table("nodes", ("node",), rows)
+    assert [row.cells[0].text for row in table.rows] == ["second"]

@@ -1,6 +1,8 @@
 """Announces which frames a stream has, by the stream's description."""
 
+import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 
 from tfbus.bus.handles import BytesPublisher
@@ -50,6 +52,7 @@ class FrameAnnouncer:
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
         self._described_bytes = 0
+        self._described_s = -math.inf
         self.reparented = 0
 
     def add(self, edges: Edges) -> None:
@@ -88,14 +91,17 @@ class FrameAnnouncer:
             self._edges.pop(child, None)
         self.announce_soon()
 
-    def announce_soon(self) -> None:
-        """Send the description soon, once for all changes until then."""
+    def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:
+        """Send the description after this time, once for all changes until then; later where a long
+        one was sent just now.
+        """
         with self._lock:
             if self._is_due:
                 return
             self._is_due = True
             pause_s = min(self._described_bytes / _MOST_BYTES_A_SECOND, _ANNOUNCE_WITHIN_S)
-        self._executor.after(max(_ANNOUNCE_AFTER_S, pause_s), self._announce)
+            pause_s -= time.monotonic() - self._described_s
+        self._executor.after(max(after_s, pause_s), self._announce)
 
     def _announce(self) -> None:
         with self._announcing:
@@ -106,6 +112,7 @@ class FrameAnnouncer:
                 rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())
             payload = self._describe(rows)
             self._described_bytes = len(payload)
+            self._described_s = time.monotonic()
             self._publisher.put(payload)
 
     def _unknown(self, child: str, static: bool) -> LookupException:

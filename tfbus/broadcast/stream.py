@@ -23,16 +23,20 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
+from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
+from tfbus.wording import printable
 
 # Epochs closer to each other than this, as of a short recording in a loop, are logged once.
 _LOG_EPOCHS_EVERY_S = 5.0
 # This many in a row are no accident.
 _MANY_EPOCHS = 10
+
+_AT_ONCE_S = 0.001
 
 # The options of a stream without dynamic transforms.
 _ONLY_STATIC = StreamOptions(history_s=0.0)
@@ -54,6 +58,12 @@ class Stream:
         executor: Executor,
         log: logging.Logger,
     ) -> None:
+        """Publish it. Raises InvalidArgumentException for a name that listeners would ignore."""
+        if not name or not is_printable(name):
+            raise InvalidArgumentException(
+                f"a stream cannot be called '{printable(name, most=60)}': use 1 to 255 letters "
+                "that can be printed"
+            )
         self.name = name
         self._node = node
         self._started_ns = self._epoch_ns = epoch_ns
@@ -166,7 +176,8 @@ class Stream:
             if self._statics:
                 self._send_statics()
         self._log_epoch(child, back_ns)
-        self._frames.announce_soon()
+        # Listeners hold back its messages until it comes.
+        self._frames.announce_soon(_AT_ONCE_S)
         return self._epoch_ns
 
     def _log_epoch(self, child: str, back_ns: int) -> None:
@@ -200,7 +211,7 @@ class Stream:
             self._node,
             self._epoch_ns,
             frames,
-            host=socket.gethostname(),
+            host=printable(socket.gethostname()),
             pid=os.getpid(),
             session=self._session.id,
             priority=options.priority,

@@ -169,6 +169,10 @@ class Buffer:
         with self._store.lock:
             return self._store.tree.sent_by(authority)
 
+    def count_sent_by(self, authority: str) -> int:
+        """How many frames this authority sent last."""
+        return len(self._store.tree.senders.get(authority, ()))
+
     def forget(self, authority: str, frames: Iterable[str] | None = None) -> None:
         """Forget the samples of the frames that this authority sent last, because it restarted;
         static transforms stay. With `frames` only of these.

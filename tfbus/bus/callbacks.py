@@ -52,20 +52,8 @@ class Callbacks:
         `on_too_large()` for one that is dropped unread.
         """
         report = self._reporter(f"message of {key}")
-        kind = kind_of(key)
-        most = self._limits.of(kind)
-        first = object()
-
-        def drop(sample: zenoh.Sample, size: int) -> None:
-            self.too_large[key] += 1
-            on_too_large()
-            self._once.warning(
-                first,
-                "Dropped a message of %s on %r unread: %s",
-                size_text(size),
-                printable(str(sample.key_expr)),
-                self._limits.mistake_in(kind, size),
-            )
+        most = self._limits.of(kind_of(key))
+        drop = self._dropper(key, on_too_large)
 
         # What `direct` and `guarded` do, in one call instead of three: where messages come one
         # by one, the calls take their time.
@@ -83,6 +71,26 @@ class Callbacks:
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
 
+    def _dropper(
+        self, key: str, on_too_large: Callable[[], object] = lambda: None
+    ) -> Callable[[zenoh.Sample, int], None]:
+        """What counts and names the samples of one subscription that are too large."""
+        kind = kind_of(key)
+        first = object()
+
+        def drop(sample: zenoh.Sample, size: int) -> None:
+            self.too_large[key] += 1
+            on_too_large()
+            self._once.warning(
+                first,
+                "Dropped a message of %s on %r unread: %s",
+                size_text(size),
+                printable(str(sample.key_expr)),
+                self._limits.mistake_in(kind, size),
+            )
+
+        return drop
+
     def mistake_in_answer(self, key: str, size: int) -> str:
         """Why an answer of this size to a query of `key` is not read, "" where it is; the first of
         a kind is logged, and `too_large` counts them by kind.
@@ -93,6 +101,25 @@ class Callbacks:
             self.too_large[kind] += 1
             self._once.warning(kind, "Dropped an answer to %r unread: %s", printable(key), mistake)
         return mistake
+
+    def of_signed_samples(self, key: str, callback: Callable[[str, bytes, str], None]) -> Any:
+        """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
+        the sample is from, "" where it does not say. Retained samples do.
+        """
+
+        most = self._limits.of(kind_of(key))
+        drop = self._dropper(key)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            size = len(sample.payload)  # type: ignore[arg-type]  # not in Zenoh's stubs
+            if size > most:
+                drop(sample, size)
+                return
+            source = sample.source_info
+            sender = "" if source is None else str(source.source_id.zid)
+            callback(str(sample.key_expr), sample.payload.to_bytes(), sender)
+
+        return direct(self.guarded(f"message of {key}", on_sample))
 
     def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""

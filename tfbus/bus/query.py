@@ -24,12 +24,14 @@ _MOST_OF_A_REFUSAL = 1000
 class Answer:
     """One answer to a query: its key and payload, or a refusal with its text.
 
-    `refusal` is "" where the answer has not come in time, None where it is no refusal.
+    `refusal` is "" where the answer has not come in time, None where it is no refusal. `sender` is
+    the id of the session that answered, as Zenoh names it; "" where it does not.
     """
 
     key: str
     payload: bytes
     refusal: str | None = None
+    sender: str = ""
 
 
 def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answer:
@@ -43,7 +45,8 @@ def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answ
             return Answer(
                 str(reply.ok.key_expr), b"", refusal=f"the answer was dropped unread: {mistake}"
             )
-        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+        sender = "" if reply.replier_id is None else str(reply.replier_id.zid)
+        return Answer(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), sender=sender)
     payload = reply.err.payload.to_bytes() if reply.err is not None else b""
     if payload == _NO_ANSWER_IN_TIME:
         payload = b""

@@ -4,6 +4,7 @@ This file has all uses of Zenoh's unstable `zenoh.ext`.
 """
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import zenoh
 from zenoh import ext
@@ -47,11 +48,24 @@ def declare_retained_subscriber(
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
     of publishers that come later, then for each new message.
     """
+    return _subscriber(session, key, session.callbacks.of_samples(key, callback))
+
+
+def declare_signed_subscriber(
+    session: Session, key: str, callback: Callable[[str, bytes, str], None]
+) -> Declaration:
+    """As `declare_retained_subscriber`; `callback(key, payload, sender)` also gets the id of the
+    session that the message is from, "" where it does not say.
+    """
+    return _subscriber(session, key, session.callbacks.of_signed_samples(key, callback))
+
+
+def _subscriber(session: Session, key: str, handler: Any) -> Declaration:
     with bus_errors(f"subscribe to {key}"):
         subscriber = ext.declare_advanced_subscriber(
             session.zenoh,
             key,
-            session.callbacks.of_samples(key, callback),
+            handler,
             history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             subscriber_detection=True,

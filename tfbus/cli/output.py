@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 
 import click
 
+from tfbus.wording import and_more
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 # The roles of words, and their styles.
@@ -40,6 +42,9 @@ _STATE_ROLES = {
 # Between two columns of a table, and at the end of a cut cell.
 _GAP = "  "
 _CUT = "…"
+
+# A page that is shown again and again has at most as many lines.
+_MOST_LINES = 500
 
 # Moves the cursor to the top left, and clears all below.
 _TO_THE_TOP = "\x1b[H\x1b[J"
@@ -79,9 +84,11 @@ def print_lines(lines: Iterable[str]) -> None:
 
 def in_place(lines: Iterable[str]) -> list[str]:
     """The lines as a page that replaces the one before in a terminal; elsewhere, with an empty line
-    after it.
+    after it. Of a longer page the first 500 lines.
     """
     page = list(lines)
+    if len(page) > _MOST_LINES:
+        page[_MOST_LINES:] = [f"… {and_more(len(page), _MOST_LINES)} lines"]
     if not is_terminal():
         return [*page, ""]
     return [_TO_THE_TOP + "".join(page[:1]), *page[1:]]

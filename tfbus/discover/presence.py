@@ -8,7 +8,7 @@ from tfbus.bus.retained import ask_retained
 from tfbus.bus.session import Session
 from tfbus.errors import BusError, DecodeError
 from tfbus.wire.codec import decode_message
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.descriptions import NodeDescription, StreamDescription, read_description
 from tfbus.wire.keys import (
     ALL_NODES_EVERYWHERE,
     ALL_STREAMS_EVERYWHERE,
@@ -64,13 +64,19 @@ def describe_streams(
     timeout_s: float = 1.0,
 ) -> dict[str, StreamDescription]:
     """The descriptions of all streams by their keys; calls `on_unreadable(error)` for those it
-    cannot read.
+    cannot read. Of several at one key that of the session it names counts.
     """
-    described = {}
+    described: dict[str, StreamDescription] = {}
+    signed: set[str] = set()
     for answer in ask_retained(session, ALL_STREAMS_EVERYWHERE, timeout_s=timeout_s):
         if answer.refusal is None:
             try:
-                described[answer.key] = decode_message(StreamDescription, answer.payload)
+                description, _ = read_description(answer.payload)
+                if answer.sender == description.session:
+                    signed.add(answer.key)
+                elif answer.key in signed:
+                    continue
+                described[answer.key] = description
             except DecodeError as error:
                 on_unreadable(_unreadable(f"stream {stream_of(answer.key)!r}", error))
     return described

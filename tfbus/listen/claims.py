@@ -1,8 +1,10 @@
 """Which streams claim which frame, and which of them has priority."""
 
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Literal, get_args
 
 from tfbus.errors import InvalidArgumentException
@@ -15,7 +17,19 @@ Rule = Literal["latest", "first", "priority"]
 # Names come from the bus: at most this many reported pairs are remembered.
 _MOST_REPORTED = 10_000
 
+# And of one frame at most this many pairs are reported at once.
+_MOST_OTHERS = 100
+
 _FRAMES_NAMED = 5
+
+# Streams that are met within this time of each other are met together. One that is new was started
+# less than the other time ago: it may take a while to send.
+_TOGETHER_NS = 5 * 10**9
+_NEW_NS = 30 * 10**9
+_MOST_STARTS = 100_000
+
+# Priority, start and name: the order of publishers.
+Rank = tuple[int, int, int, str]
 
 
 @dataclass(frozen=True)
@@ -58,17 +72,24 @@ class Conflict:
 class Claims:
     """The claims to frames, by the descriptions of live streams: the same in every listener.
 
-    Not safe from several threads at once.
+    Not safe from several threads at once. A stream that lists thousands of frames which thousands
+    of others list costs no more than its own.
     """
 
-    def __init__(self, rule: Rule) -> None:
+    def __init__(self, rule: Rule, starts: "Starts | None" = None) -> None:
         if rule not in get_args(Rule):
             raise InvalidArgumentException(
                 f"conflicts must be one of {', '.join(get_args(Rule))}, not {rule!r}"
             )
         self.rule = rule
+        self._starts = starts or Starts()
         self._claims: dict[str, dict[str, Claimant]] = {}
         self._children: dict[str, frozenset[str]] = {}
+        # By stream; the least comes first.
+        self._ranks: dict[str, Rank] = {}
+        # By frame: the stream that comes first, and the one that did before the last update.
+        self._firsts: dict[str, str] = {}
+        self._displaced: dict[str, str] = {}
         self._reported: set[frozenset[str]] = set()
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
@@ -77,64 +98,124 @@ class Claims:
         Returns the frames among its former and present ones that another stream claims too.
         """
         claimed = _children(description)
-        former = self._children.get(stream, frozenset())
-        for child in former - claimed:
-            self._claims[child].pop(stream)
+        touched = self._children.get(stream, frozenset()) | claimed
+        former_rank = self._ranks.pop(stream, None)
         if description is not None:
+            self._ranks[stream] = self._rank(stream, description)
             claimant = Claimant(stream, description)
-            for child in claimed:
-                self._claims.setdefault(child, {})[stream] = claimant
-        self._children[stream] = claimed
-        touched = former | claimed
-        contested = {child for child in touched if self._others(child, stream)}
-        for child in former - claimed:
-            if not self._claims[child]:
+        self._displaced.clear()
+        contested = set()
+        for child in touched:
+            claims = self._claims.setdefault(child, {})
+            if child in claimed:
+                claims[stream] = claimant
+            else:
+                claims.pop(stream, None)
+            if not claims:
                 del self._claims[child]
-        if not claimed:
-            del self._children[stream]
+                self._firsts.pop(child, None)
+                continue
+            self._choose_first(child, stream, former_rank)
+            if len(claims) > 1 or stream not in claims:
+                contested.add(child)
+        if claimed:
+            self._children[stream] = claimed
+        else:
+            self._children.pop(stream, None)
         return contested
 
+    def _choose_first(self, child: str, stream: str, former_rank: "Rank | None") -> None:
+        """The claim of a stream to a frame is new, another, or gone."""
+        claims, ranks, first = self._claims[child], self._ranks, self._firsts.get(child)
+        is_here = stream in claims
+        if first is None:
+            self._firsts[child] = stream if is_here else min(claims, key=ranks.__getitem__)
+        elif first != stream:
+            if is_here and ranks[stream] < ranks[first]:
+                self._firsts[child], self._displaced[child] = stream, first
+        elif not is_here or (former_rank is not None and ranks[stream] > former_rank):
+            self._firsts[child] = min(claims, key=ranks.__getitem__)
+
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
-        """For each stream its resolution over `contested`, what `update` of `stream` returned."""
+        """What may have changed over `contested`, what `update` of `stream` returned, by stream."""
         resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}
         for child in contested:
-            for at, claimant in enumerate(self._ranked(child)):
-                resolution = resolutions.setdefault(claimant.stream, Resolution(set(), set()))
+            claims = self._claims.get(child, {})
+            if self.rule == "latest":
+                for each in claims:
+                    resolutions.setdefault(each, Resolution(set(), set())).accepted.add(child)
+                continue
+            first = self._firsts.get(child)
+            for name in claims.keys() & {first, stream, self._displaced.get(child)}:
+                resolution = resolutions.setdefault(name, Resolution(set(), set()))
                 resolution.accepted.discard(child)
-                wins = at == 0 or self.rule == "latest"
-                (resolution.accepted if wins else resolution.rejected).add(child)
+                (resolution.accepted if name == first else resolution.rejected).add(child)
         return resolutions
 
-    def news(self, contested: Iterable[str]) -> list[Conflict]:
-        """The conflicts over these frames that are new; each pair of streams is reported once."""
+    def news(self, stream: str, contested: Iterable[str]) -> list[Conflict]:
+        """The conflicts of a stream over these frames that are new: with the stream that comes
+        first, or, where it does so itself, with the others. Each pair is reported once.
+        """
         shared: dict[tuple[str, str], list[str]] = {}
-        claimants: dict[str, Claimant] = {}
         for child in sorted(contested):
-            ranked = self._ranked(child)
-            claimants |= {claimant.stream: claimant for claimant in ranked}
-            for other in ranked[1:]:
-                shared.setdefault((ranked[0].stream, other.stream), []).append(child)
+            claims = self._claims.get(child, {})
+            first = self._firsts.get(child, stream)
+            others = islice(claims, _MOST_OTHERS) if first == stream else (stream,)
+            for other in others:
+                if other != first and other in claims:
+                    shared.setdefault((first, other), []).append(child)
         news = []
         for pair, frames in shared.items():
             if frozenset(pair) not in self._reported:
                 if len(self._reported) >= _MOST_REPORTED:
                     self._reported.clear()
                 self._reported.add(frozenset(pair))
-                first, other = (claimants[stream] for stream in pair)
-                news.append(Conflict(first, other, tuple(frames)))
+                claims = self._claims[frames[0]]
+                news.append(Conflict(claims[pair[0]], claims[pair[1]], tuple(frames)))
         return news
 
-    def _others(self, child: str, stream: str) -> bool:
-        return any(other != stream for other in self._claims.get(child, ()))
-
-    def _ranked(self, child: str) -> list[Claimant]:
-        return sorted(self._claims.get(child, {}).values(), key=self._rank)
-
-    def _rank(self, claimant: Claimant) -> tuple[int, int, str]:
-        description = claimant.description
+    def _rank(self, stream: str, description: StreamDescription) -> "Rank":
         priority = -description.priority if self.rule == "priority" else 0
+        return (priority, *self._starts.of(stream, description), stream)
+
+
+class Starts:
+    """When streams were started, as far as their word is worth it.
+
+    One that says that it was started long before this listener first met it, while the listener was
+    there to meet it, may say so to win: it counts as started when it was met. So it does where its
+    clock is wrong. Of those met within 5 s of each other, as after a cut link, the order is that
+    of their word. `clock_ns` is the system's clock.
+    """
+
+    def __init__(self, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        self._clock_ns = clock_ns
+        self._met_ns = clock_ns()
+        self._is_late = False
+        # By stream and session: a process is started once.
+        self._starts: dict[tuple[str, str], tuple[int, int]] = {}
+
+    def of(self, stream: str, description: StreamDescription) -> tuple[int, int]:
+        """When a stream counts as started, then when it says so, both in ns."""
         # Where a clock goes back the epoch grows, though the publisher is as old as before.
-        return (priority, description.started_ns or description.epoch, claimant.stream)
+        said_ns = description.started_ns or description.epoch
+        key = (stream, description.session)
+        known = self._starts.pop(key, None)
+        is_known = known is not None and (description.session or known[1] == said_ns)
+        start = known if known is not None and is_known else self._judge(said_ns)
+        self._starts[key] = start
+        if len(self._starts) > _MOST_STARTS:
+            del self._starts[next(iter(self._starts))]
+        return start
+
+    def _judge(self, said_ns: int) -> tuple[int, int]:
+        now_ns = self._clock_ns()
+        if now_ns > self._met_ns + _TOGETHER_NS:
+            if said_ns > now_ns - _NEW_NS:
+                return said_ns, said_ns
+            self._met_ns = now_ns
+            self._is_late = True
+        return (self._met_ns, said_ns) if self._is_late else (said_ns, said_ns)
 
 
 def name_some(frames: Sequence[str]) -> str:

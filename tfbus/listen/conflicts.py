@@ -6,7 +6,7 @@ from collections.abc import Callable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.listen.claims import Claims, Conflict, Rule, name_some
-from tfbus.listen.reception import StreamReception
+from tfbus.listen.reception import StreamReception, lines_of
 from tfbus.wire.descriptions import StreamDescription
 
 
@@ -26,14 +26,14 @@ class Conflicts:
         self._claims = Claims(rule)
         self._buffer = buffer
         self._reception = reception
-        self._log = log
+        self._lines = lines_of(log)
 
     def judge(self, name: str, description: StreamDescription | None) -> None:
         """Take the frames that a stream lists now; None where its publisher is gone."""
         contested = self._claims.update(name, description)
         if not contested:
             return
-        for conflict in self._claims.news(contested):
+        for conflict in self._claims.news(name, contested):
             self._report(conflict)
         frames = () if description is None else description.frames
         left = contested - {child for _, child, _ in frames}
@@ -61,7 +61,8 @@ class Conflicts:
             "first": f"{first.stream!r} wins, since it was started first",
             "priority": f"{first.stream!r} wins, by its priority or since it was started first",
         }
-        self._log.warning(
+        self._lines.warning(
+            (first.stream, other.stream),
             "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one, or "
             "rename its frame",
             name_some(conflict.frames),

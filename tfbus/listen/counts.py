@@ -18,6 +18,7 @@ class Counts:
     bytes: int = 0
     missed: int = 0
     outdated: int = 0
+    disputed: int = 0
     rejected: int = 0
     excluded: int = 0
     last_heard_ns: int | None = None

@@ -2,9 +2,14 @@
 
 A publisher puts its epoch into each message: when it started, or when its clock went back. The
 newest epoch counts. Late messages of a dead process end soon; those of a second live one go on.
+
+Any peer can put any number into a message. So once the session that publishes the stream has
+confirmed its epoch, by a description that came from it, another epoch counts only when a
+description confirms that one. Before that, an epoch from the future ends none from the past.
 """
 
 import math
+import time
 from enum import Enum
 
 # Late messages of a dead process come within a moment: those closer together are counted once.
@@ -16,6 +21,9 @@ _OF_LIVE_PUBLISHER = 7
 # Outdated messages of several epochs belong together where at most this lies between them.
 _TOGETHER_S = 5.0
 
+# Clocks differ. An epoch further ahead of ours is from the future.
+_MOST_SKEW_NS = 60 * 10**9
+
 
 class Verdict(Enum):
     """What a message is by its epoch."""
@@ -25,11 +33,16 @@ class Verdict(Enum):
     RESTART = "of a new epoch, which counts from now on"
     TAKEOVER = "of an outdated epoch, which counts again, since only its messages still come"
     OUTDATED = "outdated"
+    DISPUTED = "of an epoch that the publisher has to confirm first"
+    FUTURE = "of an epoch in the future, while one that is not counts"
 
     @property
     def counts(self) -> bool:
         """Whether the message is taken."""
-        return self is not Verdict.OUTDATED
+        return self in _THAT_COUNT
+
+
+_THAT_COUNT = frozenset({Verdict.PRESENT, Verdict.FIRST, Verdict.RESTART, Verdict.TAKEOVER})
 
 
 class Epochs:
@@ -41,12 +54,17 @@ class Epochs:
 
     def __init__(self) -> None:
         self.present_ns: int | None = None
+        # The epoch that the publisher's own session says it is in; None before its description.
+        self.confirmed_ns: int | None = None
         # By the token: whether the publisher was there and is gone; and whether it was gone since
         # the last message of the present epoch.
         self.gone = self.was_gone = False
         # The last that began with a process or a jump of its clock: no earlier one is new.
-        self._newest_ns: int | None = None
+        self._newest_ns: float | None = None
+        self._newest_confirmed_ns: float = -math.inf
         self._outdated = _OutdatedMessages()
+        # How far the present epoch was in the future when it began: its publisher's clock.
+        self._ahead_ns = 0
 
     @property
     def second_publisher_is_alive(self) -> bool:
@@ -60,6 +78,21 @@ class Epochs:
     def vanish(self) -> None:
         """The publisher is gone."""
         self.gone = self.was_gone = True
+        self.confirmed_ns = None
+        self._newest_confirmed_ns = -math.inf
+
+    def confirm(self, epoch_ns: int) -> Verdict:
+        """The publisher's own session says that it is in this epoch, which counts from now on."""
+        self.confirmed_ns = epoch_ns
+        self._newest_confirmed_ns = max(epoch_ns, self._newest_confirmed_ns)
+        if epoch_ns == self.present_ns:
+            self.was_gone &= self.gone
+            return Verdict.PRESENT
+        is_first = self.present_ns is None
+        # What counted before may have been made up, unless it was confirmed too.
+        self._newest_ns = self._newest_confirmed_ns
+        self._begin(epoch_ns)
+        return Verdict.FIRST if is_first else Verdict.RESTART
 
     def is_outdated(self, epoch_ns: int) -> bool:
         """Whether an epoch is not the present one, and not new.
@@ -78,7 +111,11 @@ class Epochs:
             return Verdict.PRESENT
         if self.is_outdated(epoch_ns):
             return Verdict.OUTDATED
+        if self.confirmed_ns is not None and not self.was_gone:
+            return Verdict.DISPUTED
         is_first = self.present_ns is None
+        if not is_first and not self.was_gone and is_from_future(epoch_ns - self._ahead_ns):
+            return Verdict.FUTURE
         self._newest_ns = epoch_ns
         self._begin(epoch_ns)
         return Verdict.FIRST if is_first else Verdict.RESTART
@@ -91,18 +128,26 @@ class Epochs:
         back.
         """
         verdict = self.judge(epoch_ns)
-        if verdict.counts:
+        if verdict is not Verdict.OUTDATED:
             return verdict
         self._outdated.add(epoch_ns, counted, now_s)
         if self._outdated.runs_alone < _ALONE:
             return Verdict.OUTDATED
+        if self.confirmed_ns is not None:
+            return Verdict.DISPUTED
         self._begin(epoch_ns)
         return Verdict.TAKEOVER
 
     def _begin(self, epoch_ns: int) -> None:
         self.present_ns = epoch_ns
+        self._ahead_ns = max(0, epoch_ns - time.time_ns())
         # A message may precede its publisher's token.
         self.gone = self.was_gone = False
+
+
+def is_from_future(epoch_ns: int) -> bool:
+    """Whether an epoch is further ahead of our system's clock than clocks differ."""
+    return epoch_ns > time.time_ns() + _MOST_SKEW_NS
 
 
 class _OutdatedMessages:

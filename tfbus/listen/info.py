@@ -15,12 +15,13 @@ class StreamInfo:
     whether its publisher is there. `epoch_ns` is that of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
-    `outdated` ones were of a former epoch; `rejected` ones could not be read. `excluded` transforms
-    were dropped, since another publisher has priority for their frame. `last_heard_ns` is when the
-    last message came, by the system's clock, in ns since the Unix epoch. `delay_s` is how old a
-    transform is when it comes, by its stamp and our clock, smoothed over about ten messages.
-    `clock_offset_s` is how far the publisher's clock is ahead of ours. `last_delay_s` is the delay
-    of the last message, not smoothed. All four are None while they are not known.
+    `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
+    had not confirmed; `rejected` ones could not be read. `excluded` transforms were dropped, since
+    another publisher has priority for their frame. `last_heard_ns` is when the last message came,
+    by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
+    comes, by its stamp and our clock, smoothed over about ten messages. `clock_offset_s` is how far
+    the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
+    smoothed. All four are None while they are not known.
     """
 
     name: str
@@ -37,6 +38,7 @@ class StreamInfo:
     bytes: int = 0
     missed: int = 0
     outdated: int = 0
+    disputed: int = 0
     rejected: int = 0
     excluded: int = 0
     last_heard_ns: int | None = None

@@ -11,17 +11,25 @@ from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
+from tfbus.listen.budget import FRAME_BYTES, KEY_BYTES, ROW_BYTES, STREAM_BYTES, Budget
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
+from tfbus.listen.held import Held
 from tfbus.listen.history import AskedHistory
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
-from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
+from tfbus.listen.reception import (
+    DynamicReception,
+    StaticReception,
+    StreamReception,
+    lines_of,
+)
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
 from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
@@ -88,7 +96,10 @@ class TransformListener:
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
         self._once = LogOnce(node.log)
-        self._registry = Registry(self._make_reception, self._forget_strangers)
+        self._lines = lines_of(node.log)
+        self._held = Held()
+        self._budget = Budget()
+        self._registry = Registry(self._make_reception, self._forget_strangers, self._budget.forget)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
         self._reads_everything = reads == "everything"
         self._executor = Executor(f"{node.full_name} streams", node.log)
@@ -200,7 +211,7 @@ class TransformListener:
 
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
         if not is_static(key):
-            if self._registry.is_full:
+            if self._registry.is_full and not self._makes_room(stream_of(key)):
                 self._once.warning(
                     "dropped",
                     "Dropped a message on %r: transforms come on more than %d keys, the limit. Do "
@@ -210,7 +221,73 @@ class TransformListener:
                 )
                 return None
             self._history.meet(stream_of(key))
-        return self._registry.meet(key)
+        name = stream_of(key)
+        if not is_printable(name):
+            self._once.warning(
+                "name", "Dropped a message: the name %r of its stream cannot be shown", name[:300]
+            )
+            return None
+        reception = self._registry.meet(key)
+        self._weigh(name)
+        return reception
+
+    # Memory
+
+    def _weigh(self, name: str) -> None:
+        """Note how much memory a stream takes now; some may have to go."""
+        stream = self._registry.get(name)
+        if stream is None:
+            return
+        state, statics = stream.state, stream.reception.statics.batch
+        described = None if state is None else state.description
+        frames = max(self.buffer.count_sent_by(name), 0 if statics is None else len(statics))
+        size = (
+            STREAM_BYTES
+            + KEY_BYTES * len(stream.keys)
+            + FRAME_BYTES * frames
+            + ROW_BYTES * (0 if described is None else len(described.frames))
+        )
+        owner = "" if state is None else state.owner
+        for each in self._budget.note(name, owner, size):
+            self._give_up(each)
+
+    def _on_forgotten(self, name: str) -> None:
+        """The stream is long gone, and so is what it sent."""
+        self._budget.forget(name)
+        self.buffer.remove_sent(self.buffer.sent_by(name), name)
+
+    def _makes_room(self, name: str) -> bool:
+        """Whether a stream of another peer, which takes more, goes for this one."""
+        greedy = self._budget.oldest_of_the_greediest()
+        stream = self._registry.get(name)
+        owner = "" if stream is None or stream.state is None else stream.state.owner
+        if greedy is None or greedy == name or self._budget.peer_of(greedy) == owner:
+            return False
+        self._budget.forget(greedy)
+        self._give_up(greedy)
+        return not self._registry.is_full
+
+    def _give_up(self, name: str) -> None:
+        """Forget a stream, since its peer takes too much memory."""
+        stream = self._registry.forget(name)
+        if stream is None:
+            return
+        self.buffer.remove_sent(self.buffer.sent_by(name), name)
+        state = stream.state
+        self._lines.warning(
+            ("memory", "" if state is None else state.owner),
+            "Forgot stream %s and its frames: what its process sends takes too much memory",
+            repr(name) if state is None else _name(state),
+        )
+        if state is not None:
+            self._executor.submit("streams", lambda: self._forget_stream(state))
+
+    def _forget_stream(self, state: StreamState) -> None:
+        self._conflicts.judge(state.name, None)
+        self._history.leave(self._reading.keys_of(state.key), state.name)
+        self._recovery.leave(state.name)
+        self._offsets.forget(state.name)
+        self._watch.forget(state.key)
 
     def _make_reception(self, name: str, key: str) -> StreamReception:
         return StreamReception(
@@ -221,7 +298,15 @@ class TransformListener:
             self._names.reader(key),
             self._on_overlap,
             self._on_takeover,
+            on_dispute=self._on_dispute,
+            on_growth=self._weigh,
+            held=self._held,
+            once=self._once,
+            lines=self._lines,
         )
+
+    def _on_dispute(self, name: str, epoch_ns: int) -> None:
+        self._watch.ask_for_epoch(name, epoch_ns)
 
     def _on_overlap(self, name: str, frames: frozenset[str]) -> None:
         self._executor.submit("conflicts", lambda: self._conflicts.restore(name, frames))
@@ -254,8 +339,14 @@ class TransformListener:
         former, stream.state = stream.state or StreamState(state.name), state
         self._take_token(stream, former, state)
         description = state.description
-        if description is not None and description != former.description:
-            _describe(stream.reception, description)
+        is_confirmed = state.confirmed and state.alive
+        was_confirmed = former.confirmed and former.alive
+        if description is not former.description:
+            self._weigh(state.name)
+        if description is not None and (
+            description != former.description or is_confirmed > was_confirmed
+        ):
+            _describe(stream.reception, description, confirmed=is_confirmed)
             self._registry.forget_removed(described)
         if state.alive and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
@@ -275,12 +366,13 @@ class TransformListener:
             stream.reception.appear()
             if stream.is_lost:
                 stream.is_lost = False
-                self._log.info("Stream %s is back", _name(state))
+                self._lines.info(("back", state.name), "Stream %s is back", _name(state))
 
     def _warn_gone(self, state: StreamState) -> None:
         frames = sorted(self.buffer.sent_by(state.name))
         if frames and self._node.ok:
-            self._log.warning(
+            self._lines.warning(
+                ("gone", state.name),
                 "Stream %s is gone; its last transforms stay, marked as gone: %s",
                 _name(state),
                 name_some(frames),
@@ -347,12 +439,18 @@ class TransformListener:
         self.buffer.remove_sent(frames, name)
 
 
-def _describe(reception: StreamReception, description: StreamDescription) -> None:
+def _describe(
+    reception: StreamReception, description: StreamDescription, *, confirmed: bool
+) -> None:
     children = frozenset(child for _, child, _ in description.frames)
     statics = frozenset(child for _, child, static in description.frames if static)
     publisher = (description.node, description.pid, description.session)
     reception.describe(
-        description.epoch, children, statics, publisher if description.session else None
+        description.epoch,
+        children,
+        statics,
+        publisher if description.session else None,
+        confirmed=confirmed,
     )
 
 

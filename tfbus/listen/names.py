@@ -20,6 +20,7 @@ class StreamNames:
         self._fleet = fleet
         self._names: dict[str, FrameNames] = {}
         self._readers: dict[str, TransformReader] = {}
+        self._tables: dict[bytes, tuple[str, ...]] = {}
 
     def at(self, key: str) -> FrameNames | None:
         """How the frames of a key's stream are called here; None: by their own names."""
@@ -50,7 +51,7 @@ class StreamNames:
         namespace = "" if names is None else names.namespace
         reader = self._readers.get(namespace)
         if reader is None:
-            reader = self._readers[namespace] = TransformReader(names)
+            reader = self._readers[namespace] = TransformReader(names, self._tables)
         return reader
 
     def _make_room(self) -> None:

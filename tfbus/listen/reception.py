@@ -9,6 +9,7 @@ into the buffer; `insert` looks at the epoch again afterwards.
 """
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -21,10 +22,28 @@ from tfbus.listen.claims import Resolution
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
+from tfbus.listen.held import Held
 from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transforms import TransformMessage, TransformReader
+from tfbus.wording import stamp_text
+
+# Messages of a disputed epoch ask at most this often for the publisher's word.
+_DISPUTES_APART_S = 1.0
+
+# Lines that a stream could cause without end come again after this time, with their number; and of
+# so many streams in that time.
+_LINES_APART_S = 60.0
+_MOST_LINES = 50
+
+# A message may bring new frames: after so many transforms a stream is weighed again.
+_GROWS_AFTER = 1000
+
+
+def lines_of(log: logging.Logger) -> LogOnce:
+    """The log for what streams do again and again."""
+    return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
 
 
 class StreamReception:
@@ -48,6 +67,12 @@ class StreamReception:
         on_overlap: Callable[[str, frozenset[str]], None] = lambda name, frames: None,
         on_takeover: Callable[[str, int], None] = lambda name, epoch_ns: None,
         now_s: Callable[[], float] = time.monotonic,
+        *,
+        on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
+        on_growth: Callable[[str], None] = lambda name: None,
+        held: Held | None = None,
+        once: LogOnce | None = None,
+        lines: LogOnce | None = None,
     ) -> None:
         self.name = name
         self.buffer = buffer
@@ -56,6 +81,8 @@ class StreamReception:
         self.reader = reader
         self.on_overlap = on_overlap
         self.on_takeover = on_takeover
+        self.on_dispute = on_dispute
+        self.on_growth = on_growth
         self.now_s = now_s
         self.lock = threading.Lock()
         self.epochs = Epochs()
@@ -64,8 +91,13 @@ class StreamReception:
         self.excluded: frozenset[str] = frozenset()
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
-        self._once = LogOnce(log)
+        self._held = held or Held()
+        self._once = once or LogOnce(log)
+        self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
+        self._disputed_s = -math.inf
+        # Where so many transforms have been counted it may have grown.
+        self.grows_at = _GROWS_AFTER
 
     @property
     def epoch_ns(self) -> int | None:
@@ -74,8 +106,19 @@ class StreamReception:
 
     # Every message
 
-    def admit(self, epoch_ns: int, *, live: bool = False) -> bool:
-        """Whether a message of this epoch counts; `live` where it was sent just now."""
+    def admit(
+        self,
+        epoch_ns: int,
+        *,
+        live: bool = False,
+        receive: Callable[[bytes], None] | None = None,
+        payload: bytes = b"",
+    ) -> bool:
+        """Whether a message of this epoch counts; `live` where it was sent just now.
+
+        One of an epoch that has to be confirmed does not count yet: its `payload` goes to `receive`
+        once it is.
+        """
         with self.lock:
             if live:
                 verdict = self.epochs.judge_live(epoch_ns, self.counts.messages, self.now_s())
@@ -85,23 +128,51 @@ class StreamReception:
                 return True
             if verdict is Verdict.OUTDATED:
                 self.counts.outdated += 1
+            elif not verdict.counts:
+                self.counts.disputed += 1
             else:
-                self._marks.invalidate()
-                self.counts.forget_delays()
+                self._begin_epoch()
             if verdict is Verdict.TAKEOVER:
                 self.statics.accept_any()
         if verdict is Verdict.OUTDATED and self.epochs.second_publisher_is_alive:
             self._warn_of_two()
+        if verdict is Verdict.FUTURE:
+            self._warn_future(epoch_ns)
+        if verdict is Verdict.DISPUTED:
+            if receive is not None:
+                self._held.keep(self.name, epoch_ns, receive, payload)
+            self._dispute(epoch_ns)
         if verdict in (Verdict.RESTART, Verdict.TAKEOVER):
             self._restart(epoch_ns, verdict)
         return verdict.counts
+
+    def _begin_epoch(self) -> None:
+        """An epoch begins; with the lock held."""
+        self._marks.invalidate()
+        self.counts.forget_delays()
+
+    def _dispute(self, epoch_ns: int) -> None:
+        now_s = self.now_s()
+        if now_s >= self._disputed_s + _DISPUTES_APART_S:
+            self._disputed_s = now_s
+            self.on_dispute(self.name, epoch_ns)
+
+    def _warn_future(self, epoch_ns: int) -> None:
+        self._once.warning(
+            ("future", self.name),
+            "Dropped a message of stream %r: its epoch %s is in the future. The clock of its "
+            "publisher is wrong, or another process sends on its key",
+            self.name,
+            stamp_text(epoch_ns),
+        )
 
     def _restart(self, epoch_ns: int, verdict: Verdict) -> None:
         is_takeover = verdict is Verdict.TAKEOVER
         if is_takeover:
             self._warn_of_two()
         self.buffer.forget(self.name)
-        self.log.info(
+        self._lines.info(
+            ("restarted", self.name, is_takeover),
             "Stream %r restarted: %s; its samples so far are dropped, static transforms stay",
             self.name,
             "one of the two processes that publish it is silent, so the other counts"
@@ -148,11 +219,15 @@ class StreamReception:
         """Count a message that cannot be read; log the first."""
         with self.lock:
             self.counts.rejected += 1
-        self._once.warning("rejected", "Dropped a message of stream %r: %s", self.name, error)
+        self._once.warning(
+            ("rejected", self.name), "Dropped a message of stream %r: %s", self.name, error
+        )
 
     def _warn_refused(self) -> None:
         refused = self.buffer.rejected.last
-        self._once.warning("refused", "Refused a transform of stream %r: %s", self.name, refused)
+        self._once.warning(
+            ("refused", self.name), "Refused a transform of stream %r: %s", self.name, refused
+        )
 
     def _warn_of_two(self) -> None:
         if not self._has_warned_of_two:
@@ -221,16 +296,18 @@ class StreamReception:
             if self._is_outdated_set(epoch_ns):
                 self.counts.outdated += 1
                 return
+            is_later = self.epochs.present_ns is None or epoch_ns > self.epochs.present_ns
+        if is_later and not self.admit(epoch_ns, receive=self.receive_static, payload=payload):
+            return
+        with self.lock:
             self.counts.add(len(message.rows), len(payload))
             self.counts.last_heard_ns = time.time_ns()
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
-            is_later = self.epochs.present_ns is None or epoch_ns > self.epochs.present_ns
         if removed is None:
             return
-        if is_later:
-            self.admit(epoch_ns)
         self.apply_statics(None)
         self._remove_statics(removed)
+        self.on_growth(self.name)
 
     def _is_outdated_set(self, epoch_ns: int) -> bool:
         """Whether static transforms of this epoch are outdated; with the lock held.
@@ -281,21 +358,53 @@ class StreamReception:
         children: frozenset[str],
         statics: frozenset[str] = frozenset(),
         publisher: Publisher | None = None,
+        *,
+        confirmed: bool = False,
     ) -> None:
         """Take the child frames that the stream lists, and which of them are static; those that the
         same publisher no longer lists are removed.
+
+        `confirmed` where it came from the publisher's own session: its epoch counts.
         """
-        with self.lock:
-            if self.epochs.is_outdated(epoch_ns):
-                return
-        self.admit(epoch_ns)
+        if not (self._confirm(epoch_ns, publisher) if confirmed else self._takes(epoch_ns)):
+            return
         with self.lock:
             removed = self.listing.replace(epoch_ns, children, publisher)
+            found = statics - self.statics.listed
             self.statics.listed = statics
             self._marks.invalidate()
         if removed:
             self.buffer.remove_sent(removed, self.name)
+        # An earlier list may have left them out, wrongly.
+        if found and self.statics.batch is not None:
+            self.apply_statics(found - self.buffer.sent_by(self.name).keys())
         self._marks.update()
+        if confirmed:
+            self._held.release(self.name, epoch_ns)
+
+    def _takes(self, epoch_ns: int) -> bool:
+        """Whether a list of this epoch counts, though it is not confirmed."""
+        with self.lock:
+            if self.epochs.is_outdated(epoch_ns):
+                return False
+        return self.admit(epoch_ns)
+
+    def _confirm(self, epoch_ns: int, publisher: Publisher | None) -> bool:
+        """Take the publisher's word for its epoch; False where it has said a later one since."""
+        with self.lock:
+            confirmed_ns = self.epochs.confirmed_ns
+            is_same = publisher is not None and publisher == self.listing.publisher
+            if is_same and confirmed_ns is not None and epoch_ns < confirmed_ns:
+                return False
+            verdict = self.epochs.confirm(epoch_ns)
+            if verdict is Verdict.RESTART:
+                self._begin_epoch()
+                if epoch_ns < (self.statics.epoch_ns or 0):
+                    # Made up, or of another process.
+                    self.statics.accept_any()
+        if verdict is Verdict.RESTART:
+            self._restart(epoch_ns, verdict)
+        return True
 
     def appear(self) -> None:
         """The publisher is there, for the first time or again."""
@@ -331,7 +440,7 @@ class DynamicReception:
             return
         rows, epoch_ns, epochs = message.rows, message.epoch_ns, stream.epochs
         if (epoch_ns != epochs.present_ns or epochs.was_gone) and not stream.admit(
-            epoch_ns, live=True
+            epoch_ns, live=True, receive=self.receive, payload=payload
         ):
             return
         # First of all, so that no lookup waits for the rest.
@@ -345,6 +454,10 @@ class DynamicReception:
                 self._count_missed(epoch_ns, message.seq)
             if stamp_ns is not None:
                 counts.add_delay((stream.now_ns() - stamp_ns) / 1e9)
+            grows = counts.transforms >= stream.grows_at
+        if grows:
+            stream.grows_at = counts.transforms + _GROWS_AFTER
+            stream.on_growth(stream.name)
 
     def _count_missed(self, epoch_ns: int, seq: int) -> None:
         next_seq = self._next_seq

@@ -1,6 +1,5 @@
 """What a listener knows of each stream, and what receives the messages of each key."""
 
-import time
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
@@ -11,9 +10,6 @@ from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 # Keys come from the bus: dynamic transforms are taken on at most this many.
 MOST_KEYS = 200_000
 
-# A stream without a token may be forgotten after this silence.
-_SILENT_NS = 60 * 10**9
-
 
 @dataclass
 class Stream:
@@ -21,7 +17,8 @@ class Stream:
 
     `state` is the last of its token and description, with frames as they are called here; None
     before the first. `is_lost` is whether its publisher is gone since. `split_keys` are the keys of
-    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one.
+    the frames that a split stream lists. `read_keys` are those that are subscribed to one by one,
+    `keys` those that messages came on.
     """
 
     reception: StreamReception
@@ -29,23 +26,28 @@ class Stream:
     is_lost: bool = False
     split_keys: set[str] = field(default_factory=set)
     read_keys: set[str] = field(default_factory=set)
+    keys: set[str] = field(default_factory=set)
 
 
 class Registry:
     """The streams and keys that a listener has met; safe from any thread.
 
     `make(name, key)` makes the reception of a stream. `on_crowded` is called for a new stream where
-    it is time for `forget_strangers`.
+    it is time for `forget_strangers`, which calls `on_forgotten(name)` for each.
     """
 
     def __init__(
-        self, make: Callable[[str, str], StreamReception], on_crowded: Callable[[], object]
+        self,
+        make: Callable[[str, str], StreamReception],
+        on_crowded: Callable[[], object],
+        on_forgotten: Callable[[str], object] = lambda name: None,
     ) -> None:
         self.most_keys = MOST_KEYS
         # By key.
         self.receptions: dict[str, DynamicReception | StaticReception] = {}
         self._make = make
         self._on_crowded = on_crowded
+        self._on_forgotten = on_forgotten
         self._streams: dict[str, Stream] = {}
         self._crowded_from = 2 * MOST_GONE
 
@@ -79,12 +81,25 @@ class Registry:
     def meet(self, key: str) -> DynamicReception | StaticReception:
         """What receives the messages of a key, made where it is new."""
         made = StaticReception if is_static(key) else DynamicReception
+        stream = self.stream(key)
+        stream.keys.add(key)
         # Two threads may come here at once: both get the same one.
-        return self.receptions.setdefault(key, made(self.stream(key).reception))
+        return self.receptions.setdefault(key, made(stream.reception))
 
     def forget_key(self, key: str) -> None:
         """Make room: forget a key on which no messages are expected."""
-        self.receptions.pop(key, None)
+        reception = self.receptions.pop(key, None)
+        stream = None if reception is None else self._streams.get(reception.stream.name)
+        if stream is not None:
+            stream.keys.discard(key)
+
+    def forget(self, name: str) -> Stream | None:
+        """Forget a stream and its keys; what was known of it, None for nothing."""
+        stream = self._streams.pop(name, None)
+        if stream is not None:
+            for key in list(stream.keys):
+                self.receptions.pop(key, None)
+        return stream
 
     def forget_removed(self, described: StreamState) -> None:
         """Make room: forget the keys of frames that a split stream no longer lists."""
@@ -101,18 +116,13 @@ class Registry:
             stream.split_keys = keys
 
     def forget_strangers(self, known: Container[str]) -> None:
-        """Make room: forget streams that are not `known`, if they had a token, or are silent."""
+        """Make room: forget streams that had a token, and are not `known`."""
         if len(self._streams) < self._crowded_from:
             return
-        silent_since_ns = time.time_ns() - _SILENT_NS
         for name, stream in list(self._streams.items()):
-            is_silent = (stream.reception.counts.last_heard_ns or 0) < silent_since_ns
-            is_stranger = name not in known and not stream.read_keys
-            if is_stranger and (stream.state is not None or is_silent):
-                self._streams.pop(name, None)
-        for key, reception in list(self.receptions.items()):
-            if reception.stream.name not in self._streams:
-                self.forget_key(key)
+            if name not in known and not stream.read_keys and stream.state is not None:
+                self.forget(name)
+                self._on_forgotten(name)
         self._crowded_from = len(self._streams) + MOST_GONE
 
 

@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
-from tfbus.bus.retained import ask_retained_later, declare_retained_subscriber
+from tfbus.bus.retained import ask_retained_later, declare_signed_subscriber
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
+from tfbus.listen.epochs import is_from_future
+from tfbus.listen.mailbox import Letter, Mailbox
+from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.codec import decode_message
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wording import stamp_text
 
 # Streams come and go: at most this many of those that are gone are remembered.
 MOST_GONE = 1000
@@ -26,6 +29,18 @@ _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
 # the other: about 1.5 s, or 12 s where each takes 2 s. Questions that overlap count as one.
 _PATIENCE = 4
 
+# An epoch that is disputed is confirmed soon, or never; and anybody can dispute.
+_CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
+_MOST_CLAIMS = 100
+
+# Of so many tokens the descriptions are asked for at a time. Where further ones wait, one that has
+# been asked for five times gives way, and waits again.
+_MOST_ASKED = 200
+_TURNS = 5
+
+# A question has one answer, or a few where several processes publish the stream.
+_MOST_ANSWERS = 16
+
 _WHAT = "a stream"
 
 
@@ -35,13 +50,20 @@ class StreamState:
 
     `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
     is whether its publisher is there. `description` is the last it has sent, None before the
-    first. `key` is that of its token and its description.
+    first. `key` is that of its token and its description. `confirmed` is whether the description
+    came from the session that it names, since the token did.
     """
 
     name: str
     alive: bool = False
     description: StreamDescription | None = None
     key: str = ""
+    confirmed: bool = False
+
+    @property
+    def owner(self) -> str:
+        """The session that is known to publish it; "" for none."""
+        return self.description.session if self.confirmed and self.description else ""
 
 
 class StreamWatch:
@@ -55,6 +77,10 @@ class StreamWatch:
     A token that comes back may be that of a new process, which the last description does not
     describe. So with each token the description is asked for, until one comes, readable or not; a
     stream that comes back is alive as soon as it has come.
+
+    Any peer can send a description at any key. Once the session that a description names has sent
+    it, only that session changes it, or another session by a description of its own with a later
+    epoch: a second process that publishes the stream. What others send at the key is `rejected`.
     """
 
     def __init__(
@@ -76,11 +102,16 @@ class StreamWatch:
         self._returning: set[str] = set()
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
+        # Tokens whose description is to be asked for, the oldest first.
+        self._to_ask: dict[str, None] = {}
+        # The questions about disputed epochs, by their stream's key.
+        self._claims: dict[str, AskUntil] = {}
+        self._mailbox = Mailbox()
         self._closed = False
         # No questions in a callback of Zenoh, which may hold locks.
         self._executor = executor or Executor("streams", log)
         key = ALL_STREAMS_EVERYWHERE if everywhere else ALL_STREAMS
-        self._descriptions = declare_retained_subscriber(session, key, self._on_description)
+        self._descriptions = declare_signed_subscriber(session, key, self._on_description)
         self._tokens = session.watch_living(key, self._on_token)
 
     def streams(self) -> dict[str, StreamState]:
@@ -93,6 +124,21 @@ class StreamWatch:
         """
         self._ask_for_description(key, epoch_ns)
 
+    def ask_for_epoch(self, name: str, epoch_ns: int) -> None:
+        """Ask whether a session publishes this epoch of a stream; from any thread, at once."""
+        self._executor.submit(
+            "a disputed epoch", lambda: self._ask_for_epoch(name, epoch_ns), limit=_MOST_CLAIMS
+        )
+
+    def forget(self, key: str) -> None:
+        """Forget the description of the stream of this token, until another comes. Call it on the
+        executor's thread.
+        """
+        state = self._states.get(stream_of(key))
+        if state is not None:
+            self._states[state.name] = replace(state, description=None, confirmed=False)
+            self._end_questions(key)
+
     def close(self) -> None:
         """Stop watching. Twice is fine."""
         self._closed = True
@@ -104,18 +150,46 @@ class StreamWatch:
         self._executor.submit(_WHAT, job)
 
     def _on_token(self, key: str, alive: bool) -> None:
-        self._do(lambda: self._take_token(key, alive))
+        if self._is_name(key):
+            self._do(lambda: self._take_token(key, alive))
 
-    def _on_description(self, key: str, payload: bytes) -> None:
-        if description := self._read(key, payload):
-            self._do(lambda: self._take_description(key, description))
+    def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
+        if self._is_name(key) and self._mailbox.put(Letter(key, payload, sender)):
+            self._do(self._open_letter)
+
+    def _open_letter(self) -> None:
+        """Read one letter: what comes meanwhile, such as a token, waits for no more."""
+        letter = self._mailbox.take()
+        if letter is None:
+            return
+        try:
+            if description := self._read(letter.key, letter.payload):
+                self._take_description(letter.key, description, letter.sender)
+        finally:
+            if self._mailbox.has_more():
+                self._do(self._open_letter)
+
+    def _is_name(self, key: str) -> bool:
+        name = stream_of(key)
+        if is_printable(name):
+            return True
+        self._once.warning("name", "Ignored a stream: its name %r cannot be shown", name[:300])
+        return False
 
     def _read(self, key: str, payload: bytes) -> StreamDescription | None:
         try:
-            return decode_message(StreamDescription, payload)
+            description, mistake = read_description(payload)
         except DecodeError as error:
             self._reject(stream_of(key), error)
             return None
+        if mistake:
+            self._once.warning(
+                ("frame", stream_of(key)),
+                "Ignored a frame of stream %r: it %s",
+                stream_of(key),
+                mistake,
+            )
+        return description
 
     def _take_token(self, key: str, alive: bool) -> None:
         former = self._state(key)
@@ -124,29 +198,105 @@ class StreamWatch:
             self._set(replace(former, alive=alive))
         else:
             self._returning.add(former.name)
+            # It may be another process, which need not be able to sign its description.
+            self._states[former.name] = replace(former, confirmed=False)
         if alive:
             self._ask_for_description(key)
         else:
             self._end_questions(key)
 
-    def _take_description(self, key: str, description: StreamDescription) -> None:
+    def _take_description(
+        self,
+        key: str,
+        description: StreamDescription,
+        sender: str = "",
+        *,
+        asked_epoch_ns: int | None = None,
+    ) -> None:
+        """Take a description from a session; the one of the epoch that was asked for also where it
+        is an earlier one.
+        """
         former = self._state(key)
+        is_own = bool(sender) and sender == description.session
+        if former.owner and not is_own:
+            self._reject(former.name, "it is not from the session that publishes the stream")
+            return
+        if former.owner and former.alive and sender != former.owner and former.description:
+            is_later = description.epoch > former.description.epoch
+            if not is_later and description.epoch != asked_epoch_ns:
+                return
+            if is_from_future(description.epoch):
+                self._reject(former.name, "another session sent it, with an epoch in the future")
+                return
         alive = former.alive or former.name in self._returning
         self._returning.discard(former.name)
-        self._set(replace(former, alive=alive, description=description))
+        self._set(replace(former, alive=alive, description=description, confirmed=is_own))
+
+    def _ask_for_epoch(self, name: str, epoch_ns: int) -> None:
+        state = self._states.get(name)
+        if state is None or self._closed or state.key in self._claims:
+            return
+        if len(self._claims) >= _MOST_CLAIMS:
+            return
+        key, is_confirmed, answers = state.key, False, 0
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            ask_retained_later(self._session, key, on_answer, on_end, timeout_s=_ANSWER_WITHIN_S)
+
+        def on_answer(answer: Answer) -> None:
+            nonlocal answers
+            answers += answer.refusal is None
+            if answer.refusal is None and answers <= _MOST_ANSWERS:
+                self._do(lambda: take(answer))
+
+        def take(answer: Answer) -> None:
+            nonlocal is_confirmed
+            description = self._read(key, answer.payload)
+            if description is not None and answer.sender == description.session:
+                is_confirmed |= description.epoch == epoch_ns
+                self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
+
+        def on_over() -> None:
+            self._claims.pop(key, None)
+            if not is_confirmed and not self._closed:
+                self._once.warning(
+                    ("epoch", name),
+                    "Dropped messages of stream %r with the epoch %s: no process that publishes "
+                    "the stream confirms it. Another process sends on its key",
+                    name,
+                    stamp_text(epoch_ns),
+                )
+
+        asking = self._claims[key] = AskUntil(
+            self._executor,
+            _WHAT,
+            _CLAIM_PAUSES,
+            ask=ask,
+            is_settled=lambda: self._closed or is_confirmed,
+            on_over=on_over,
+        )
+        asking.start()
 
     def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
         """Ask for the retained description: Zenoh requests it for later publishers too, but not
         at keys that begin with `@`. With an epoch, the description of that one among several
         publishers is reported even where it was known before.
         """
+        if epoch_ns is None and key not in self._asking and len(self._asking) >= _MOST_ASKED:
+            self._to_ask[key] = None
+            return
         known = self._state(key).description
-        answers: list[StreamDescription | None] = []
+        answers: dict[str, StreamDescription | None] = {}
         asked = ended = next_to_count = 0
 
         def ask(turn: int, on_end: Callable[[], None]) -> None:
             nonlocal asked
             asked = turn
+            if turn >= _TURNS and self._to_ask and epoch_ns is None:
+                self._to_ask[key] = None
+                asking.close()
+                on_end()
+                return
 
             def end() -> None:
                 on_end()
@@ -164,8 +314,9 @@ class StreamWatch:
                     self._take_back(key)
 
         def on_answer(answer: Answer) -> None:
-            if answer.refusal is None:
-                answers.append(self._read(key, answer.payload))
+            has_room = len(answers) < _MOST_ANSWERS or answer.sender in answers
+            if answer.refusal is None and has_room:
+                answers[answer.sender] = self._read(key, answer.payload)
 
         def is_settled() -> bool:
             if self._closed:
@@ -173,24 +324,37 @@ class StreamWatch:
             if self._state(key).description is not known:
                 # One that has come by itself in the meantime is at least as new.
                 return True
-            readable = [answer for answer in answers if answer]
+            readable = [(answer, sender) for sender, answer in list(answers.items()) if answer]
             if epoch_ns is not None:
-                readable = [answer for answer in readable if answer.epoch == epoch_ns]
+                readable = [each for each in readable if each[0].epoch == epoch_ns]
             if readable:
                 if epoch_ns is not None:
                     self._states[stream_of(key)] = replace(self._state(key), description=None)
-                self._take_description(key, max(readable, key=lambda answer: answer.epoch))
+                self._take_description(key, *max(readable, key=_rank))
             elif answers:
                 self._take_back(key)
             return bool(answers if epoch_ns is None else readable)
 
         self._end_questions(key)
+
+        def on_over() -> None:
+            if self._asking.get(key) is asking:
+                del self._asking[key]
+            self._ask_next()
+
         asking = self._asking[key] = AskUntil(
-            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled
+            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled, on_over=on_over
         )
         asking.start()
 
+    def _ask_next(self) -> None:
+        while self._to_ask and len(self._asking) < _MOST_ASKED and not self._closed:
+            key = next(iter(self._to_ask))
+            del self._to_ask[key]
+            self._ask_for_description(key)
+
     def _end_questions(self, key: str) -> None:
+        self._to_ask.pop(key, None)
         asking = self._asking.pop(key, None)
         if asking is not None:
             asking.close()
@@ -221,6 +385,14 @@ class StreamWatch:
             oldest = next(iter(self._gone))
             del self._gone[oldest], self._states[oldest]
 
-    def _reject(self, stream: str, error: DecodeError) -> None:
+    def _reject(self, stream: str, error: DecodeError | str) -> None:
         self.rejected[stream if stream in self._states else ""] += 1
-        self._once.warning("rejected", "Dropped the description of stream %r: %s", stream, error)
+        self._once.warning(
+            ("rejected", stream), "Dropped the description of stream %r: %s", stream, error
+        )
+
+
+def _rank(answer: tuple[StreamDescription, str]) -> tuple[bool, int]:
+    """Of several answers: one from the session that it names, then the latest."""
+    description, sender = answer
+    return bool(sender) and sender == description.session, description.epoch

@@ -1,8 +1,9 @@
 """Measures how transforms come: the rate, delay and order of each edge, the load of each stream."""
 
+import math
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -17,8 +18,12 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 RECENT_S = 10.0
 _MOST_SAMPLES = 5_000
-# Names come from the bus: further edges and streams are not measured.
+# Names come from the bus: further edges and streams are not measured, while these are heard.
 _MOST_EDGES = 20_000
+_IDLE_S = 60.0
+# Samples of all edges together, of 150 bytes each: then a new one takes the place of the oldest of
+# its edge.
+_MOST_IN_ALL = 1_000_000
 
 Edge = tuple[str, str, str]  # stream, parent, child
 
@@ -63,8 +68,9 @@ class _EdgeMeter:
         self.longest_gap_ns = self.out_of_order = self.at_zero = 0
         self._newest_ns: int | None = None
 
-    def add(self, at_s: float, stamp_ns: int, now_ns: int) -> None:
-        self.delays.add(at_s, (now_ns - stamp_ns) / 1e9)
+    def add(self, at_s: float, stamp_ns: int, now_ns: int, *, grow: bool) -> bool:
+        """Add a sample; whether the window has grown."""
+        has_grown = self.delays.add(at_s, (now_ns - stamp_ns) / 1e9, grow=grow)
         self.at_zero += stamp_ns == 0
         step_ns = 0 if self._newest_ns is None else stamp_ns - self._newest_ns
         if step_ns < 0:
@@ -72,6 +78,7 @@ class _EdgeMeter:
         else:
             self._newest_ns = stamp_ns
             self.longest_gap_ns = max(self.longest_gap_ns, step_ns)
+        return has_grown
 
 
 class TransformMeter:
@@ -98,6 +105,8 @@ class TransformMeter:
         self._lock = threading.Lock()
         self._edges: dict[Edge, _EdgeMeter] = {}
         self._streams: dict[str, Window] = {}
+        self._samples = 0
+        self._looked_s = -math.inf
         self._names = StreamNames(fleet)
         keys = ALL_TRANSFORMS if fleet is None else ALL_TRANSFORMS_EVERYWHERE
         node.session.subscriber(keys, self._take)
@@ -149,8 +158,10 @@ class TransformMeter:
         stream, frames = stream_of(key), self._names.of_message(key, message.rows.frames)
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)
-            if stream in self._streams or len(self._streams) < _MOST_EDGES:
-                self._streams.setdefault(stream, Window(_MOST_SAMPLES)).add(at_s, len(payload))
+            if stream in self._streams or self._has_room(self._streams, at_s):
+                window = self._streams.setdefault(stream, Window(_MOST_SAMPLES))
+                grow = self._samples < _MOST_IN_ALL
+                self._samples += window.add(at_s, len(payload), grow=grow)
                 self.largest[stream] = max(self.largest[stream], len(payload))
 
     def _take_rows(
@@ -165,7 +176,27 @@ class TransformMeter:
         for (parent, child), stamp_ns in rows:
             edge = (stream, frames[parent], frames[child])
             meter = self._edges.get(edge)
-            if meter is None and len(self._edges) < _MOST_EDGES:
+            if meter is None and self._has_room(self._edges, at_s):
                 meter = self._edges[edge] = _EdgeMeter()
             if meter is not None:
-                meter.add(at_s, stamp_ns, now_ns)
+                grow = self._samples < _MOST_IN_ALL
+                self._samples += meter.add(at_s, stamp_ns, now_ns, grow=grow)
+
+    def _has_room(self, measured: Sized, at_s: float) -> bool:
+        """Whether one more is measured; those that have been silent for long make room."""
+        if len(measured) < _MOST_EDGES:
+            return True
+        if at_s >= self._looked_s + 1.0:
+            self._looked_s = at_s
+            self._forget_silent(at_s - _IDLE_S)
+        return len(measured) < _MOST_EDGES
+
+    def _forget_silent(self, since_s: float) -> None:
+        for edge, meter in list(self._edges.items()):
+            if meter.delays.last_s < since_s:
+                self._samples -= len(meter.delays)
+                del self._edges[edge]
+        for stream, window in list(self._streams.items()):
+            if window.last_s < since_s:
+                self._samples -= len(window)
+                del self._streams[stream], self.largest[stream]

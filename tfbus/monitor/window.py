@@ -44,11 +44,25 @@ class Window:
         self._messages: deque[tuple[float, float]] = deque(maxlen=size)
         self._total = 0
 
-    def add(self, at_s: float, number: float) -> None:
-        """Add a message; from any thread."""
+    def add(self, at_s: float, number: float, *, grow: bool = True) -> bool:
+        """Add a message; from any thread. Whether the window has grown: with `grow` False it takes
+        the place of the oldest.
+        """
         with self._lock:
+            before = len(self._messages)
+            if before and not grow:
+                self._messages.popleft()
             self._messages.append((at_s, number))
             self._total += 1
+            return len(self._messages) > before
+
+    @property
+    def last_s(self) -> float:
+        """When the last message came; minus infinity before the first."""
+        return self._messages[-1][0] if self._messages else -math.inf
+
+    def __len__(self) -> int:
+        return len(self._messages)
 
     def read(self) -> "Reading":
         """The window as it is now."""

@@ -27,6 +27,8 @@ from tfbus.wording import counted, duration
 
 _LOOK_EVERY_S = 1.0
 _ASK_EVERY_S = 2.0
+# A screen shows some fifty rows, and each costs time and memory: filter to see others.
+_MOST_ROWS = 500
 _NAMES = ("frames", "streams", "nodes", "topics")
 _STYLES: dict[State, str] = {
     "static": "dim",
@@ -214,7 +216,7 @@ class TopApp(App[None]):
             return
         table, shown = self._tables[name], self._table_of(name)
         column, descending = self._column[name], self._descending[name]
-        rows = chosen(table, self._words, column, descending)
+        rows = chosen(table, self._words, column, descending)[:_MOST_ROWS]
         marks = [
             (" ▼" if descending else " ▲") if at == column else ""
             for at in range(len(table.headings))
@@ -234,6 +236,8 @@ class TopApp(App[None]):
         words.append(counted(services, "service"))
         gone = sum(row.state == "gone" for row in self._tables["frames"].rows)
         words += [f"{gone} gone"] * bool(gone) + ["paused"] * self._is_paused
+        if max(count.values()) > _MOST_ROWS:
+            words.append(f"{_MOST_ROWS} rows are shown, filter (/) for others")
         self.query_one("#head", Static).update("tfbus top: " + ", ".join(words))
 
     def _tab(self) -> str:

@@ -43,11 +43,18 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: its name, headings and rows."""
+    """A table: its name, headings and rows; of several rows with one key, the last.
+
+    A node that answers twice, or two names that look the same, would be two such rows.
+    """
 
     name: str
     headings: tuple[str, ...]
     rows: tuple[Row, ...]
+
+    def __post_init__(self) -> None:
+        rows = {row.key: row for row in self.rows}
+        object.__setattr__(self, "rows", tuple(rows.values()))
 
 
 def frames_table(report: Report) -> Table:

@@ -16,6 +16,8 @@ from tfbus.wire.descriptions import NodeDescription
 
 # The history in a frame's sparklines: 120 looks, one per second.
 _LOOKS = 120
+# Each history takes 15 kB: further frames have none.
+_MOST_PASTS = 2000
 _ASK_WITHIN_S = 0.8
 
 
@@ -82,13 +84,15 @@ class Source:
         return [*lines, f"Position: {xyz} m", f"Roll, pitch, yaw: {rpy} rad"]
 
     def _remember(self, report: Report) -> None:
+        for name in self._past.keys() - report.tree.frames.keys():
+            del self._past[name]
         for frame in report.edges():
             flow = report.flow(frame)
             delay_s = flow.delays_s.p50 if flow.delays_s else 0.0
+            if frame.name not in self._past and len(self._past) >= _MOST_PASTS:
+                continue
             past = self._past.setdefault(frame.name, deque(maxlen=_LOOKS))
             past.append((flow.rate_hz or 0.0, delay_s))
-        for name in self._past.keys() - report.tree.frames.keys():
-            del self._past[name]
 
 
 def _ignore(error: Exception) -> None:

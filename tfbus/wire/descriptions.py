@@ -1,7 +1,11 @@
 """What nodes and streams say about themselves on the bus; docs/reference/wire.md has the format."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+from tfbus.names import is_printable, mistake_in
+from tfbus.wire.codec import decode_message
+from tfbus.wording import printable
 
 
 @dataclass(frozen=True)
@@ -89,4 +93,32 @@ class StreamDescription:
             raise ValueError(
                 f"a description of version {self.v}; this tfbus reads version {STREAM_VERSION}: "
                 "update the older of the two"
+            )
+        _check_names(node=self.node, host=self.host, session=self.session)
+
+
+def read_description(payload: bytes) -> tuple[StreamDescription, str]:
+    """The description of a stream in a payload, and what is wrong with the first of the frames that
+    it leaves out, since no frame can have its name; "" where all are there.
+
+    Raises DecodeError where it cannot be read, or the name of its node, host or session cannot be
+    shown.
+    """
+    description = decode_message(StreamDescription, payload)
+    mistake = ""
+    frames = []
+    for row in description.frames:
+        wrong = mistake_in(row[0]) or mistake_in(row[1])
+        mistake = mistake or wrong
+        if not wrong:
+            frames.append(row)
+    return (replace(description, frames=tuple(frames)) if mistake else description), mistake
+
+
+def _check_names(**names: str) -> None:
+    for field, name in names.items():
+        if not is_printable(name):
+            raise ValueError(
+                f"field '{field}' is '{printable(name, most=60)}': at most 255 letters that can be "
+                "printed are allowed"
             )

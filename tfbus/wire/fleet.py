@@ -11,8 +11,10 @@ from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import check_frame_id
 from tfbus.wire.descriptions import StreamDescription
 
-# A stream repeats a few tables of names; after this many the cache starts again.
+# A stream repeats a few tables of names; after this many, or this many names, the cache starts
+# again.
 _MOST_TABLES = 64
+_MOST_NAMES = 10_000
 
 
 class FrameNames:
@@ -25,6 +27,7 @@ class FrameNames:
         self.namespace = namespace
         self.shared_frames = frozenset(shared_frames)
         self._tables: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._count = 0
 
     def outside(self, frame: str) -> str:
         """A frame's name from outside: `robot7/base_link`, or `map` where it is shared."""
@@ -38,9 +41,13 @@ class FrameNames:
             return frames
         outside = self._tables.get(frames)
         if outside is None:
-            if len(self._tables) >= _MOST_TABLES:
+            outside = tuple(map(self.outside, frames))
+            self._count += len(frames)
+            if len(self._tables) >= _MOST_TABLES or self._count > _MOST_NAMES:
                 self._tables.clear()
-            outside = self._tables[frames] = tuple(map(self.outside, frames))
+                self._count = len(frames)
+            if self._count <= _MOST_NAMES:
+                self._tables[frames] = outside
         return outside
 
     def description_outside(self, description: StreamDescription) -> StreamDescription:

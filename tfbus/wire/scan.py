@@ -22,9 +22,11 @@ FAST: bool = cython.compiled and sys.byteorder == "little"
 VERSION = 1
 
 # A publisher mostly sends the same frames again: at most 1024 lists of names are kept, each of at
-# most 16 KiB.
+# most 16 KiB, of at most 100,000 names and 4 MiB in all, which take 15 MB.
 _MOST_TABLES = 1024
 _LARGEST_TABLE = 16 * 1024
+_MOST_NAMES = 100_000
+_MOST_BYTES = 4 * 2**20
 
 _VERSION = VERSION
 _LARGEST = 2**63 - 1
@@ -213,10 +215,19 @@ def _names(cursor: _Cursor, tables: dict[bytes, tuple[str, ...]]) -> tuple[str, 
     if names is None:
         names = _texts(cursor, start)
         if len(table) <= _LARGEST_TABLE and not cursor.failed:
-            if len(tables) >= _MOST_TABLES:
-                tables.clear()
+            _make_room(tables)
             tables[table] = names
     return names
+
+
+def _make_room(tables: dict[bytes, tuple[str, ...]]) -> None:
+    """Forget all names where there are too many."""
+    if (
+        len(tables) >= _MOST_TABLES
+        or sum(map(len, tables)) > _MOST_BYTES
+        or sum(map(len, tables.values())) > _MOST_NAMES
+    ):
+        tables.clear()
 
 
 def _texts(cursor: _Cursor, start: int) -> tuple[str, ...]:

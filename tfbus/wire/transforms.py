@@ -123,12 +123,17 @@ class TransformReader:
     It answers as `decode_transforms`, but thirty times as fast where tfbus is compiled: a message
     of one transform takes 0.4 us instead of 12 us, one of fifty 0.6 us instead of 16 us.
 
-    Frames get the names that `names` gives them; None leaves them as they are.
+    Frames get the names that `names` gives them; None leaves them as they are. Readers may share
+    the `tables` of names that they keep.
     """
 
-    def __init__(self, names: FrameNames | None = None) -> None:
+    def __init__(
+        self,
+        names: FrameNames | None = None,
+        tables: dict[bytes, tuple[str, ...]] | None = None,
+    ) -> None:
         self._names = names if names is not None and names.namespace else None
-        self._tables: dict[bytes, tuple[str, ...]] = {}
+        self._tables = {} if tables is None else tables
 
     def read(self, payload: bytes) -> TransformMessage:
         """The message in a payload. Raises DecodeError as `decode_transforms`."""

@@ -1,0 +1,114 @@
+"""How much memory the streams of a listener take, and which of them go."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.builders import at, payload, x_of
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually
+from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
+from tfbus.listen import listener as module
+from tfbus.listen.budget import Budget
+from tfbus.listen.watch import StreamState
+
+
+@pytest.fixture
+def small() -> Budget:
+    return Budget(most_bytes=100, most_bytes_a_peer=60)
+
+
+def test_the_oldest_of_a_peer_that_takes_too_much_goes(small: Budget) -> None:
+    """Its own streams make room, and none of another peer."""
+    assert small.note("honest", "h", 10) == []
+    assert [small.note(f"s{number}", "greedy", 25) for number in range(4)] == [
+        [],
+        [],
+        ["s0"],
+        ["s1"],
+    ]
+    assert small.bytes == 60
+    assert small.note("s9", "greedy", 1000) == ["s2", "s3", "s9"]
+    assert small.bytes == 10
+
+
+def test_where_all_take_too_much_the_greediest_gives(small: Budget) -> None:
+    """However it is divided, those who take little keep what they have."""
+    small.note("honest", "h", 10)
+    small.note("a", "first", 50)
+    assert small.note("b", "second", 45) == ["a"]
+    assert small.note("honest", "h", 20) == []
+
+
+def test_a_stream_that_shrinks_or_is_forgotten_makes_room(small: Budget) -> None:
+    """What counts is how much it takes now, and whose it is now."""
+    small.note("a", "first", 50)
+    assert small.note("a", "first", 5) == []
+    assert small.note("a", "second", 6) == []
+    assert (small.bytes, small.peer_of("a")) == (6, "second")
+    small.forget("a")
+    small.forget("unknown")
+    assert (small.bytes, small.peer_of("a"), small.oldest_of_the_greediest()) == (0, None, None)
+
+
+@pytest.fixture
+def narrow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Listeners with room for some ten streams that do not say whose they are."""
+    monkeypatch.setattr(
+        module, "Budget", lambda: Budget(most_bytes=200_000, most_bytes_a_peer=60_000)
+    )
+    yield
+
+
+@pytest.mark.usefixtures("narrow")
+def test_a_flood_of_static_keys_is_bounded_and_harms_no_other(bus: Bus) -> None:
+    """Of 200 keys of a stranger the last are kept, one line says so, and another's static stays."""
+    receiver = bus.node("receiver")
+    log, buffer = Lines(receiver.log), Buffer()
+    with TransformListener(buffer, receiver) as listener:
+        broadcaster = StaticTransformBroadcaster(bus.node("sim"))
+        broadcaster.send_transform(at(2, "post"))
+        eventually(lambda: x_of(buffer, "world", "post") == 2)
+        eventually(lambda: any(info.session for info in listener.streams()))
+        session = bus.node("stranger").session
+
+        def is_flooded() -> bool:
+            for number in range(200):
+                data = payload([at(number, f"frame{number}")])
+                session.publisher(f"tf_static/stranger{number}").put(data)
+            return x_of(buffer, "world", "frame199") == 199
+
+        eventually(is_flooded)
+        eventually(lambda: len(buffer.frames()) < 20)
+        assert x_of(buffer, "world", "post") == 2
+        lines = [line for line in log.lines if line.startswith("Forgot stream")]
+        assert len(lines) == 1
+
+
+@pytest.mark.usefixtures("narrow")
+def test_frames_without_end_on_one_key_are_bounded(bus: Bus) -> None:
+    """A stream that sends ever new frames is forgotten with all of them, and begins again."""
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("receiver")) as listener:
+        for number in range(0, 20_000, 50):
+            rows = [at(1, f"frame{number + more}") for more in range(50)]
+            listener._on_message("tf/stranger", payload(rows))
+            assert len(buffer.frames()) < 1200
+
+
+@pytest.mark.usefixtures("narrow")
+def test_a_stream_that_was_given_up_is_described_again(bus: Bus) -> None:
+    """What it says later is taken as that of a new one."""
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("receiver")) as listener:
+        broadcaster = StaticTransformBroadcaster(bus.node("sim"))
+        broadcaster.send_transform([at(1, f"post{number}") for number in range(100)])
+
+        def is_given_up() -> bool:
+            state = listener._watch.streams().get("sim", StreamState("sim"))
+            return state.alive and state.description is None
+
+        eventually(is_given_up)
+        for number in range(99):
+            broadcaster.remove(f"post{number}")
+        eventually(lambda: x_of(buffer, "world", "post99") == 1)

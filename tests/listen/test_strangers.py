@@ -1,0 +1,158 @@
+"""What a process that does not publish a stream can do to it: nothing that lasts."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.builders import S, at, description, payload, x_of
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually
+from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+from tfbus.bus.retained import declare_retained_publisher
+from tfbus.listen.info import StreamInfo
+from tfbus.wire.codec import encode_message
+
+FUTURE_NS = 2**62
+
+
+class Scene:
+    """A publisher of robot (dynamic) and post (static), a listener, and a stranger."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus = bus
+        self.sim = bus.node("sim")
+        self.dynamic = TransformBroadcaster(self.sim)
+        self.static = StaticTransformBroadcaster(self.sim)
+        self.buffer = Buffer()
+        receiver = bus.node("listener")
+        self.log = Lines(receiver.log)
+        self.listener = TransformListener(self.buffer, receiver)
+        self.stranger = bus.node("stranger")
+        self.static.send_transform(at(2, "post"))
+        self.send(1)
+        eventually(lambda: x_of(self.buffer, "world", "post") == 2)
+        eventually(lambda: (self.send(1), x_of(self.buffer, "world", "robot") == 1)[1])
+        eventually(lambda: self.stream().session == self.sim.session.id)
+
+    def send(self, x: float) -> None:
+        self.dynamic.send_transform(at(x, "robot", time.time_ns()))
+
+    def stream(self) -> StreamInfo:
+        return next(info for info in self.listener.streams() if info.name == "sim")
+
+    def put(self, key: str, data: bytes) -> None:
+        self.stranger.session.publisher(key).put(data)
+
+    def reaches(self, x: float) -> bool:
+        """Whether what the publisher sends now comes."""
+        self.send(x)
+        return x_of(self.buffer, "world", "robot") == x
+
+
+@pytest.fixture
+def scene(bus: Bus) -> Iterator[Scene]:
+    scene = Scene(bus)
+    yield scene
+    scene.listener.close()
+
+
+@pytest.mark.parametrize("key", ["tf/sim", "tf_static/sim"])
+@pytest.mark.parametrize("ahead_ns", [FUTURE_NS, 1 * S])
+def test_a_later_epoch_of_a_stranger_ends_nothing(scene: Scene, key: str, ahead_ns: int) -> None:
+    """Only the session that publishes a stream begins an epoch of it; the others are counted."""
+    epoch_ns = FUTURE_NS if ahead_ns == FUTURE_NS else time.time_ns() + ahead_ns
+    publisher = scene.stranger.session.publisher(key)
+
+    def is_counted() -> bool:
+        publisher.put(payload([at(9, "post"), at(9, "robot", S)], epoch_ns))
+        return scene.stream().disputed >= 3
+
+    eventually(is_counted)
+    assert (x_of(scene.buffer, "world", "robot"), x_of(scene.buffer, "world", "post")) == (1, 2)
+    eventually(lambda: scene.reaches(3))
+    assert scene.stream().epoch_ns == scene.sim.started_ns
+    eventually(lambda: [line for line in scene.log.lines if "confirms it" in line])
+
+
+def test_a_description_of_a_stranger_removes_nothing(scene: Scene) -> None:
+    """Whatever it says of session and epoch, it is not from the session that publishes."""
+    own = scene.sim.session.id
+    for session, epoch in ((own, scene.sim.started_ns), ("", FUTURE_NS), (own, FUTURE_NS)):
+        data = encode_message(description([], epoch=epoch, session=session))
+        before = scene.listener._watch.rejected["sim"]
+
+        def is_rejected(data: bytes = data, before: int = before) -> bool:
+            scene.put("@tfbus/stream/sim", data)
+            return scene.listener._watch.rejected["sim"] > before
+
+        eventually(is_rejected)
+        assert x_of(scene.buffer, "world", "post") == 2
+    eventually(lambda: scene.reaches(3))
+
+
+def test_a_publisher_of_the_same_key_from_the_future_is_refused(scene: Scene) -> None:
+    """Not even with its own session, a description that is retained, and a token."""
+    session = scene.stranger.session
+    data = encode_message(description([], epoch=FUTURE_NS, session=session.id))
+    publisher = declare_retained_publisher(session, "@tfbus/stream/sim")
+    token = session.token("@tfbus/stream/sim")
+
+    def is_rejected() -> bool:
+        publisher.put(data)
+        return scene.listener._watch.rejected["sim"] > 0
+
+    eventually(is_rejected)
+    assert x_of(scene.buffer, "world", "post") == 2
+    eventually(lambda: scene.reaches(3))
+    token.close()
+
+
+def test_the_publisher_undoes_what_came_before_it(bus: Bus) -> None:
+    """A stranger that was there first has its way only until the publisher is known."""
+    stranger: Node = bus.node("stranger")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener")) as listener:
+
+        def is_met() -> bool:
+            stranger.session.publisher("tf/sim").put(payload([at(9, "robot", S)], FUTURE_NS))
+            stranger.session.publisher("tf_static/sim").put(payload([at(9, "post")], FUTURE_NS))
+            return x_of(buffer, "world", "robot") == 9 == x_of(buffer, "world", "post")
+
+        eventually(is_met)
+        sim = bus.node("sim")
+        dynamic, static = TransformBroadcaster(sim), StaticTransformBroadcaster(sim)
+        static.send_transform(at(2, "post"))
+
+        def is_undone() -> bool:
+            dynamic.send_transform(at(1, "robot", time.time_ns()))
+            return x_of(buffer, "world", "robot") == 1 and x_of(buffer, "world", "post") == 2
+
+        eventually(is_undone)
+        assert [info.epoch_ns for info in listener.streams() if info.name == "sim"] == [
+            sim.started_ns
+        ]
+
+
+def test_a_name_that_cannot_be_shown_is_ignored_wherever_it_stands(scene: Scene) -> None:
+    """A stream of such a name is no stream, and a frame of such a name no frame."""
+    evil = "evil%1B[31m%0A[INFO]"
+    session = scene.stranger.session
+    token = session.token(f"@tfbus/stream/{evil}")
+    publisher = declare_retained_publisher(session, "@tfbus/stream/other")
+    rows = [("world", "a\x1b[31m", False), ("world", "fine", True)]
+
+    def is_met() -> bool:
+        for key in ("tf", "tf_static"):
+            scene.put(f"{key}/{evil}", payload([at(1, "ghost")]))
+        publisher.put(encode_message(description(rows, session=session.id)))
+        return any(info.name == "other" and info.frames for info in scene.listener.streams())
+
+    eventually(is_met)
+    eventually(lambda: len([line for line in scene.log.lines if "cannot be shown" in line]) == 2)
+    infos = {info.name: info for info in scene.listener.streams()}
+    assert infos.keys() == {"sim", "other"}
+    assert infos["other"].frames == (("world", "fine", True),)
+    assert "ghost" not in scene.buffer.frames()
+    assert all(line.isprintable() for line in scene.log.lines)
+    token.close()

@@ -1,0 +1,67 @@
+"""What the tools show of a buffer and its streams, as the fuzzer left them: all of it, without a
+screen."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+from tfbus import Buffer
+from tfbus.buffer import formats
+from tfbus.cli.monitor_report import as_lines
+from tfbus.cli.output import in_place
+from tfbus.discover.graph import graph_of
+from tfbus.frames import document
+from tfbus.frames.command_listener import Listening
+from tfbus.frames.snapshot import frame_tree
+from tfbus.frames.text import edge_lines, tree_lines
+from tfbus.listen.info import StreamInfo
+from tfbus.monitor.meter import TransformMeter
+from tfbus.monitor.report import PairWatch, as_map, make_report
+from tfbus.top.rows import chosen, frames_table, nodes_table, streams_table, topics_table
+from tfbus.view.model.shown_frames import frames_of
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import stream_key
+
+# Those that the others hold by themselves, at any time.
+_NOW_NS = 1_700_000_000 * 10**9
+
+
+class Tools:
+    """`tfbus frames`, `monitor`, `top` and the model of `view`, on one buffer."""
+
+    def __init__(self, buffer: Buffer, streams: Callable[[], list[StreamInfo]]) -> None:
+        self._buffer = buffer
+        self._streams = streams
+        node = SimpleNamespace(
+            session=SimpleNamespace(subscriber=lambda key, callback: None),
+            now_ns=lambda: _NOW_NS,
+        )
+        listener = SimpleNamespace(streams=streams, dropped=3)
+        self._meter = TransformMeter(cast(Any, node))
+        self._heard = Listening(cast(Any, node), buffer, cast(Any, listener), None)
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Measure a message, as `monitor` and `top` do."""
+        self._meter._take(key, payload)
+
+    def look(self, described: StreamDescription | None) -> None:
+        """Make all that the tools show; none of it raises, and pages have a limit."""
+        tree = frame_tree(self._buffer, self._streams(), _NOW_NS)
+        for write in (document.as_json, document.as_tf2_dot, document.as_mermaid):
+            write(tree)
+        document.as_text(tree)
+        formats.as_yaml(self._buffer.all_frames())
+        formats.as_svg(self._buffer.all_frames())
+        in_place([*tree_lines(tree), *edge_lines(tree), *document.summary(tree)])
+        report = make_report(self._heard, self._meter, PairWatch("sane_root", "sane_tool"))
+        assert report.pair is not None and not report.pair.failure
+        as_map(report)
+        assert len(in_place(as_lines(report))) <= 502
+        graph = graph_of([], {} if described is None else {stream_key("fuzz"): described})
+        tables = frames_table(report), streams_table(report), nodes_table([]), topics_table(graph)
+        for table in tables:
+            assert len({row.key for row in table.rows}) == len(table.rows)
+            for column in range(len(table.headings)):
+                chosen(table, "", column, True)
+        shown = frames_of(tree, self._buffer, "sane_root")
+        assert "sane_tool" in shown

@@ -1,0 +1,42 @@
+"""What streams say of themselves, as it comes in."""
+
+import msgpack
+import pytest
+
+from tests.builders import description
+from tfbus import DecodeError
+from tfbus.wire.codec import encode_message
+from tfbus.wire.descriptions import read_description
+
+
+@pytest.mark.parametrize(
+    ("name", "mistake"),
+    [
+        ("", "must not be empty"),
+        ("/a", "'/a' begins with a slash; write 'a'"),
+        ("a\x1b[31m", "'a\\x1b[31m' contains U+001B, which cannot be printed"),
+        ("a\u202eb", "'a\\u202eb' contains U+202E, which cannot be printed"),
+        ("a" * 256, "has 256 letters; at most 255 are allowed"),
+    ],
+)
+def test_a_frame_with_a_name_that_none_can_have_is_left_out(name: str, mistake: str) -> None:
+    """The others of the stream stay, and the first mistake is told."""
+    rows = [("world", "robot", False), ("world", name, True), (name, "arm", False)]
+    found, told = read_description(encode_message(description(rows, host="h")))
+    assert found == description(rows[:1], host="h")
+    assert mistake in told
+
+
+def test_a_description_without_mistakes_is_as_it_was_sent() -> None:
+    """All its frames are there."""
+    sent = description([("world", "wörld \N{TURTLE}", False)], session="ab12")
+    assert read_description(encode_message(sent)) == (sent, "")
+
+
+@pytest.mark.parametrize("field", ["host", "session"])
+@pytest.mark.parametrize("name", ["a\nb", "a" * 256])
+def test_a_description_with_a_name_that_cannot_be_shown_is_refused(field: str, name: str) -> None:
+    """It would forge lines in tables and logs."""
+    values = {"v": 1, "node": "/node", "epoch": 1, "frames": [], field: name}
+    with pytest.raises(DecodeError, match=f"field '{field}' is 'a"):
+        read_description(msgpack.packb(values))

@@ -1,0 +1,83 @@
+"""Descriptions that wait to be read: in the order of each sender, the senders in turn."""
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+# As much may wait as a thousand large streams say of themselves.
+_MOST_BYTES = 64 * 2**20
+_OVERHEAD_BYTES = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Letter:
+    """A description: the key that it came at, its bytes, and the session it is from, "" for one
+    that does not say.
+    """
+
+    key: str
+    payload: bytes
+    sender: str
+
+
+class Mailbox:
+    """Letters that wait, at most `most_bytes` of them; safe from any thread.
+
+    However many one sender writes, the others have their turn after each. Where there is no room
+    the oldest of the sender that has most of them is thrown away. No other is: a frame that is in
+    one description and not in the next was removed.
+    """
+
+    def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._lock = threading.Lock()
+        self._waiting: dict[str, deque[Letter]] = {}
+        self._sums: dict[str, int] = {}
+        self._bytes = 0
+        self._is_taken = False
+
+    def put(self, letter: Letter) -> bool:
+        """Put a letter in; whether the taking has to begin.
+
+        It goes on until `has_more` is False.
+        """
+        with self._lock:
+            self._waiting.setdefault(letter.sender, deque()).append(letter)
+            self._count(letter.sender, _size(letter))
+            while self._bytes > self._most_bytes:
+                self._take_from(max(self._sums, key=self._sums.__getitem__))
+            was_taken, self._is_taken = self._is_taken, True
+            return not was_taken
+
+    def has_more(self) -> bool:
+        """Whether a letter waits; where none does, the taking ends until the next."""
+        with self._lock:
+            self._is_taken = bool(self._waiting)
+            return self._is_taken
+
+    def take(self) -> Letter | None:
+        """The next letter of the sender whose turn it is; None for none, which ends the taking."""
+        with self._lock:
+            sender = next(iter(self._waiting), None)
+            if sender is None:
+                self._is_taken = False
+                return None
+            letter = self._take_from(sender)
+            if sender in self._waiting:
+                self._waiting[sender] = self._waiting.pop(sender)
+            return letter
+
+    def _take_from(self, sender: str) -> Letter:
+        letter = self._waiting[sender].popleft()
+        self._count(sender, -_size(letter))
+        if not self._waiting[sender]:
+            del self._waiting[sender], self._sums[sender]
+        return letter
+
+    def _count(self, sender: str, more: int) -> None:
+        self._sums[sender] = self._sums.get(sender, 0) + more
+        self._bytes += more
+
+
+def _size(letter: Letter) -> int:
+    return len(letter.payload) + _OVERHEAD_BYTES

@@ -260,6 +260,21 @@ def test_the_follower_goes_on_after_a_restart(bus: Bus, user: Node) -> None:
     follow.wait_for_line("ready")
 
 
+def test_the_follower_comes_back_after_a_reset(bus: Bus, sim: Node, user: Node) -> None:
+    """A reset takes turtle2 away; follow spawns it again, and it drives to turtle1."""
+    bus.start("broadcaster")
+    bus.start("broadcaster", "--name", "broadcaster2", "--param", "turtlename=turtle2")
+    follow = bus.start("follow")
+    poses = poses_of(user, "turtle2")
+    follow.wait_for_line("ready")
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) > 0.5)
+    user.create_client(Empty, "reset").call(Empty.Request())
+    follow.wait_for_line("turtle2 was gone, as after a reset; spawned it again")
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) < 0.4)
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) > 0.5)
+    assert follow.stop() == 0
+
+
 def test_the_carrot_hangs_beside_its_parent(bus: Bus, buffer: Buffer) -> None:
     """carrot sends turtle1 -> carrot1, 2 m to the left; options name its frames."""
     bus.start("carrot", "--param", "parent_frame=cart", "--param", "frame=bait")

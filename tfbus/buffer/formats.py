@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from tfbus.buffer.info import FrameInfo
-from tfbus.wording import counted
+from tfbus.wording import counted, printable
 
 # The rate that tf2 writes for static edges, which have none.
 _TF2_STATIC_RATE = 10000.0
@@ -138,7 +138,7 @@ def _facts(frame: FrameInfo) -> str:
     else:
         facts.append(counted(frame.samples, "sample"))
     if frame.authority:
-        facts.append(f"by {frame.authority}")
+        facts.append(f"by {printable(frame.authority)}")
     if frame.conflicts:
         facts.append(counted(frame.conflicts, "conflict"))
     return ", ".join(facts)
@@ -149,7 +149,7 @@ def _seconds(stamp_ns: int | None) -> float:
 
 
 def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
+    return "'" + printable(text, len(text)).replace("'", "''") + "'"
 
 
 def _yaml_key(name: str) -> str:
@@ -158,4 +158,4 @@ def _yaml_key(name: str) -> str:
 
 
 def _dot(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
+    return printable(text, len(text)).replace("\\", "\\\\").replace('"', '\\"')

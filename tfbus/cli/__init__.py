@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from tfbus.cli.output import sentence
 from tfbus.cli.verbs import Verbs
 
 NODE_GROUP = "tfbus.nodes"
@@ -67,11 +68,16 @@ class Commands(Verbs):
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click's own, but Ctrl-C ends a tool without a message."""
+        """As click's own, but Ctrl-C ends a tool without a message, and an error is one line that
+        can be printed, whatever it quotes.
+        """
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise SystemExit(128 + signal.SIGINT) from None
+        except click.ClickException as error:
+            error.message = sentence(error.message)
+            raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
         """The names of subcommands that start with the text, without importing any."""

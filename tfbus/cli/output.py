@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 
 import click
 
+from tfbus.wording import columns, cut, printable
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 # The roles of words, and their styles.
@@ -37,9 +39,14 @@ _STATE_ROLES = {
     "conflict": "bad",
 }
 
-# Between two columns of a table, and at the end of a cut cell.
+# Between two columns of a table.
 _GAP = "  "
-_CUT = "…"
+
+# What may stay in a line besides what can be printed: the styles of `paint`, tabs and line ends.
+_KEPT = re.compile(r"(\x1b\[\d+m|[\t\n])")
+
+# The longest sentence of an error or a warning.
+_LONGEST_SENTENCE = 2000
 
 # Moves the cursor to the top left, and clears all below.
 _TO_THE_TOP = "\x1b[H\x1b[J"
@@ -66,15 +73,30 @@ def as_json(value: object) -> str:
 
 
 def as_text(value: object) -> str:
-    """A text as it is, other values as JSON."""
-    return value if isinstance(value, str) else as_json(value)
+    """A text as it can be printed, other values as JSON."""
+    return printable(value, len(value)) if isinstance(value, str) else as_json(value)
 
 
 def print_lines(lines: Iterable[str]) -> None:
     """Print lines in one write; nothing for no lines."""
-    text = "\n".join(lines)
-    if text:
-        click.echo(text)
+    if text := "\n".join(lines):
+        print_text(text)
+
+
+def print_text(text: str) -> None:
+    """Print a text that may be painted, and have several lines.
+
+    Whatever else a terminal would obey is escaped: all texts from the bus go this way.
+    """
+    parts = _KEPT.split(text)
+    click.echo(
+        "".join(part if at % 2 else printable(part, len(part)) for at, part in enumerate(parts))
+    )
+
+
+def sentence(what: object) -> str:
+    """An error or a warning in one line that can be printed, not too long."""
+    return printable(str(what), _LONGEST_SENTENCE)
 
 
 def in_place(lines: Iterable[str]) -> list[str]:
@@ -89,16 +111,17 @@ def in_place(lines: Iterable[str]) -> list[str]:
 
 def warn(what: object) -> None:
     """Print to stderr a problem that does not stop the tool."""
-    click.echo(f"{paint('Warning:', 'warning')} {what}", err=True)
+    click.echo(f"{paint('Warning:', 'warning')} {sentence(what)}", err=True)
 
 
 def say(what: object) -> None:
     """Print to stderr what the tool is doing, such as what it waits for."""
-    click.echo(paint(str(what), "faint"), err=True)
+    click.echo(paint(sentence(what), "faint"), err=True)
 
 
 def paint(text: str, role: str) -> str:
     """The text in the style of its role: heading, name, type, faint, good, warning or bad."""
+    text = printable(text, len(text))
     if not text or os.environ.get("NO_COLOR"):
         return text
     return click.style(text, **_ROLES[role])
@@ -152,14 +175,23 @@ def yaml_text(value: object) -> str:
     import yaml  # only if YAML is printed
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text: str = yaml.dump(
-        value,
-        Dumper=dumper,
-        sort_keys=False,
-        allow_unicode=True,
-        default_flow_style=False,
-        width=_NEVER_FOLDED,
-    )
+
+    def dumped(*, allow_unicode: bool) -> str:
+        return str(
+            yaml.dump(
+                value,
+                Dumper=dumper,
+                sort_keys=False,
+                allow_unicode=allow_unicode,
+                default_flow_style=False,
+                width=_NEVER_FOLDED,
+            )
+        )
+
+    text = dumped(allow_unicode=True)
+    if not text.replace("\n", "").isprintable():
+        # YAML leaves marks of direction and others as they are, unless it escapes all but ASCII.
+        text = dumped(allow_unicode=False)
     text = text.removesuffix("\n...\n").rstrip("\n")  # YAML ends a scalar document so
     return text if not is_terminal() else "\n".join(map(_painted_key, text.splitlines()))
 
@@ -169,7 +201,7 @@ def _painted_key(line: str) -> str:
 
 
 def _length(cell: str) -> int:
-    return len(click.unstyle(cell))
+    return columns(click.unstyle(cell))
 
 
 def _narrow(widths: list[int], room: int) -> None:
@@ -179,7 +211,7 @@ def _narrow(widths: list[int], room: int) -> None:
 
 def _padded(cell: str, wide: int, right: bool) -> str:
     bare = click.unstyle(cell)
-    if len(bare) > wide:
-        cell = cell.replace(bare, bare[: wide - 1] + _CUT)
+    if columns(bare) > wide:
+        cell = cell.replace(bare, cut(bare, wide))
     space = " " * (wide - _length(cell))
     return space + cell if right else cell + space

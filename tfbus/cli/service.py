@@ -12,7 +12,7 @@ from tfbus.cli.call import TIMEOUT, follow
 from tfbus.cli.messages.message import checked_map, encode_values, read_map
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.prototype import complete_request
-from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
+from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import ServiceName
@@ -59,9 +59,9 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     if as_json:
         print_json(_as_map(info))
         return
-    click.echo(f"Type: {paint(_types(info), 'type')}")
-    click.echo(f"Clients count: {len(info.clients)}")
-    click.echo(f"Services count: {len(info.servers)}")
+    print_text(f"Type: {paint(_types(info), 'type')}")
+    print_text(f"Clients count: {len(info.clients)}")
+    print_text(f"Services count: {len(info.servers)}")
 
 
 @command.command("type", epilog="Example: tfbus service type spawn")
@@ -70,7 +70,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 def type_command(settings: NodeSettings, service: str) -> None:
     """Print the type of SERVICE."""
     with open_bus(settings) as session:
-        click.echo(_types(_find(session, service)))
+        print_text(_types(_find(session, service)))
 
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
@@ -108,7 +108,7 @@ def call_command(
             if as_json:
                 print_json(answer)
             else:
-                click.echo(("---\n" if at else "") + yaml_text(answer))
+                print_text(("---\n" if at else "") + yaml_text(answer))
 
 
 def _served(session: Session) -> list[ServiceInfo]:

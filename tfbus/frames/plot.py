@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from tfbus.errors import TfbusError
+from tfbus.frames.picture import drawing
 from tfbus.frames.track import Track
 
 Panel = Literal["position", "orientation", "speed", "path"]
@@ -32,9 +33,7 @@ def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
 
 def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
     """Draw the panels into a file; its ending chooses one of matplotlib's formats."""
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
+    with drawing():
         draw(track, panels).savefig(path, dpi=150)
 
 
@@ -51,8 +50,9 @@ def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
             "there is no toolkit to open a window with: write a file with -o, or install one, "
             "such as Debian's python3-tk, or pip install pyqt6"
         )
-    _draw_into(figure, track, panels)
-    pyplot.show()
+    with drawing():
+        _draw_into(figure, track, panels)
+        pyplot.show()
 
 
 def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:

@@ -1,16 +1,17 @@
 """The tree of frames at one moment, with the publishers of each edge and what is wrong."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.listen.info import StreamInfo
+from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, listed
+from tfbus.wording import counted, listed, printable
 
 ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]
 
@@ -177,11 +178,28 @@ class FrameTree:
 
 
 def frame_tree(buffer: Buffer, streams: Iterable[StreamInfo], recorded_ns: int) -> FrameTree:
-    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock."""
-    frames = {frame.name: frame for frame in buffer.all_frames()}
+    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock.
+
+    All texts come as they can be printed: streams, nodes and hosts are named by strangers.
+    """
+    frames = {frame.name: _printable_frame(frame) for frame in buffer.all_frames()}
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
-    by_name = {stream.name: stream for stream in streams}
+    by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
     return FrameTree(frames, by_name, recorded_ns, is_simulated)
+
+
+def _printable_frame(frame: FrameInfo) -> FrameInfo:
+    # A buffer takes no frame whose name cannot be printed.
+    authority = printable(frame.authority)
+    return frame if authority == frame.authority else replace(frame, authority=authority)
+
+
+def _printable_stream(stream: StreamInfo) -> StreamInfo:
+    texts = {name: getattr(stream, name) for name in ("name", "node", "host", "session")}
+    shown = {name: printable(text) for name, text in texts.items()}
+    if any(mistake_in(name) for row in stream.frames for name in row[:2]):
+        shown["frames"] = tuple(row for row in stream.frames if not any(map(mistake_in, row[:2])))
+    return stream if shown == texts else replace(stream, **shown)
 
 
 def who(stream: StreamInfo) -> str:

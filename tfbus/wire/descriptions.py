@@ -3,10 +3,16 @@
 from dataclasses import dataclass
 from typing import Any
 
+from tfbus.names import MOST_LETTERS
+from tfbus.wording import printable
+
 
 @dataclass(frozen=True)
 class ParameterDescription:
-    """A parameter: its name, value, type and, for numbers, bounds."""
+    """A parameter: its name, value, type and, for numbers, bounds.
+
+    Its texts but the value come as they can be printed.
+    """
 
     name: str
     value: Any
@@ -14,6 +20,10 @@ class ParameterDescription:
     description: str = ""
     minimum: Any = None
     maximum: Any = None
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "name", "type")
+        object.__setattr__(self, "description", printable(self.description, _LONGEST_TEXT))
 
 
 @dataclass(frozen=True)
@@ -36,6 +46,7 @@ class NodeDescription:
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to.
+    All names come as they can be printed.
     """
 
     name: str
@@ -52,6 +63,28 @@ class NodeDescription:
     calls: dict[str, str]
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "name", "host", "version", "session", "streams", "unread")
+        _make_printable(self, "publishes", "subscribes", "serves", "calls")
+
+
+# A parameter's description may be a sentence or two.
+_LONGEST_TEXT = 1000
+
+
+def _make_printable(description: object, *fields: str) -> None:
+    """Replace what a screen must not get in these fields: texts, or tuples and maps of texts."""
+    for field in fields:
+        object.__setattr__(description, field, _printable(getattr(description, field)))
+
+
+def _printable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {_printable(name): _printable(each) for name, each in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_printable, value))
+    return printable(value, MOST_LETTERS)
 
 
 # The fields that others than the node itself fill, in their order on the wire; always sent.

@@ -11,7 +11,7 @@ from tfbus.cli.bus import look
 from tfbus.cli.messages.message import Reader, reader_of
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
-from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
+from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.options import bus_options
@@ -128,7 +128,7 @@ def echo_command(
             for text in texts:
                 if clear and is_terminal():
                     click.clear()
-                click.echo(text)
+                print_text(text)
                 if once:
                     break
 

@@ -7,7 +7,7 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.of_type import names_of_type
-from tfbus.cli.output import json_option, paint, print_json, print_lines
+from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic.pub import pub_command
@@ -74,10 +74,10 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
     if as_json:
         print_json(_as_map(info))
         return
-    click.echo(f"Type: {paint(_types(info), 'type')}")
+    print_text(f"Type: {paint(_types(info), 'type')}")
     for side, ends in (("Publisher", info.publishers), ("Subscription", info.subscribers)):
         count = "unknown, listeners do not announce it" if ends is None else len(ends)
-        click.echo(f"{side} count: {count}")
+        print_text(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
 
@@ -88,7 +88,7 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
 def type_command(settings: NodeSettings, topic: str) -> None:
     """Print the type of TOPIC."""
     with open_bus(settings) as session:
-        click.echo(_types(find_topic(look(session), topic)))
+        print_text(_types(find_topic(look(session), topic)))
 
 
 @command.command("find", epilog="Example: tfbus topic find Pose")

@@ -18,7 +18,7 @@ from tfbus.cli.messages.message import (
     supplied_type,
 )
 from tfbus.cli.messages.prototype import complete_message
-from tfbus.cli.output import as_json, say, warn
+from tfbus.cli.output import as_json, print_text, say, warn
 from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
@@ -146,7 +146,7 @@ def _publish(
         publisher.publish(payload)
         sent += 1
         if every and (sent - 1) % every == 0:
-            click.echo(f"publishing #{sent}: {shown}")
+            print_text(f"publishing #{sent}: {shown}")
         if sent == times:
             break
         node.wait(max(started_s + sent / rate - time.monotonic(), 0.0), clock=SYSTEM_CLOCK)

@@ -274,6 +274,19 @@ class TestCandidates:
 
 
 class TestBash:
+    @pytest.mark.parametrize("quote", ["", "'", '"'])
+    def test_bash_reads_back_what_is_written(
+        self, monkeypatch: pytest.MonkeyPatch, quote: str
+    ) -> None:
+        """Whatever a frame is called, bash takes the word for that name and runs nothing."""
+        name = "~root$(echo run) `echo run` \\ \" ' ! * ~ ; & | < > #"
+        monkeypatch.setenv("TFBUS_LINE", f"tfbus echo {quote}")
+        written = Bash(main, {}, "tfbus", "_TFBUS_COMPLETE").written(name)
+        done = subprocess.run(
+            ["bash", "-c", f"printf %s {quote}{written}{quote}"], capture_output=True, text=True
+        )
+        assert done.stdout == name
+
     @pytest.mark.parametrize(
         ("line", "value", "written"),
         [
@@ -281,6 +294,11 @@ class TestBash:
             (r"tfbus echo left\ c", "left camera", r"left\ camera"),
             ("tfbus echo 'left c", "left camera", "left camera"),
             ("tfbus echo d", "d'or", r"d\'or"),
+            ("tfbus echo 'd", "d'or", r"d'\''or"),
+            ('tfbus echo "', "$(touch `x`)", r"\$(touch \`x\`)"),
+            ('tfbus echo "a', 'a "b" \\', r"a \"b\" \\"),
+            ('tfbus echo "w', "wow!", r'wow"\!"'),
+            ("tfbus echo $", "$(touch x)!", r"\$\(touch\ x\)\!"),
             ("tfbus launch turtle name:=t", "name:=turtle1", "turtle1"),
             ("tfbus launch turtle name:=", "name:=turtle1", "turtle1"),
             ("tfbus echo arm:t", "arm:tip=$5", r"tip=\$5"),

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from tests.live_bus import Bus, Process, keep_sending, send_static
+from tests.processes.sim_time import follower, start_clock
 
 
 @pytest.fixture
@@ -101,6 +102,17 @@ def test_json_is_for_scripts(robot: Bus) -> None:
     assert frames["base"]["rate_hz"] == pytest.approx(20.0, rel=0.5)
     assert {stream["name"] for stream in report["streams"]} == {"odometry", "mount"}
     assert report["problems"] == []
+
+
+def test_simulated_time_is_said(bus: Bus) -> None:
+    """Without --sim-time it says whose frames follow a clock; with it, nothing is wrong."""
+    start_clock(bus, "--start", "-60s")
+    keep_sending(follower(bus, "odometry"), "world", "base")
+    done = bus.run("frames")
+    assert "its time is simulated: use --sim-time" in done.stdout
+    problem = " ".join(done.stdout.split("Problems:")[1].split())
+    assert problem.startswith("clock: /clock publishes a simulated time; the stamps of 1 of 1 ")
+    assert "Problems:" not in bus.run("frames", "--sim-time").stdout
 
 
 def test_watching_follows_what_changes(robot: Bus) -> None:

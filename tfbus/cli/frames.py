@@ -75,7 +75,7 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
-        tree = heard.tree()
+        tree = heard.tree_and_clocks()
         hint = "" if tree.frames else heard.hint()
     if as_json:
         click.echo(document.as_json(tree), nl=False)
@@ -98,10 +98,15 @@ def _lines(tree: FrameTree, long: bool) -> list[str]:
     return document.summary(tree, tree_lines(tree, width=width(), paint=paint_state), width=width())
 
 
+def _nothing(heard: Listening) -> list[str]:
+    hint = heard.hint_while_empty()
+    return [f"No frame yet: {hint}" if hint else "No frame yet"]
+
+
 def _watch(heard: Listening, long: bool) -> None:
     while True:
-        tree = heard.tree()
-        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame yet."]))
+        tree = heard.tree_and_clocks()
+        print_lines(in_place(_lines(tree, long) if tree.frames else _nothing(heard)))
         if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
             return
 

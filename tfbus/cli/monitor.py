@@ -67,7 +67,9 @@ def command(
                 if as_json:
                     print_json(as_map(report))
                 else:
-                    print_lines(as_lines(report) if once else in_place(as_lines(report)))
+                    hint = "" if report.edges() else heard.hint_while_empty()
+                    lines = as_lines(report, hint)
+                    print_lines(lines if once else in_place(lines))
 
 
 def _check(heard: Listening, report: Report, once: bool) -> None:

@@ -12,6 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.moment import Moment as Moment
     from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
@@ -30,6 +31,7 @@ _MODULE_OF = {
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
     "frame_mistake": "tfbus.command.types",
+    "namespaces_serving": "tfbus.command.elsewhere",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.command.yaml_file",
 }

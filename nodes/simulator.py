@@ -20,7 +20,7 @@ from tfbus.messages import Color, Empty, Field, Kill, Spawn
 from .turtle import field
 from .turtle.interface import TurtleInterface
 from .turtle.turtle import TICK_S
-from .turtle.window import DisplayError, Window, save_picture
+from .turtle.window import DisplayError, Window, check_picture, save_picture
 from .turtle.world import BACKGROUND, Snapshot, World
 
 FRAME_S = 1.0 / 60.0
@@ -133,7 +133,7 @@ class Simulator:
 def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> None:
     """Simulate turtles to drive and to watch (turtlesim)."""
     if screenshot:  # to fail now, not after an hour, if the file cannot be written
-        save_picture(World().snapshot(), screenshot)
+        check_picture(World().snapshot(), screenshot)
     with Node.from_settings(settings) as node:
         simulator = Simulator(node)
         if headless:

@@ -19,7 +19,7 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.command import OutputFile
+from tfbus.command import OutputFile, install_command
 from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def _require_viser() -> None:
     try:
         import viser  # noqa: F401  # only whether it is installed
     except ImportError as error:
-        raise TfbusError(f"viser is not installed ({error}): pip install 'tfbus[view]'") from error
+        raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
 
 
 if __name__ == "__main__":

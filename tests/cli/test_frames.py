@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -92,6 +93,34 @@ def test_mistakes_are_errors(bus: Bus, arguments: list[str], message: str) -> No
     done = bus.run("frames", *arguments)
     assert (done.returncode, done.stdout) == (2, "")
     assert message in done.stderr
+
+
+@pytest.mark.parametrize("ending", ["svg", "png", "json", "txt"])
+def test_a_full_disk_leaves_the_former_file(robot: Bus, tmp_path: Path, ending: str) -> None:
+    """A file that cannot be written whole stays as it was; one sentence, exit code 1."""
+    file = tmp_path / f"frames.{ending}"
+    file.write_text("former")
+    # A limit on the size of files fails as a full disk does, in the middle of the file.
+    small = ["bash", "-c", 'trap "" XFSZ; ulimit -f 0; exec "$@"', "bash"]
+    done = robot.start_command(
+        [*small, sys.executable, "-m", "tfbus", "frames", "-o", str(file)],
+        env={"MPLCONFIGDIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert done.wait() == 1
+    assert done.err[-1] == f"Error: {file} cannot be written: File too large"
+    assert "Traceback" not in "\n".join(done.err)
+    assert file.read_text() == "former"
+    assert [each.name for each in tmp_path.glob(f"*frames.{ending}*")] == [file.name]
+
+
+def test_a_full_disk_behind_stdout_is_one_sentence(robot: Bus) -> None:
+    """Output that cannot be written ends with exit code 1 and the reason."""
+    shell = 'exec "$@" > /dev/full'
+    done = robot.start_command(
+        ["bash", "-c", shell, "bash", sys.executable, "-m", "tfbus", "frames"]
+    )
+    assert done.wait() == 1
+    assert done.err == ["Error: the output cannot be written: No space left on device"]
 
 
 def test_json_is_for_scripts(robot: Bus) -> None:

@@ -4,6 +4,7 @@ Subcommands are the tools listed here, and every node of the entry-point group `
 and those of other packages.
 """
 
+import errno
 import os
 import signal
 from collections.abc import Callable
@@ -14,6 +15,9 @@ import click
 
 from tfbus.cli.output import sentence
 from tfbus.cli.verbs import Verbs
+
+# What a write to a full disk fails with.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 NODE_GROUP = "tfbus.nodes"
 
@@ -75,6 +79,12 @@ class Commands(Verbs):
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise SystemExit(128 + signal.SIGINT) from None
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            # Python writes what is left in its buffers at its end, and would fail once more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
         except click.ClickException as error:
             error.message = sentence(error.message)
             raise

@@ -8,6 +8,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import in_place, json_option, paint_state, print_lines, width
+from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
@@ -17,6 +18,7 @@ from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
@@ -116,11 +118,13 @@ def _write(tree: FrameTree, path: Path) -> None:
         if path.suffix in _PICTURES:
             write_picture(tree, path)
         else:
-            path.write_text(_TEXTS[path.suffix](tree))
+            text = _TEXTS[path.suffix](tree)
+            with replacing(path) as file:
+                file.write(text.encode())
     except ImportError as error:
         raise TfbusError(
             f"{path.name} needs matplotlib, which is not installed: "
-            "pip install 'tfbus[plot]', or write .dot, .mmd, .json, .yaml or .txt"
+            f"{install_command('plot')}, or write .dot, .mmd, .json, .yaml or .txt"
         ) from error
     except OSError as error:
         raise TfbusError(f"{path} cannot be written: {error.strerror}") from error

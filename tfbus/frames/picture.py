@@ -12,6 +12,7 @@ from typing import Any
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State, facts, state
+from tfbus.runtime.whole_file import replacing
 from tfbus.wording import columns, counted, cut
 
 COLOURS: dict[State, str] = {
@@ -68,7 +69,10 @@ def drawing() -> Iterator[None]:
 
 
 def write_picture(tree: FrameTree, path: Path) -> None:
-    """Draw the tree into a file; its ending chooses one of matplotlib's formats."""
+    """Draw the tree into a file, whose ending chooses one of matplotlib's formats.
+
+    A failure leaves the file as it was.
+    """
     from matplotlib.figure import Figure
 
     labels = {
@@ -95,7 +99,9 @@ def write_picture(tree: FrameTree, path: Path) -> None:
             _write(
                 axes, 0.0, bottom + 2 * _MARGIN + _PROBLEM_ROW * number, line, 8, COLOURS["gone"]
             )
-        figure.savefig(path, dpi=min(_DOTS_PER_INCH, _MOST_PIXELS / max(width, height)))
+        dpi = min(_DOTS_PER_INCH, _MOST_PIXELS / max(width, height))
+        with replacing(path) as file:
+            figure.savefig(file, format=path.suffix[1:], dpi=dpi)
 
 
 def _draw_head(axes: Any, tree: FrameTree) -> None:

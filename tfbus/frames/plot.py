@@ -9,6 +9,7 @@ import numpy as np
 from tfbus.errors import TfbusError
 from tfbus.frames.picture import drawing
 from tfbus.frames.track import Track
+from tfbus.runtime.whole_file import replacing
 
 Panel = Literal["position", "orientation", "speed", "path"]
 PANELS: tuple[Panel, ...] = get_args(Panel)
@@ -32,9 +33,12 @@ def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
 
 
 def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
-    """Draw the panels into a file; its ending chooses one of matplotlib's formats."""
-    with drawing():
-        draw(track, panels).savefig(path, dpi=150)
+    """Draw the panels into a file, whose ending chooses one of matplotlib's formats.
+
+    A failure leaves the file as it was.
+    """
+    with drawing(), replacing(path) as file:
+        draw(track, panels).savefig(file, format=path.suffix[1:], dpi=150)
 
 
 def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from tfbus.errors import SettingsError
+from tfbus.runtime.whole_file import replacing
 from tfbus.view.model.filter import NameFilter
 from tfbus.wording import did_you_mean
 
@@ -93,7 +94,8 @@ def save_settings(settings: ViewSettings, path: Path) -> None:
         for name, value in asdict(settings).items()
     }
     try:
-        path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
+        with replacing(path) as file:
+            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode())
     except OSError as error:
         raise SettingsError(f"cannot write the settings {path}: {error}") from error
 

@@ -24,8 +24,8 @@ from tfbus import (
 )
 from tfbus.cli import main
 from tfbus.cli.completion.shells import SHELLS, Bash
+from tfbus.cli.messages.fields import prototype
 from tfbus.cli.messages.message import complete_values, supplied_names, supplied_type
-from tfbus.cli.messages.prototype import prototype
 from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 

@@ -135,6 +135,7 @@ class Commands(Verbs):
 _CALLED_IN_ROS = {
     "action": "call",
     "bag": "echo --format csv",
+    "interface": "topic show, or tfbus service show",
     "pkg": "create",
     "rviz2": "view",
     "static_transform_publisher": "static",

@@ -21,6 +21,14 @@ def open_bus(settings: NodeSettings) -> Session:
     return session
 
 
+def from_here(name: str, settings: NodeSettings) -> str:
+    """A topic or service as seen from the namespace: `/robot7/scan` is `scan` in robot7, and
+    `robot7/scan` without a namespace. A name elsewhere keeps its slash.
+    """
+    prefix = f"/{settings.namespace}/" if settings.namespace else "/"
+    return name.removeprefix(prefix)
+
+
 def look(session: Session, on_unreadable: Callable[[DecodeError], object] = warn) -> Graph:
     """The topics and services; `on_unreadable(error)` is called for each description it skips."""
     nodes = describe_all(session, on_unreadable, timeout_s=_PATIENCE_S)

@@ -9,7 +9,7 @@ import click
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import from_here, look, open_bus
 from tfbus.cli.messages.fields import request_of
 from tfbus.cli.messages.message import (
     checked_map,
@@ -56,6 +56,7 @@ def command(settings: NodeSettings, service: str, request: str, timeout_s: float
     Ctrl-C cancels an action.
     """
     values = checked_map(request, "REQUEST")
+    service = from_here(service, settings)
     with open_bus(settings) as session:
         payload = request_payload(session, service, values)
         for answer in follow(session, service, payload, timeout_s):

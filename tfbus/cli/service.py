@@ -8,7 +8,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import from_here, look, open_bus
 from tfbus.cli.call import TIMEOUT, follow, request_payload
 from tfbus.cli.messages.message import (
     checked_map,
@@ -70,7 +70,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     """Print the type of SERVICE, and the number of its servers and clients."""
     with open_bus(settings) as session:
-        info = _find(session, service)
+        info = _find(session, from_here(service, settings))
     if as_json:
         print_json(_as_map(info))
         return
@@ -85,7 +85,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 def type_command(settings: NodeSettings, service: str) -> None:
     """Print the type of SERVICE."""
     with open_bus(settings) as session:
-        print_text(_types(_find(session, service)))
+        print_text(_types(_find(session, from_here(service, settings))))
 
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
@@ -117,6 +117,7 @@ def call_command(
     """
     type_name, text = _split(request)
     values = checked_map(text, "REQUEST")
+    service = from_here(service, settings)
     type_ = find_call(type_name) if ":" in type_name else None
     with open_bus(settings) as session:
         if type_name:
@@ -147,6 +148,7 @@ def show_command(settings: NodeSettings, service: str | None, as_json: bool) -> 
         return
     type_ = supplied_call(bare(service)) or (find_call(service) if ":" in service else None)
     if type_ is None:
+        service = from_here(service, settings)
         with open_bus(settings) as session:
             services = look(session).services
         if service not in services:

@@ -5,7 +5,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.cli.messages.fields import prototype, request_of
 from tfbus.cli.messages.message import supplied_call, supplied_names, supplied_type
-from tfbus.command.types import matching, names_at
+from tfbus.command.types import absolute, matching, names_at
 
 # The kind of such a candidate for a shell: a word with blanks, to quote as a whole.
 MAP = "map"
@@ -16,7 +16,7 @@ def complete_message(
 ) -> list[CompletionItem]:
     """The types, then a message of the given type; or a message of the topic's type."""
     typed = ctx.params.get("message") or ()
-    type_name = typed[0] if typed else names_at(ctx).topics.get(ctx.params.get("topic") or "", "")
+    type_name = typed[0] if typed else names_at(ctx).topics.get(_name(ctx, "topic"), "")
     types = [] if typed else matching(supplied_names(), incomplete)
     return [*_items(supplied_type(type_name), incomplete), *types]
 
@@ -25,8 +25,12 @@ def complete_request(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
     """A request of the service's type, or a goal of the action's."""
-    type_name = names_at(ctx).services.get(ctx.params.get("service") or "", "")
+    type_name = names_at(ctx).services.get(_name(ctx, "service"), "")
     return _items(request_of(supplied_call(type_name)), incomplete)
+
+
+def _name(ctx: click.Context, param: str) -> str:
+    return str(ctx.params.get(param) or "").removeprefix(absolute("", ctx))
 
 
 def _items(message_type: type | None, incomplete: str) -> list[CompletionItem]:

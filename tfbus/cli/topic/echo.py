@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look
+from tfbus.cli.bus import from_here, look
 from tfbus.cli.messages.message import Reader, reader_of
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
@@ -117,6 +117,7 @@ def echo_command(
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
+    topic = from_here(topic, settings)
     with visiting(settings, "echo") as node:
         type_name = type_of(look(node.session), topic)
         with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:

@@ -6,7 +6,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
+from tfbus.cli.bus import from_here, look, open_bus
 from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
@@ -74,7 +74,7 @@ def list_command(
 def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
     """Print the type of TOPIC, and the number of its publishers and subscribers."""
     with open_bus(settings) as session:
-        info = find_topic(look(session), topic)
+        info = find_topic(look(session), from_here(topic, settings))
     if as_json:
         print_json(_as_map(info))
         return
@@ -111,6 +111,7 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
         return
     type_ = supplied_type(bare(topic)) or (find_type(topic) if ":" in topic else None)
     if type_ is None:
+        topic = from_here(topic, settings)
         with open_bus(settings) as session:
             topics = look(session).topics
         if topic not in topics:
@@ -142,7 +143,7 @@ def _type_of(info: TopicInfo) -> type:
 def type_command(settings: NodeSettings, topic: str) -> None:
     """Print the type of TOPIC."""
     with open_bus(settings) as session:
-        print_text(_types(find_topic(look(session), topic)))
+        print_text(_types(find_topic(look(session), from_here(topic, settings))))
 
 
 @command.command("find", epilog="Example: tfbus topic find Pose")

@@ -8,7 +8,7 @@ import click
 
 from tfbus.bus.handles import HeardWatch
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look
+from tfbus.cli.bus import from_here, look
 from tfbus.cli.messages.message import (
     checked_map,
     complete_values,
@@ -112,6 +112,7 @@ def pub_command(
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
+    topic = from_here(topic, settings)
     with visiting(settings, "pub") as node:
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:

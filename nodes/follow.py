@@ -25,6 +25,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
+from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Pose, Spawn, Twist, Vector3
 
 START = Spawn.Request(x=4.0, y=2.0, theta=0.0)
@@ -38,27 +39,29 @@ SILENT_S = 1.0
 ANSWER_S = 1.0
 
 
-@click.command(epilog="Example: tfbus follow --param target_frame=turtle1 --param delay=5.0")
+FOLLOWER = Declared("source_frame", "turtle2", "The turtle that follows, and its frame.")
+TARGET = Declared("target_frame", "turtle1", "The frame to follow.")
+DELAY = Declared(
+    "delay",
+    0.0,
+    "Go to where the frame was this many seconds ago.",
+    minimum=0.0,
+    maximum=LONGEST_DELAY_S,
+)
+RATE = Declared("rate", 10.0, "Lookups and commands per second.", minimum=0.1, maximum=100.0)
+
+
+@click.command(
+    cls=NodeCommand,
+    declared=(FOLLOWER, TARGET, DELAY, RATE),
+    epilog="Example: tfbus follow --param target_frame=turtle1 --param delay=5.0",
+)
 @node_options("listener")
 def main(settings: NodeSettings) -> None:
     """Spawn a turtle that follows a frame."""
     with Node.from_settings(settings) as node:
-        follower = node.declare_parameter(
-            "source_frame", "turtle2", description="The turtle that follows, and its frame."
-        ).value
-        target = node.declare_parameter(
-            "target_frame", "turtle1", description="The frame to follow."
-        )
-        delay_s = node.declare_parameter(
-            "delay",
-            0.0,
-            description="Go to where the frame was this many seconds ago.",
-            minimum=0.0,
-            maximum=LONGEST_DELAY_S,
-        )
-        rate_hz = node.declare_parameter(
-            "rate", 10.0, description="Lookups and commands per second.", minimum=0.1, maximum=100.0
-        )
+        follower = FOLLOWER.on(node).value
+        target, delay_s, rate_hz = TARGET.on(node), DELAY.on(node), RATE.on(node)
         buffer = Buffer(cache_time_s=LONGEST_DELAY_S + 10.0)
         TransformListener(buffer, node)
         commands = node.create_publisher(Twist, f"{follower}/cmd_vel")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import click
 
 from tfbus import Node, NodeSettings, node_options
-from tfbus.command import namespaces_serving
+from tfbus.command import Declared, NodeCommand, namespaces_serving
 from tfbus.messages import RotateAbsolute, Twist, Vector3
 from tfbus.wording import listed
 
@@ -48,6 +48,9 @@ _PAUSE_S = 0.5
 # The first key waits this long for the turtle to be discovered.
 _FIRST_LOOK_S = 1.0
 
+LINEAR = Declared("scale_linear", 2.0, "Speed of the keys Up and Down, in m/s.")
+ANGULAR = Declared("scale_angular", 2.0, "Speed of the keys Left and Right, in rad/s.")
+
 
 class Driver:
     """Turns keys into velocities and rotations of one turtle."""
@@ -56,12 +59,7 @@ class Driver:
         self._log = node.log
         self._session = node.session
         self._turtle = turtle
-        self._linear = node.declare_parameter(
-            "scale_linear", 2.0, description="Speed of the keys Up and Down, in m/s."
-        )
-        self._angular = node.declare_parameter(
-            "scale_angular", 2.0, description="Speed of the keys Left and Right, in rad/s."
-        )
+        self._linear, self._angular = LINEAR.on(node), ANGULAR.on(node)
         self._velocities = node.create_publisher(Twist, f"{turtle}/cmd_vel")
         self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/{ROTATE}")
         self._cancel_rotation: Callable[[], object] = lambda: None
@@ -123,7 +121,11 @@ def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
             driver.press(key)
 
 
-@click.command(epilog="Example: tfbus teleop --turtle turtle2")
+@click.command(
+    cls=NodeCommand,
+    declared=(LINEAR, ANGULAR),
+    epilog="Example: tfbus teleop --turtle turtle2",
+)
 @click.option(
     "--turtle", default="turtle1", metavar="NAME", help="The turtle to drive (default turtle1)."
 )

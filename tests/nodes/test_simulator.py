@@ -1,7 +1,9 @@
 """The simulator and the nodes around it, on the test bus."""
 
+import json
 import logging
 from collections.abc import Callable
+from importlib import import_module
 from math import atan2, hypot, pi
 
 import pytest
@@ -350,3 +352,21 @@ def test_a_carrot_goes_clockwise_from_the_left() -> None:
     assert carrot_at(0.0, 2.0) == (0.0, 2.0, 0.0)
     assert carrot_at(0.25, 2.0) == pytest.approx((2.0, 0.0, 0.0))
     assert carrot_at(0.5, 2.0) == pytest.approx((0.0, -2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "name", ["broadcaster", "carrot", "clock", "draw_square", "follow", "simulator", "teleop"]
+)
+def test_the_help_of_a_node_lists_its_parameters(bus: Bus, name: str) -> None:
+    """--help has what the running node declares: name, type, bounds and default."""
+    command = import_module(f"tfbus.nodes.{name}").main
+    listed = {each.name: each for each in command.declared}
+    shown = bus.run(name, "--help").stdout.split("Parameters, set by --param NAME=VALUE")[1]
+    assert all(f"\n  {each}  " in shown for each in listed)
+    if name in ("clock", "simulator", "broadcaster", "carrot"):
+        options = ["--headless"] * (name == "simulator")
+        bus.start(name, *options, "--name", "it").wait_for_line("ready|It is")
+        described = json.loads(bus.run("param", "describe", "it", "--json").stdout)
+        assert {each["name"]: each["value"] for each in described} == {
+            each.name: each.default for each in listed.values()
+        }

@@ -12,6 +12,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus.command.declared import Declared as Declared
+    from tfbus.command.declared import NodeCommand as NodeCommand
     from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.moment import Moment as Moment
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 _MODULE_OF = {
     "POSITIVE": "tfbus.command.types",
+    "Declared": "tfbus.command.declared",
+    "NodeCommand": "tfbus.command.declared",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",

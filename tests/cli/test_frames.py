@@ -133,6 +133,15 @@ def test_json_is_for_scripts(robot: Bus) -> None:
     assert report["problems"] == []
 
 
+def test_watching_leaves_the_scrollback(robot: Bus) -> None:
+    """In a terminal it is on the alternate screen, cut to its height; the last page stays."""
+    shown = robot.run_in_terminal("frames", "--watch", until="more line", lines=5)
+    before, _, after = shown.partition("\x1b[?1049l")
+    pages = before.removeprefix("\x1b[?1049h\x1b[?25l").split("\x1b[H")[1:]
+    assert all(page.count("\n") == 4 for page in pages)
+    assert "└─ base" in after and "Publishers:" in after
+
+
 def test_simulated_time_is_said(bus: Bus) -> None:
     """Without --sim-time it says whose frames follow a clock; with it, nothing is wrong."""
     start_clock(bus, "--start", "-60s")

@@ -1,11 +1,6 @@
 """A stranger on the bus with hostile texts: no tool lets them reach a terminal or a file raw."""
 
 import json
-import os
-import pty
-import subprocess
-import sys
-import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +9,7 @@ import pytest
 import yaml
 
 from tests.builders import at, payload
-from tests.live_bus import DEADLINE_S, Bus
+from tests.live_bus import Bus
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.wire.codec import encode_map
@@ -159,30 +154,8 @@ def test_files_stay_what_they_are(stranger: Bus, tmp_path: Path) -> None:
 def test_a_terminal_gets_only_our_own_styles(stranger: Bus) -> None:
     """In a terminal the only escape sequences are those of colours that the tool itself chose."""
     for line in ("node info /liar", "param describe /liar p", "topic info chat -v"):
-        shown = at_terminal(stranger, *line.split())
+        shown = stranger.run_in_terminal(*line.split())
         assert "red" in shown and "\x1b[31m" not in shown
         for style in ("0", "1", "2", "32", "36"):
             shown = shown.replace(f"\x1b[{style}m", "")
         assert_harmless(shown.replace("\r\n", "\n"))
-
-
-def at_terminal(bus: Bus, *arguments: str) -> str:
-    """What a tool prints to a terminal."""
-    master, slave = pty.openpty()
-    shown: list[bytes] = []
-
-    def read() -> None:
-        try:
-            while data := os.read(master, 65536):
-                shown.append(data)
-        except OSError:
-            return  # hung up
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
-    command = [sys.executable, "-m", "tfbus", *arguments]
-    subprocess.run(command, env=bus.env, stdin=slave, stdout=slave, stderr=slave, timeout=60)
-    os.close(slave)
-    reader.join(DEADLINE_S)
-    os.close(master)
-    return b"".join(shown).decode(errors="replace")

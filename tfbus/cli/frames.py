@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import in_place, json_option, paint_state, print_lines, width
+from tfbus.cli.output import json_option, paint_state, print_lines, screen, width
 from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.types import Number, OutputFile, own_name
@@ -106,11 +106,12 @@ def _nothing(heard: Listening) -> list[str]:
 
 
 def _watch(heard: Listening, long: bool) -> None:
-    while True:
-        tree = heard.tree_and_clocks()
-        print_lines(in_place(_lines(tree, long) if tree.frames else _nothing(heard)))
-        if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
-            return
+    with screen() as show:
+        while True:
+            tree = heard.tree_and_clocks()
+            show(_lines(tree, long) if tree.frames else _nothing(heard))
+            if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
+                return
 
 
 def _write(tree: FrameTree, path: Path) -> None:

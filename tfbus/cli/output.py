@@ -10,12 +10,13 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import click
 
-from tfbus.wording import columns, cut, printable
+from tfbus.wording import columns, counted, cut, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -48,8 +49,10 @@ _KEPT = re.compile(r"(\x1b\[\d+m|[\t\n])")
 # The longest sentence of an error or a warning.
 _LONGEST_SENTENCE = 2000
 
-# Moves the cursor to the top left, and clears all below.
-_TO_THE_TOP = "\x1b[H\x1b[J"
+# What a terminal obeys: its alternate screen with the cursor hidden, and the way back; to the top
+# left; to clear what is left of a line, and of the screen.
+_ENTER_SCREEN, _LEAVE_SCREEN = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
+_TO_THE_TOP, _TO_REST_OF_LINE, _TO_REST_OF_SCREEN = "\x1b[H", "\x1b[K", "\x1b[K\x1b[J"
 
 # Keeps a long text in YAML on its line.
 _NEVER_FOLDED = 2**31 - 1
@@ -84,14 +87,14 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def print_text(text: str) -> None:
-    """Print a text that may be painted, and have several lines.
+    """Print a text that may be painted, and have several lines."""
+    click.echo(printable_text(text))
 
-    Whatever else a terminal would obey is escaped: all texts from the bus go this way.
-    """
+
+def printable_text(text: str) -> str:
+    """The text without anything else that a terminal would obey; all from the bus goes this way."""
     parts = _KEPT.split(text)
-    click.echo(
-        "".join(part if at % 2 else printable(part, len(part)) for at, part in enumerate(parts))
-    )
+    return "".join(part if at % 2 else printable(part, len(part)) for at, part in enumerate(parts))
 
 
 def sentence(what: object) -> str:
@@ -99,14 +102,39 @@ def sentence(what: object) -> str:
     return printable(str(what), _LONGEST_SENTENCE)
 
 
-def in_place(lines: Iterable[str]) -> list[str]:
-    """The lines as a page that replaces the one before in a terminal; elsewhere, with an empty line
-    after it.
+@contextmanager
+def screen() -> Iterator[Callable[[Iterable[str]], None]]:
+    """Inside the `with`, `show(lines)` shows a page in place of the one before.
+
+    In a terminal that is its alternate screen, as of a pager: the scrollback stays as it was, pages
+    are cut to its height, and the last one is printed at the end. Elsewhere each page is printed,
+    with an empty line after it.
     """
-    page = list(lines)
     if not is_terminal():
-        return [*page, ""]
-    return [_TO_THE_TOP + "".join(page[:1]), *page[1:]]
+        yield lambda lines: print_lines([*lines, ""])
+        return
+    pages: list[list[str]] = []
+
+    def show(lines: Iterable[str]) -> None:
+        pages[:] = [list(lines)]
+        text = f"{_TO_REST_OF_LINE}\n".join(map(printable_text, _fitting(pages[0])))
+        click.echo(f"{_TO_THE_TOP}{text}{_TO_REST_OF_SCREEN}", nl=False)
+
+    click.echo(_ENTER_SCREEN, nl=False)
+    try:
+        yield show
+    finally:
+        click.echo(_LEAVE_SCREEN, nl=False)
+        for page in pages:
+            print_lines(page)
+
+
+def _fitting(lines: list[str]) -> list[str]:
+    """The lines that fit the height of the terminal; the last says how many do not."""
+    height = shutil.get_terminal_size((80, 24)).lines
+    if len(lines) <= height:
+        return lines
+    return [*lines[: height - 1], f"… {counted(len(lines) - height + 1, 'more line')}"]
 
 
 def warn(what: object) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from tfbus.command.yaml_file import yaml_mistake
 from tfbus.errors import SettingsError
 from tfbus.runtime.whole_file import replacing
 from tfbus.view.model.filter import NameFilter
@@ -67,6 +68,9 @@ def load_settings(path: Path) -> ViewSettings:
         raise SettingsError(f"cannot read the settings {path}: {error}") from error
     try:
         values = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        line, reason = yaml_mistake(error)
+        raise SettingsError(f"{path}:{line}: is not YAML: {reason}") from error
     except yaml.YAMLError as error:
         raise SettingsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from tests.builders import at, payload
-from tests.live_bus import Bus
+from tests.live_bus import Bus, send_static
 from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.wire.codec import encode_map
@@ -30,7 +30,8 @@ LONG = HOSTILE + "\N{TURTLE}" * 10_000
 
 @pytest.fixture
 def stranger(bus: Bus) -> Iterator[Bus]:
-    """A bus on which world -> turtle1 is honest in all but who sends it, and what it serves."""
+    """A bus on which world -> turtle1 is honest, and a stranger is beside it."""
+    send_static(bus.node("honest"), "world", "turtle1")
     session = bus.node("stranger").session
     described = {
         "name": "/liar",
@@ -68,13 +69,15 @@ def stranger(bus: Bus) -> Iterator[Bus]:
     session.queryable(node_parameters_key("liar"), parameter)
     session.queryable("ask", refuse)
     session.token(stream_key(HOSTILE))
-    rows = [("world", "turtle1", True), ("world", HOSTILE, True)]
+    rows = [("world", "trap", True), ("world", HOSTILE, True)]
     stream = {"v": 1, "node": HOSTILE, "epoch": 1, "frames": rows, "host": LONG, "pid": 1}
     retained = [
         declare_retained_publisher(session, key(HOSTILE))
         for key in (stream_key, static_transforms_key)
     ]
-    for publisher, content in zip(retained, (encode_map(stream), payload([at(1.0)])), strict=True):
+    for publisher, content in zip(
+        retained, (encode_map(stream), payload([at(1.0, "trap")])), strict=True
+    ):
         publisher.put(content)
     chat = bus.node("chatter").create_raw_publisher("chat", type_name="Chat")
     message = encode_map({"text": HOSTILE, HOSTILE: [HOSTILE, HOSTILE.encode()]})
@@ -147,7 +150,7 @@ def test_files_stay_what_they_are(stranger: Bus, tmp_path: Path) -> None:
     for file in files.values():
         assert_harmless(file.read_text().replace("\r", ""))
     ElementTree.parse(files["svg"])
-    assert yaml.safe_load(files["yaml"].read_text()).keys() == {"turtle1"}
+    assert yaml.safe_load(files["yaml"].read_text()).keys() >= {"turtle1"}
     assert json.loads(files["json"].read_text())["roots"] == ["world"]
 
 

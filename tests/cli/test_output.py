@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.cli.output import paint, table, yaml_text
+from tfbus.cli.output import paint, screen, table, yaml_text
 from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.window import Reading
 
@@ -59,6 +59,16 @@ class TestText:
     def test_values_are_yaml(self, value: object, text: str) -> None:
         """Maps keep their order, texts their line; a scalar has no end mark."""
         assert yaml_text(value) == text
+
+
+def test_a_page_that_is_shown_again_and_again_has_a_limit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A bus with a million names does not fill a pipe twice a second."""
+    with screen() as show:
+        show(f"line {number}" for number in range(100_000))
+    page = capsys.readouterr().out.splitlines()
+    assert page[499:] == ["line 499", "… 99500 more lines", ""]
 
 
 class TestReports:

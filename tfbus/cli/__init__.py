@@ -86,7 +86,7 @@ class Commands(Verbs):
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
         except click.ClickException as error:
-            error.message = sentence(error.message)
+            vars(error)["message"] = sentence(error.message)
             raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:

@@ -49,6 +49,9 @@ _KEPT = re.compile(r"(\x1b\[\d+m|[\t\n])")
 # The longest sentence of an error or a warning.
 _LONGEST_SENTENCE = 2000
 
+# A page that is shown again and again has at most as many lines.
+_MOST_LINES = 500
+
 # What a terminal obeys: its alternate screen with the cursor hidden, and the way back; to the top
 # left; to clear what is left of a line, and of the screen.
 _ENTER_SCREEN, _LEAVE_SCREEN = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
@@ -111,13 +114,15 @@ def screen() -> Iterator[Callable[[Iterable[str]], None]]:
     with an empty line after it.
     """
     if not is_terminal():
-        yield lambda lines: print_lines([*lines, ""])
+        yield lambda lines: print_lines([*_first(list(lines), _MOST_LINES), ""])
         return
     pages: list[list[str]] = []
 
     def show(lines: Iterable[str]) -> None:
         pages[:] = [list(lines)]
-        text = f"{_TO_REST_OF_LINE}\n".join(map(printable_text, _fitting(pages[0])))
+        height = shutil.get_terminal_size((80, 24)).lines
+        fitting = _first(pages[0], height - 1) if len(pages[0]) > height else pages[0]
+        text = f"{_TO_REST_OF_LINE}\n".join(map(printable_text, fitting))
         click.echo(f"{_TO_THE_TOP}{text}{_TO_REST_OF_SCREEN}", nl=False)
 
     click.echo(_ENTER_SCREEN, nl=False)
@@ -126,15 +131,13 @@ def screen() -> Iterator[Callable[[Iterable[str]], None]]:
     finally:
         click.echo(_LEAVE_SCREEN, nl=False)
         for page in pages:
-            print_lines(page)
+            print_lines(_first(page, _MOST_LINES))
 
 
-def _fitting(lines: list[str]) -> list[str]:
-    """The lines that fit the height of the terminal; the last says how many do not."""
-    height = shutil.get_terminal_size((80, 24)).lines
-    if len(lines) <= height:
-        return lines
-    return [*lines[: height - 1], f"… {counted(len(lines) - height + 1, 'more line')}"]
+def _first(lines: list[str], most: int) -> list[str]:
+    """At most so many lines, and one that says how many more there are."""
+    more = len(lines) - most
+    return lines if more <= 0 else [*lines[:most], f"… {counted(more, 'more line')}"]
 
 
 def warn(what: object) -> None:

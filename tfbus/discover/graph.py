@@ -87,8 +87,8 @@ def graph_of(
     }
     for key, stream in streams.items():
         for name in _stream_topics(key, stream):
-            node, host = printable(stream.node), printable(stream.host)
-            end = Endpoint(node, TRANSFORMS_TYPE, host, stream.pid)
+            by, host = printable(stream.node), printable(stream.host)
+            end = Endpoint(by, TRANSFORMS_TYPE, host, stream.pid)
             topics[name] = TopicInfo(name, (end,), None)
     services = {
         name: ServiceInfo(name, at("serves", name), at("calls", name))

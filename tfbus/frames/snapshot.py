@@ -219,11 +219,17 @@ def _printable_frame(frame: FrameInfo) -> FrameInfo:
 
 
 def _printable_stream(stream: StreamInfo) -> StreamInfo:
-    texts = {name: getattr(stream, name) for name in ("name", "node", "host", "session")}
-    shown = {name: printable(text) for name, text in texts.items()}
+    shown = replace(
+        stream,
+        name=printable(stream.name),
+        node=printable(stream.node),
+        host=printable(stream.host),
+        session=printable(stream.session),
+    )
     if any(mistake_in(name) for row in stream.frames for name in row[:2]):
-        shown["frames"] = tuple(row for row in stream.frames if not any(map(mistake_in, row[:2])))
-    return stream if shown == texts else replace(stream, **shown)
+        frames = tuple(row for row in stream.frames if not any(map(mistake_in, row[:2])))
+        return replace(shown, frames=frames)
+    return shown
 
 
 def who(stream: StreamInfo) -> str:

@@ -13,19 +13,28 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
+from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Pose
 
 HALF_FIELD_M = 11.088889 / 2  # the world's origin is the middle of the field
 TURTLE_TO_DRONE = Transform([-0.5, 0.0, 1.0])
 
 
-@click.command(epilog="Example: tfbus broadcaster --param turtlename=turtle2 --param drone=drone2")
+TURTLE = Declared("turtlename", "turtle1", "The turtle whose frames are broadcast.")
+DRONE = Declared("drone", "drone", "The name of the drone's frame.")
+
+
+@click.command(
+    cls=NodeCommand,
+    declared=(TURTLE, DRONE),
+    epilog="Example: tfbus broadcaster --param turtlename=turtle2 --param drone=drone2",
+)
 @node_options("broadcaster1")
 def main(settings: NodeSettings) -> None:
     """Broadcast the frames of a turtle and its drone."""
     with Node.from_settings(settings) as node:
-        turtle = node.declare_parameter("turtlename", "turtle1").value
-        drone = node.declare_parameter("drone", "drone").value
+        turtle = TURTLE.on(node).value
+        drone = DRONE.on(node).value
         broadcaster = TransformBroadcaster(node)
 
         def broadcast(pose: Pose) -> None:

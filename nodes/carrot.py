@@ -19,30 +19,29 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
+from tfbus.command import Declared, NodeCommand
 
 PERIOD_S = 0.1
 
 
-@click.command(epilog="Example: tfbus carrot --param dynamic=true")
+PARENT = Declared("parent_frame", "turtle1", "The frame that carries the carrot.")
+CARROT = Declared("frame", "carrot1", "The frame of the carrot.")
+DYNAMIC = Declared("dynamic", False, "Whether the carrot circles its parent.")
+RADIUS = Declared("radius", 2.0, "The distance to its parent, in m.", minimum=0.0)
+PERIOD = Declared("period", 10.0, "Seconds for one circle.", minimum=0.1)
+
+
+@click.command(
+    cls=NodeCommand,
+    declared=(PARENT, CARROT, DYNAMIC, RADIUS, PERIOD),
+    epilog="Example: tfbus carrot --param dynamic=true",
+)
 @node_options("carrot")
 def main(settings: NodeSettings) -> None:
     """Broadcast a frame fixed to another one, or circling it."""
     with Node.from_settings(settings) as node:
-        parent = node.declare_parameter(
-            "parent_frame", "turtle1", description="The frame that carries the carrot."
-        ).value
-        carrot = node.declare_parameter(
-            "frame", "carrot1", description="The frame of the carrot."
-        ).value
-        dynamic = node.declare_parameter(
-            "dynamic", False, description="Whether the carrot circles its parent."
-        )
-        radius_m = node.declare_parameter(
-            "radius", 2.0, description="The distance to its parent, in m.", minimum=0.0
-        )
-        period_s = node.declare_parameter(
-            "period", 10.0, description="Seconds for one circle.", minimum=0.1
-        )
+        parent, carrot = PARENT.on(node).value, CARROT.on(node).value
+        dynamic, radius_m, period_s = DYNAMIC.on(node), RADIUS.on(node), PERIOD.on(node)
         broadcaster = TransformBroadcaster(node)
 
         def broadcast() -> None:

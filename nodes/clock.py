@@ -13,7 +13,7 @@ from dataclasses import replace
 import click
 
 from tfbus import Node, NodeSettings, Number, node_options
-from tfbus.command import Moment, MomentType
+from tfbus.command import Declared, Moment, MomentType, NodeCommand
 from tfbus.messages import Clock, Empty, SetClock
 from tfbus.wording import stamp_text
 
@@ -24,6 +24,8 @@ SHORTEST_TICK_S = 0.001
 LATEST_NS = 2**62
 
 SLOWEST, FASTEST = 1e-3, 1e4
+
+RATE = Declared("rate", 1.0, "Simulated seconds per real second.", minimum=SLOWEST, maximum=FASTEST)
 
 
 class SimulatedTime:
@@ -38,14 +40,7 @@ class SimulatedTime:
         self._step_ns = step_ns
         self.paused = True
         self._publisher = node.create_clock_publisher()
-        self.rate = node.declare_parameter(
-            "rate",
-            rate,
-            description="Simulated seconds per real second.",
-            minimum=SLOWEST,
-            maximum=FASTEST,
-            on_change=self._change_rate,
-        ).value
+        self.rate = replace(RATE, default=rate).on(node, on_change=self._change_rate).value
         self._publish()
         node.create_service(Empty, "clock/pause", self._pause)
         node.create_service(Empty, "clock/resume", self._resume)
@@ -101,7 +96,11 @@ class SimulatedTime:
         return SetClock.Response()
 
 
-@click.command(epilog="Example: tfbus clock --rate 10 --start 0")
+@click.command(
+    cls=NodeCommand,
+    declared=(RATE,),
+    epilog="Example: tfbus clock --rate 10 --start 0",
+)
 @click.option(
     "--rate",
     type=Number(least=SLOWEST, most=FASTEST),

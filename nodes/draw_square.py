@@ -13,6 +13,7 @@ from math import cos, pi, remainder, sin
 import click
 
 from tfbus import Node, NodeSettings, node_options
+from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Empty, Pose, Twist, Vector3
 
 SIDE_M = 2.0
@@ -101,17 +102,20 @@ class Square:
         self._log.info("New goal [%f %f, %f]", target.x, target.y, target.theta)
 
 
-@click.command(epilog="Example: tfbus draw_square --param turtle=turtle2 --param reset=false")
+TURTLE = Declared("turtle", "turtle1", "The turtle to drive.")
+RESET = Declared("reset", True, "Whether to reset the simulator first.")
+
+
+@click.command(
+    cls=NodeCommand,
+    declared=(TURTLE, RESET),
+    epilog="Example: tfbus draw_square --param turtle=turtle2 --param reset=false",
+)
 @node_options("draw_square")
 def main(settings: NodeSettings) -> None:
     """Drive a turtle along a square."""
     with Node.from_settings(settings) as node:
-        turtle = node.declare_parameter(
-            "turtle", "turtle1", description="The turtle to drive."
-        ).value
-        reset = node.declare_parameter(
-            "reset", True, description="Whether to reset the simulator first."
-        ).value
+        turtle, reset = TURTLE.on(node).value, RESET.on(node).value
         commands = node.create_publisher(Twist, f"{turtle}/cmd_vel")
         square: Square | None = None
 

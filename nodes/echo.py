@@ -31,12 +31,13 @@ from tfbus.frames import (
     csv_line,
     foxy_block,
     json_line,
+    short_line,
     tf2_block,
 )
 
 from .echo_answers import Question, answers
 
-_STYLES = {"tf2": tf2_block, "foxy": foxy_block}
+_STYLES = {"tf2": tf2_block, "foxy": foxy_block, "line": short_line}
 _LINES = {"json": json_line, "csv": csv_line}
 
 
@@ -73,7 +74,7 @@ class _Echo(click.Command):
     type=click.Choice(list(_STYLES)),
     default="tf2",
     show_default=True,
-    help="Text as in the newest tf2_echo, or as in Foxy's.",
+    help="Text as in the newest tf2_echo, as in Foxy's, or in one line.",
 )
 @click.option("--raw-zeros", is_flag=True, help="Keep the sign of zero: -0.000.")
 @click.option(

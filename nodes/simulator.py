@@ -15,12 +15,13 @@ from pathlib import Path
 import click
 
 from tfbus import Node, NodeSettings, SystemClock, node_options
+from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Color, Empty, Field, Kill, Spawn
 
 from .turtle import field
 from .turtle.interface import TurtleInterface
 from .turtle.turtle import TICK_S
-from .turtle.window import DisplayError, Window, save_picture
+from .turtle.window import DisplayError, Window, check_picture, save_picture
 from .turtle.world import BACKGROUND, Snapshot, World
 
 FRAME_S = 1.0 / 60.0
@@ -29,6 +30,18 @@ TICK_NS = round(TICK_S * 1e9)
 # A jump of the simulated time moves the turtles by at most 10 s.
 MOST_STEPS = round(10.0 / TICK_S)
 
+BACKGROUND_PARTS = tuple(
+    Declared(
+        f"background_{part}",
+        getattr(BACKGROUND, part),
+        f"The {name} of the background.",
+        minimum=0,
+        maximum=255,
+    )
+    for part, name in (("r", "red"), ("g", "green"), ("b", "blue"))
+)
+HOLONOMIC = Declared("holonomic", False, "Whether turtles move sideways, by linear.y.")
+
 
 class Simulator:
     """A world that runs on a node's thread, in steps of 16 ms, with poses stamped by its clock."""
@@ -36,19 +49,8 @@ class Simulator:
     def __init__(self, node: Node) -> None:
         self._node = node
         node.log.info("Starting turtlesim with node name %s", node.full_name)
-        self._background = [
-            node.declare_parameter(
-                f"background_{part}",
-                getattr(BACKGROUND, part),
-                description=f"The {name} of the background.",
-                minimum=0,
-                maximum=255,
-            )
-            for part, name in (("r", "red"), ("g", "green"), ("b", "blue"))
-        ]
-        self._holonomic = node.declare_parameter(
-            "holonomic", False, description="Whether turtles move sideways, by linear.y."
-        )
+        self._background = [part.on(node) for part in BACKGROUND_PARTS]
+        self._holonomic = HOLONOMIC.on(node)
         self.world = World(node.log)
         self._take_parameters()
         self._interfaces: dict[str, TurtleInterface] = {}
@@ -121,7 +123,11 @@ class Simulator:
         return Field.Response(version, snapshot.background, turtles, field.SIZE_PX, ink)
 
 
-@click.command(epilog="Example: tfbus simulator --headless")
+@click.command(
+    cls=NodeCommand,
+    declared=(*BACKGROUND_PARTS, HOLONOMIC),
+    epilog="Example: tfbus simulator --headless",
+)
 @click.option("--headless", is_flag=True, help="Open no window.")
 @click.option(
     "--screenshot",
@@ -133,7 +139,7 @@ class Simulator:
 def main(settings: NodeSettings, headless: bool, screenshot: Path | None) -> None:
     """Simulate turtles to drive and to watch (turtlesim)."""
     if screenshot:  # to fail now, not after an hour, if the file cannot be written
-        save_picture(World().snapshot(), screenshot)
+        check_picture(World().snapshot(), screenshot)
     with Node.from_settings(settings) as node:
         simulator = Simulator(node)
         if headless:

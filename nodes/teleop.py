@@ -8,7 +8,9 @@ from collections.abc import Callable
 import click
 
 from tfbus import Node, NodeSettings, node_options
+from tfbus.command import Declared, NodeCommand, namespaces_serving
 from tfbus.messages import RotateAbsolute, Twist, Vector3
+from tfbus.wording import listed
 
 from .keyboard import KeyReader
 from .terminal import RawTerminal
@@ -35,6 +37,7 @@ HEADINGS_RAD = {
     "b": -0.7854,
 }
 CANCEL = "f"
+ROTATE = "rotate_absolute"
 QUIT = ("q", "Q", "\x03")
 
 _STANDARD_INPUT = 0
@@ -45,21 +48,20 @@ _PAUSE_S = 0.5
 # The first key waits this long for the turtle to be discovered.
 _FIRST_LOOK_S = 1.0
 
+LINEAR = Declared("scale_linear", 2.0, "Speed of the keys Up and Down, in m/s.")
+ANGULAR = Declared("scale_angular", 2.0, "Speed of the keys Left and Right, in rad/s.")
+
 
 class Driver:
     """Turns keys into velocities and rotations of one turtle."""
 
     def __init__(self, node: Node, turtle: str):
         self._log = node.log
+        self._session = node.session
         self._turtle = turtle
-        self._linear = node.declare_parameter(
-            "scale_linear", 2.0, description="Speed of the keys Up and Down, in m/s."
-        )
-        self._angular = node.declare_parameter(
-            "scale_angular", 2.0, description="Speed of the keys Left and Right, in rad/s."
-        )
+        self._linear, self._angular = LINEAR.on(node), ANGULAR.on(node)
         self._velocities = node.create_publisher(Twist, f"{turtle}/cmd_vel")
-        self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/rotate_absolute")
+        self._rotations = node.create_goal_client(RotateAbsolute, f"{turtle}/{ROTATE}")
         self._cancel_rotation: Callable[[], object] = lambda: None
         self._was_missed = False
         self._patience_s = _FIRST_LOOK_S
@@ -94,13 +96,18 @@ class Driver:
         is_there = self._rotations.wait_for_server(self._patience_s)
         self._patience_s = 0.0
         if not is_there and not self._was_missed:
-            self._log.warning(
-                "No turtle %r: start the simulator (tfbus simulator), or name another turtle "
-                "(--turtle)",
-                self._turtle,
-            )
+            self._log.warning("No turtle %r: %s", self._turtle, self._remedy())
         self._was_missed = not is_there
         return is_there
+
+    def _remedy(self) -> str:
+        robots = namespaces_serving(self._session, f"{self._turtle}/{ROTATE}")
+        if robots:
+            return (
+                f"it is in namespace{'s' * (len(robots) > 1)} {listed(robots)}; drive it with "
+                f"--namespace {robots[0]}"
+            )
+        return "start the simulator (tfbus simulator), or name another turtle (--turtle)"
 
 
 def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
@@ -114,7 +121,11 @@ def drive(node: Node, terminal: RawTerminal, driver: Driver) -> None:
             driver.press(key)
 
 
-@click.command(epilog="Example: tfbus teleop --turtle turtle2")
+@click.command(
+    cls=NodeCommand,
+    declared=(LINEAR, ANGULAR),
+    epilog="Example: tfbus teleop --turtle turtle2",
+)
 @click.option(
     "--turtle", default="turtle1", metavar="NAME", help="The turtle to drive (default turtle1)."
 )

@@ -15,15 +15,20 @@ from tfbus import (
     NodeSettings,
     Number,
     SettingsError,
+    SystemClock,
     TfbusError,
     TransformListener,
     node_options,
 )
-from tfbus.command import OutputFile
+from tfbus.command import OutputFile, install_command
 from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
-    from tfbus.view import Screenshot
+    from tfbus.view import Page, Screenshot
+
+# Until a browser has it, the address is logged again: other output of a launch pushes it away.
+REMIND_EVERY_S = 20.0
+REMINDERS = 10
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -140,14 +145,14 @@ def main(
                 node.log.warning(
                     "Anyone who reaches %s can see the frames and drive the turtles: there is no "
                     "password. A tunnel is safer: ssh -L %d:127.0.0.1:%d this-machine",
-                    page.address,
-                    port,
-                    port,
+                    " or ".join(page.addresses),
+                    page.port,
+                    page.port,
                 )
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
-                node.ready(f"View: {page.address}")
+                announce(node, page, port, host)
                 if is_new:
                     node.log.info("%s does not exist yet: Save settings writes it", path)
                 page.run()
@@ -158,6 +163,25 @@ def main(
     if shot:
         _finish(shot)
         click.echo(f"Wrote {screenshot}")
+
+
+def announce(node: Node, page: "Page", port: int, host: str) -> None:
+    """Log where to open the page, and again while it has not been opened."""
+    if page.port != port:
+        node.log.warning("Port %d of %s is taken: using %d", port, host, page.port)
+    text = f"View: {' or '.join(page.addresses)}"
+    node.ready(text)
+    left = REMINDERS
+
+    def remind() -> None:
+        nonlocal left
+        left -= 1
+        if page.is_watched or left < 0:
+            timer.cancel()
+        else:
+            node.log.info("%s", text)
+
+    timer = node.create_timer(REMIND_EVERY_S, remind, clock=SystemClock())
 
 
 def _finish(shot: "Screenshot") -> None:
@@ -184,7 +208,7 @@ def _require_viser() -> None:
     try:
         import viser  # noqa: F401  # only whether it is installed
     except ImportError as error:
-        raise TfbusError(f"viser is not installed ({error}): pip install 'tfbus[view]'") from error
+        raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -231,6 +232,32 @@ class Bus:
             text=True,
             timeout=DEADLINE_S * 3,
         )
+
+    def run_in_terminal(self, *arguments: str, until: str = "", lines: int = 24) -> str:
+        """All that `tfbus ARGUMENTS` writes to a terminal of 80 columns; Ctrl-C ends it once that
+        has `until` in it.
+        """
+        master, slave = os.openpty()
+        termios.tcsetwinsize(slave, (lines, 80))
+        env = {name: text for name, text in self.env.items() if name not in ("COLUMNS", "LINES")}
+        process = subprocess.Popen(
+            [sys.executable, "-m", "tfbus", *arguments],
+            env={**env, "TERM": "xterm-256color"},
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+        )
+        os.close(slave)
+        shown = ""
+        with suppress(OSError):  # the terminal's end
+            while data := os.read(master, 65536):
+                shown += data.decode(errors="replace")
+                if until and until in shown:
+                    process.send_signal(SIGINT)
+                    until = ""
+        process.wait(DEADLINE_S)
+        os.close(master)
+        return shown.replace("\r\n", "\n")
 
     def close(self) -> None:
         """End all that was started on it."""

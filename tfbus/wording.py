@@ -1,5 +1,6 @@
 """Words in the sentences that people read: counts, lists, near names, stamps, durations."""
 
+import unicodedata
 from collections.abc import Collection, Iterable
 
 # Of a longer list only the first are named.
@@ -34,6 +35,32 @@ def printable(text: str, most: int = 200) -> str:
     if text.isprintable():
         return text
     return "".join([char if char.isprintable() else repr(char)[1:-1] for char in text])
+
+
+def columns(text: str) -> int:
+    """How many columns of a terminal a text takes: wide letters and emoji two, accents none."""
+    if text.isascii():
+        return len(text)
+    return sum(map(_columns_of, text))
+
+
+def cut(text: str, most: int) -> str:
+    """The text in at most so many columns of a terminal, its end as an ellipsis where it is cut."""
+    if columns(text) <= most:
+        return text
+    kept, room = [], most - 1
+    for letter in text:
+        room -= _columns_of(letter)
+        if room < 0:
+            break
+        kept.append(letter)
+    return f"{''.join(kept)}…"
+
+
+def _columns_of(letter: str) -> int:
+    if unicodedata.category(letter) in ("Mn", "Me"):
+        return 0
+    return 2 if unicodedata.east_asian_width(letter) in "WF" else 1
 
 
 def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:

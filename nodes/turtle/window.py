@@ -1,16 +1,16 @@
 """The window that shows the turtles' world; needs a display and pygame-ce."""
 
+import io
 import os
 import sys
 from pathlib import Path
 from types import ModuleType, TracebackType
 
 from tfbus import TfbusError
+from tfbus.command import install_command, replacing
 
 from . import field
 from .world import Snapshot
-
-_INSTALL = "pip install 'tfbus[sim]'"
 
 
 class DisplayError(TfbusError):
@@ -67,17 +67,37 @@ class Window:
 def save_picture(snapshot: Snapshot, path: Path) -> None:
     """Write the picture that a window would show; the file's ending chooses its format.
 
-    Needs no display. Raises DisplayError without pygame, or if the file cannot be written.
+    Needs no display. Raises DisplayError without pygame, or if the file cannot be written, which
+    is as it was then.
     """
+    picture = _picture(snapshot, path)
+    try:
+        with replacing(path) as file:
+            file.write(picture)
+    except OSError as error:
+        raise DisplayError(f"cannot write {path}: {error.strerror}") from error
+
+
+def check_picture(snapshot: Snapshot, path: Path) -> None:
+    """Raise DisplayError if `save_picture` would fail now; writes nothing."""
+    _picture(snapshot, path)
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise DisplayError(f"cannot write {path}: no such folder, or no permission")
+
+
+def _picture(snapshot: Snapshot, path: Path) -> bytes:
+    """The bytes of a picture in the format of the path's ending."""
     pygame = _import_pygame()
     from .picture import Picture
 
     surface = pygame.Surface((field.SIZE_PX, field.SIZE_PX))
     Picture(surface).draw(snapshot)
+    content = io.BytesIO()
     try:
-        pygame.image.save(surface, str(path))
+        pygame.image.save(surface, content, path.name)
     except (OSError, pygame.error) as error:
         raise DisplayError(f"cannot write {path}: {error}") from error
+    return content.getvalue()
 
 
 def _open_display() -> None:
@@ -102,5 +122,5 @@ def _import_pygame() -> ModuleType:
     try:
         import pygame
     except ImportError as error:
-        raise DisplayError(f"pygame-ce is not installed: {_INSTALL}") from error
+        raise DisplayError(f"pygame-ce is not installed: {install_command('sim')}") from error
     return pygame

@@ -24,8 +24,8 @@ from tfbus import (
 )
 from tfbus.cli import main
 from tfbus.cli.completion.shells import SHELLS, Bash
+from tfbus.cli.messages.fields import prototype
 from tfbus.cli.messages.message import complete_values, supplied_names, supplied_type
-from tfbus.cli.messages.prototype import prototype
 from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 
@@ -217,6 +217,9 @@ class TestCandidates:
             ("tfbus node info /", ["/robot7/sim"]),
             ("tfbus echo ", []),
             (f"tfbus node info {inside} ", ["sim"]),
+            (f"tfbus node info {inside} /r", ["/robot7/sim"]),
+            (f"tfbus topic hz {inside} /robot7/turtle1/p", ["/robot7/turtle1/pose"]),
+            ("tfbus call /robot7/s", ["/robot7/spawn"]),
             (f"tfbus topic hz {inside} turtle1/pose tu", ["turtle1/cmd_vel", "turtle1/pose"]),
             (f"tfbus echo {inside} world ", FRAMES),
             ("tfbus echo --fleet ro", [f"robot7/{frame}" for frame in FRAMES]),
@@ -274,6 +277,19 @@ class TestCandidates:
 
 
 class TestBash:
+    @pytest.mark.parametrize("quote", ["", "'", '"'])
+    def test_bash_reads_back_what_is_written(
+        self, monkeypatch: pytest.MonkeyPatch, quote: str
+    ) -> None:
+        """Whatever a frame is called, bash takes the word for that name and runs nothing."""
+        name = "~root$(echo run) `echo run` \\ \" ' ! * ~ ; & | < > #"
+        monkeypatch.setenv("TFBUS_LINE", f"tfbus echo {quote}")
+        written = Bash(main, {}, "tfbus", "_TFBUS_COMPLETE").written(name)
+        done = subprocess.run(
+            ["bash", "-c", f"printf %s {quote}{written}{quote}"], capture_output=True, text=True
+        )
+        assert done.stdout == name
+
     @pytest.mark.parametrize(
         ("line", "value", "written"),
         [
@@ -281,6 +297,11 @@ class TestBash:
             (r"tfbus echo left\ c", "left camera", r"left\ camera"),
             ("tfbus echo 'left c", "left camera", "left camera"),
             ("tfbus echo d", "d'or", r"d\'or"),
+            ("tfbus echo 'd", "d'or", r"d'\''or"),
+            ('tfbus echo "', "$(touch `x`)", r"\$(touch \`x\`)"),
+            ('tfbus echo "a', 'a "b" \\', r"a \"b\" \\"),
+            ('tfbus echo "w', "wow!", r'wow"\!"'),
+            ("tfbus echo $", "$(touch x)!", r"\$\(touch\ x\)\!"),
             ("tfbus launch turtle name:=t", "name:=turtle1", "turtle1"),
             ("tfbus launch turtle name:=", "name:=turtle1", "turtle1"),
             ("tfbus echo arm:t", "arm:tip=$5", r"tip=\$5"),

@@ -97,4 +97,4 @@ def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
     assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}
     code, found = examined(bus, "--for", "1", "--sim-time")
     assert (code, found["clock"]["verdict"]) == (0, "ok")
-    assert "is its time simulated? try --sim-time" in bus.run("frames").stdout
+    assert "its time is simulated: use --sim-time" in bus.run("frames").stdout

@@ -106,6 +106,24 @@ def test_an_unknown_frame_gets_a_hint_about_namespaces(robots: Bus, line: str, k
     assert f"{known} {hint}" in done.stderr
 
 
+@pytest.mark.parametrize("tool", [("frames", "--watch"), ("monitor",)])
+def test_a_screen_without_frames_says_where_they_are(robots: Bus, tool: tuple[str, ...]) -> None:
+    """What goes on while nothing comes names the robots, too."""
+    screen = robots.start(*tool)
+    screen.wait_for_line("yet: frames are known in other namespaces: look with --namespace robot3")
+    assert screen.stop() == 0
+
+
+def test_the_doctor_names_the_robots(robots: Bus) -> None:
+    """Where only namespaces have nodes, it says which, and how to look there."""
+    done = robots.run("doctor", "--only", "nodes", "--for", "0.5")
+    assert done.stdout.splitlines()[:3] == [
+        "warn    nodes",
+        "    - no nodes here; robots are in namespaces robot3, robot7",
+        "    Fix: look with --namespace robot3, or at all robots with --fleet",
+    ]
+
+
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
     """`why` and `frames` suggest --shared if the trees of two robots have roots of one name."""
     why = robots.run("why", "robot3/base_link", "robot7/base_link", "--fleet", "--json")

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 import yaml
 
 from tests.live_bus import Bus, Process, keep_sending, send_static
+from tests.processes.sim_time import follower, start_clock
 
 
 @pytest.fixture
@@ -93,6 +95,34 @@ def test_mistakes_are_errors(bus: Bus, arguments: list[str], message: str) -> No
     assert message in done.stderr
 
 
+@pytest.mark.parametrize("ending", ["svg", "png", "json", "txt"])
+def test_a_full_disk_leaves_the_former_file(robot: Bus, tmp_path: Path, ending: str) -> None:
+    """A file that cannot be written whole stays as it was; one sentence, exit code 1."""
+    file = tmp_path / f"frames.{ending}"
+    file.write_text("former")
+    # A limit on the size of files fails as a full disk does, in the middle of the file.
+    small = ["bash", "-c", 'trap "" XFSZ; ulimit -f 0; exec "$@"', "bash"]
+    done = robot.start_command(
+        [*small, sys.executable, "-m", "tfbus", "frames", "-o", str(file)],
+        env={"MPLCONFIGDIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+    assert done.wait() == 1
+    assert done.err[-1] == f"Error: {file} cannot be written: File too large"
+    assert "Traceback" not in "\n".join(done.err)
+    assert file.read_text() == "former"
+    assert [each.name for each in tmp_path.glob(f"*frames.{ending}*")] == [file.name]
+
+
+def test_a_full_disk_behind_stdout_is_one_sentence(robot: Bus) -> None:
+    """Output that cannot be written ends with exit code 1 and the reason."""
+    shell = 'exec "$@" > /dev/full'
+    done = robot.start_command(
+        ["bash", "-c", shell, "bash", sys.executable, "-m", "tfbus", "frames"]
+    )
+    assert done.wait() == 1
+    assert done.err == ["Error: the output cannot be written: No space left on device"]
+
+
 def test_json_is_for_scripts(robot: Bus) -> None:
     """--json prints one object: frames, streams and problems."""
     report = json.loads(robot.run("frames", "--json").stdout)
@@ -101,6 +131,26 @@ def test_json_is_for_scripts(robot: Bus) -> None:
     assert frames["base"]["rate_hz"] == pytest.approx(20.0, rel=0.5)
     assert {stream["name"] for stream in report["streams"]} == {"odometry", "mount"}
     assert report["problems"] == []
+
+
+def test_watching_leaves_the_scrollback(robot: Bus) -> None:
+    """In a terminal it is on the alternate screen, cut to its height; the last page stays."""
+    shown = robot.run_in_terminal("frames", "--watch", until="more line", lines=5)
+    before, _, after = shown.partition("\x1b[?1049l")
+    pages = before.removeprefix("\x1b[?1049h\x1b[?25l").split("\x1b[H")[1:]
+    assert all(page.count("\n") == 4 for page in pages)
+    assert "└─ base" in after and "Publishers:" in after
+
+
+def test_simulated_time_is_said(bus: Bus) -> None:
+    """Without --sim-time it says whose frames follow a clock; with it, nothing is wrong."""
+    start_clock(bus, "--start", "-60s")
+    keep_sending(follower(bus, "odometry"), "world", "base")
+    done = bus.run("frames")
+    assert "its time is simulated: use --sim-time" in done.stdout
+    problem = " ".join(done.stdout.split("Problems:")[1].split())
+    assert problem.startswith("clock: /clock publishes a simulated time; the stamps of 1 of 1 ")
+    assert "Problems:" not in bus.run("frames", "--sim-time").stdout
 
 
 def test_watching_follows_what_changes(robot: Bus) -> None:

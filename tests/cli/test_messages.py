@@ -7,11 +7,18 @@ import click
 import numpy as np
 import pytest
 
-from tfbus.cli.messages.message import complete_values, find_type, reader_of, supplied_type
+from tests.live_bus import Bus
+from tfbus.cli.messages.message import (
+    complete_values,
+    find_type,
+    reader_of,
+    supplied_calls,
+    supplied_type,
+)
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.errors import DecodeError
 from tfbus.geometry.batch import TransformBatch
-from tfbus.messages import Color, Twist
+from tfbus.messages import Color, TeleportRelative, Twist
 from tfbus.wire.codec import encode_map
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -103,6 +110,10 @@ def test_missing_fields_take_their_defaults() -> None:
         "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
         "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
     }
+    assert complete_values({"linear": 1}, TeleportRelative.Request) == {
+        "linear": 1.0,
+        "angular": 0.0,
+    }
 
 
 @pytest.mark.parametrize(
@@ -111,7 +122,6 @@ def test_missing_fields_take_their_defaults() -> None:
         ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),
         ({"linear": {"w": 2}}, Twist, "Vector3 has no field 'linear.w'; available: x, y, z"),
         ({"linear": 2}, Twist, "not a valid Twist: field 'linear' must be a map, not an integer"),
-        ({"r": 1, "g": 2}, Color, "not a valid Color: field 'b' is missing"),
         (
             {"r": 300, "g": 0, "b": 0},
             Color,
@@ -179,3 +189,48 @@ def test_transforms_are_shown_as_they_came() -> None:
             }
         ],
     }
+
+
+class TestShow:
+    def run(self, bus: Bus, *arguments: str) -> str:
+        done = bus.run(*arguments)
+        assert done.stderr == ""
+        return done.stdout
+
+    def test_a_type_has_its_fields_and_defaults(self, bus: Bus) -> None:
+        """`topic show` and `service show` print fields, types and defaults, nested ones too."""
+        assert self.run(bus, "service", "show", "turtlesim/srv/Spawn").splitlines() == [
+            "Spawn: Puts another turtle on the field.",
+            "",
+            "Request: Where it starts, in m and rad; an empty name means the next free",
+            "turtleN.",
+            "  x: float",
+            "  y: float",
+            "  theta: float = 0.0",
+            '  name: str = ""',
+            "",
+            "Response: The name of the new turtle.",
+            "  name: str",
+        ]
+        assert "  linear: Vector3\n    x: float = 0.0\n" in self.run(bus, "topic", "show", "Twist")
+
+    def test_what_is_on_the_bus_is_shown_by_its_type(self, bus: Bus) -> None:
+        """A topic or service stands for its type; of a foreign one it says where to look."""
+        node = bus.node("sim")
+        node.create_publisher(Twist, "cmd")
+        node.create_raw_publisher("power", type_name="Battery")
+        node.create_service(TeleportRelative, "move", lambda by: TeleportRelative.Response())
+        assert self.run(bus, "topic", "show", "cmd").startswith("Twist: ")
+        assert self.run(bus, "service", "show", "move").startswith("TeleportRelative: ")
+        foreign = bus.run("topic", "show", "power")
+        assert foreign.returncode == 1
+        assert "'power' is of type Battery, whose fields only its nodes know" in foreign.stderr
+        assert "did you mean 'Twist'?" in bus.run("topic", "show", "Twits").stderr
+
+    def test_all_types_are_listed(self, bus: Bus) -> None:
+        """Without an argument there is a line for each type, with what it is for."""
+        listed = self.run(bus, "service", "show").splitlines()
+        assert [line.split()[0] for line in listed] == [
+            type_.__name__ for type_ in supplied_calls()
+        ]
+        assert "Kill              Takes a turtle off the field" in listed

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.cli.output import in_place, paint, table, yaml_text
+from tfbus.cli.output import first_lines, paint, screen, table, yaml_text
 from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.window import Reading
 
@@ -61,6 +61,16 @@ class TestText:
         assert yaml_text(value) == text
 
 
+def test_a_page_that_is_shown_again_and_again_has_a_limit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A bus with a million names does not fill a pipe twice a second."""
+    with screen() as show:
+        show(f"line {number}" for number in range(100_000))
+    page = capsys.readouterr().out.splitlines()
+    assert page[499:] == ["line 499", "… 99500 more lines", ""]
+
+
 class TestReports:
     READING = Reading((1.0, 1.5, 2.0), (100.0, 100.0, 1300.0), 3)
 
@@ -101,5 +111,5 @@ class TestReports:
 
 def test_a_page_that_is_shown_again_and_again_has_a_limit() -> None:
     """A bus with a million names does not fill the terminal twice a second."""
-    page = in_place(f"line {number}" for number in range(100_000))
-    assert page[499:] == ["line 499", "… and 99500 more lines", ""]
+    page = first_lines([f"line {number}" for number in range(100_000)])
+    assert page[499:] == ["line 499", "… 99500 more lines"]

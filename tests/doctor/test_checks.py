@@ -157,6 +157,15 @@ TROUBLES = {
         "fail",
         "tcp/hub:7447: Connection refused",
     ),
+    "nodes": (
+        lambda seen: replace(
+            seen,
+            nodes=(replace(SIM, name="/robot7/sim"), replace(SIM, name="/a/b/sim")),
+            tree=frame_tree(Buffer(), (), NOW_NS),
+        ),
+        "warn",
+        "no nodes here; robots are in namespaces a/b, robot7",
+    ),
     "node-names": (
         with_nodes(SIM, replace(SIM, host="desk", pid=8)),
         "fail",

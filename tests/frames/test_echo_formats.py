@@ -15,6 +15,7 @@ from tfbus.frames.echo_formats import (
     csv_line,
     foxy_block,
     json_line,
+    short_line,
     tf2_block,
 )
 
@@ -85,10 +86,20 @@ def test_no_zero_has_a_sign_and_every_other_number_keeps_its(value: float, preci
     assert text.startswith("-") == (float(f"{value:.{precision}f}") < 0)
 
 
+def test_the_short_form_is_one_line_in_degrees() -> None:
+    """It has the stamp in seconds, metres and degrees, with the precision asked for."""
+    transform = TransformStamped(
+        1_500_000_000, "world", "drone", Transform.from_rpy(0.0, 0.0, math.pi / 2, (1.0, 2.5, 0.0))
+    )
+    assert short_line(transform, Numbers(precision=1)) == (
+        "1.500: xyz [1.0, 2.5, 0.0] m, rpy [0.0, 0.0, 90.0] degrees"
+    )
+
+
 def test_json_is_one_object_in_one_line_with_all_digits() -> None:
     """JSON has frames, stamp and pose under field names, nothing rounded."""
     transform = TransformStamped(
-        7, "world", 'odd "näme"\n', Transform((0.1, -0.0, 1 / 3), (0.0, 0.0, 0.6, 0.8))
+        7, "world", 'odd "näme"', Transform((0.1, -0.0, 1 / 3), (0.0, 0.0, 0.6, 0.8))
     )
     line = json_line(transform, THREE_DECIMALS)
     assert "\n" not in line
@@ -96,7 +107,7 @@ def test_json_is_one_object_in_one_line_with_all_digits() -> None:
     assert json.loads(line) == {
         "stamp_ns": 7,
         "frame_id": "world",
-        "child_frame_id": 'odd "näme"\n',
+        "child_frame_id": 'odd "näme"',
         "xyz": [0.1, 0.0, 1 / 3],
         "quat_xyzw": [0.0, 0.0, 0.6, 0.8],
         "rpy": pytest.approx([0.0, 0.0, 2 * math.atan2(0.6, 0.8)]),

@@ -14,6 +14,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformStamped,
 )
+from tfbus.frames.simulated import SimulatedTime
 from tfbus.frames.snapshot import frame_tree
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.listen.info import StreamInfo
@@ -172,6 +173,18 @@ class TestExplain:
         report = ask(buffer, "world", "base", stream=stream)
         assert fault(report, "base").reason == "the clock of its publisher is 2.5 s behind ours"
         assert report.remedies == ("synchronize the clocks of lab and this host by NTP",)
+
+    def test_a_simulated_time_that_we_do_not_follow_is_a_bad_sign(self, buffer: Buffer) -> None:
+        """A publisher that follows a clock is named, and --sim-time is the first remedy."""
+        tree = frame_tree(buffer, [SIM], NOW_NS, SimulatedTime(("/clock",), frozenset({"/sim"}), 1))
+        report = explain(tree, buffer, "world", "base")
+        assert verdicts(report) == [("base", "warn")]
+        assert "its time is simulated: use --sim-time" in fault(report, "base").facts
+        assert report.remedies == (
+            "/clock publishes a simulated time; the stamps of 1 of 1 publisher follow it, and this "
+            "tool does not: ages are wrong without --sim-time: pass --sim-time to this tool, and "
+            "to all nodes that look up these frames",
+        )
 
     def test_problems_of_the_tree_near_the_path_have_remedies(self, buffer: Buffer) -> None:
         """A loop, or a frame that is listed but not sent, can keep two frames unconnected."""

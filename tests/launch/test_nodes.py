@@ -144,12 +144,16 @@ def test_the_installed_launch_files_bring_their_nodes(
 
 
 def test_the_demo_prints_where_the_drone_is(bus: Bus) -> None:
-    """`tfbus launch demo` prints one place of the drone after another, and how to drive by hand."""
+    """`tfbus launch demo` prints a line for each place of the drone, and how to drive by hand."""
     launch = bus.start("launch", "demo", "headless:=true")
     launch.wait_for_line(r"^\[hint\] To drive by hand: ")
 
     def places() -> set[str]:
-        return {line for line in launch.out if "[echo] - Translation" in line}
+        return {line for line in launch.out if line.startswith("[echo] ")}
 
     eventually(lambda: len(places()) >= 2)
+    assert all(
+        re.fullmatch(r"\[echo\] \d+\.\d{3}: xyz \[.*\] m, rpy \[.*\] degrees", line)
+        for line in places()
+    )
     assert launch.stop() == 0

@@ -694,7 +694,7 @@ def test_a_launch_for_a_time_ends_as_after_ctrl_c(tmp_path: Path) -> None:
     """`--for SECONDS` stops everything after that time, with exit code 0."""
     with started(tmp_path, "- {command: sleep 1000, name: a}", "--for", "0.3") as launch:
         pids = pids_in(re.sub(r"\W", " ", launch.wait_for("started with pid")))
-        launch.wait_for("[WARNING] [launch]: has run for 0.3 s")
+        launch.wait_for("[INFO] [launch]: has run for 0.3 s, as asked")
         assert launch.exit_code() == 0
         assert_gone(*pids)
 

@@ -1,7 +1,9 @@
 """The simulator and the nodes around it, on the test bus."""
 
+import json
 import logging
 from collections.abc import Callable
+from importlib import import_module
 from math import atan2, hypot, pi
 
 import pytest
@@ -260,6 +262,21 @@ def test_the_follower_goes_on_after_a_restart(bus: Bus, user: Node) -> None:
     follow.wait_for_line("ready")
 
 
+def test_the_follower_comes_back_after_a_reset(bus: Bus, sim: Node, user: Node) -> None:
+    """A reset takes turtle2 away; follow spawns it again, and it drives to turtle1."""
+    bus.start("broadcaster")
+    bus.start("broadcaster", "--name", "broadcaster2", "--param", "turtlename=turtle2")
+    follow = bus.start("follow")
+    poses = poses_of(user, "turtle2")
+    follow.wait_for_line("ready")
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) > 0.5)
+    user.create_client(Empty, "reset").call(Empty.Request())
+    follow.wait_for_line("turtle2 was gone, as after a reset; spawned it again")
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) < 0.4)
+    eventually(lambda: hypot(poses[-1].x - 4.0, poses[-1].y - 2.0) > 0.5)
+    assert follow.stop() == 0
+
+
 def test_the_carrot_hangs_beside_its_parent(bus: Bus, buffer: Buffer) -> None:
     """carrot sends turtle1 -> carrot1, 2 m to the left; options name its frames."""
     bus.start("carrot", "--param", "parent_frame=cart", "--param", "frame=bait")
@@ -335,3 +352,21 @@ def test_a_carrot_goes_clockwise_from_the_left() -> None:
     assert carrot_at(0.0, 2.0) == (0.0, 2.0, 0.0)
     assert carrot_at(0.25, 2.0) == pytest.approx((2.0, 0.0, 0.0))
     assert carrot_at(0.5, 2.0) == pytest.approx((0.0, -2.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "name", ["broadcaster", "carrot", "clock", "draw_square", "follow", "simulator", "teleop"]
+)
+def test_the_help_of_a_node_lists_its_parameters(bus: Bus, name: str) -> None:
+    """--help has what the running node declares: name, type, bounds and default."""
+    command = import_module(f"tfbus.nodes.{name}").main
+    listed = {each.name: each for each in command.declared}
+    shown = bus.run(name, "--help").stdout.split("Parameters, set by --param NAME=VALUE")[1]
+    assert all(f"\n  {each}  " in shown for each in listed)
+    if name in ("clock", "simulator", "broadcaster", "carrot"):
+        options = ["--headless"] * (name == "simulator")
+        bus.start(name, *options, "--name", "it").wait_for_line("ready|It is")
+        described = json.loads(bus.run("param", "describe", "it", "--json").stdout)
+        assert {each["name"]: each["value"] for each in described} == {
+            each.name: each.default for each in listed.values()
+        }

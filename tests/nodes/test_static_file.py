@@ -104,7 +104,7 @@ def test_degrees_can_hold_for_a_whole_file(tmp_path: Path) -> None:
         ("[]", "edges.yaml:1: is empty; write a list of edges"),
         ("a: 1", "edges.yaml:1: must be a list, not a mapping"),
         ("- a", r"edges.yaml:1: \[0\]: must be a mapping .*, not one value"),
-        ("- {frame_id: a\n", "edges.yaml:2: is not YAML"),
+        ("- {frame_id: a\n", "edges.yaml:1: is not YAML"),
         ("- frame_id: a\n  yawn: 1", r"edges.yaml:2: \[0\].yawn: unknown key .*did you mean 'yaw'"),
         (
             "- frame_id: a\n  x: 1\n  x: 2",

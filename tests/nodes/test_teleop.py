@@ -216,6 +216,18 @@ def test_it_drives_the_named_turtle(bus: Bus) -> None:
     terminal.close()
 
 
+def test_it_says_where_the_turtle_is(bus: Bus) -> None:
+    """A turtle in a namespace below is named at the first key, with the way to drive it."""
+    bus.start("simulator", "--headless", "--namespace", "robot7").wait_for_line("ready")
+    terminal = Terminal(TELEOP, bus.env)
+    terminal.wait_for("Driving turtle1")
+    terminal.type(b"\x1b[A")
+    terminal.wait_for("No turtle 'turtle1': it is in namespace robot7; drive it with --namespace")
+    terminal.type(b"q")
+    assert terminal.exit_code() == 0
+    terminal.close()
+
+
 def test_it_works_in_tmux(bus: Bus, tmp_path: Path) -> None:
     """In tmux, which encodes arrows in its own way, keys drive and Q returns to the shell."""
     needs.program("tmux")

@@ -1,5 +1,6 @@
 """`tfbus top`: its rows, and the screen in a real terminal."""
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -80,6 +81,9 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
         TransformStamped(mount.now_ns(), "base", "camera", Transform.identity())
     )
 
+    chat = bus.node("chatter").create_raw_publisher("chat", type_name="Chat")
+    mount.create_timer(0.1, lambda: chat.publish(b"hello"))
+
     def shows(*texts: str) -> None:
         try:
             eventually(lambda: all(text in tmux("capture-pane", "-p") for text in texts))
@@ -97,7 +101,7 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
         "24",
         f"{sys.executable} -m tfbus top; echo left; cat",
     )
-    shows("3 frames, 2 streams, 2 nodes, 2 topics, 1 service")
+    shows("3 frames, 2 streams, 3 nodes, 3 topics, 1 service")
     shows("frame ▲", "odometry", "static", "root")
     tmux("send-keys", "r")
     shows("frame ▼")
@@ -113,6 +117,13 @@ def test_the_screen_follows_its_keys(bus: Bus, tmux: Tmux, columns: int) -> None
     shows("node ▲", "/mount")
     tmux("send-keys", "4")
     shows("name ▲", "tf/odometry", "TransformMessage")
+    shows("? Help", "q Quit", "m Measure")
+    tmux("send-keys", "?")
+    shows("measure the Hz of the topic", "how irregularly samples come")
+    tmux("send-keys", "?")
+    eventually(lambda: "irregularly" not in tmux("capture-pane", "-p"))
+    tmux("send-keys", "m")
+    eventually(lambda: re.search(r"chat .* \d+\.\d ", tmux("capture-pane", "-p")))
     tmux("send-keys", "1")
     shows("frame ▼")
     tmux("send-keys", "/")

@@ -44,13 +44,28 @@ def test_the_page_refuses_pages_from_elsewhere(bus: Bus) -> None:
     assert status_of(address, Host="[")[0] == 403
 
 
+def test_a_port_that_is_taken_is_said(bus: Bus) -> None:
+    """It takes the next free port, says so, and prints the address that holds."""
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken = other.getsockname()[1]
+        view = bus.start("view", "--port", str(taken))
+        line = view.wait_for_line("View: http://127.0.0.1:", within_s=3 * DEADLINE_S)
+        port = line.rpartition(":")[2]
+        assert int(port) > taken
+        view.wait_for_line(f"Port {taken} of 127.0.0.1 is taken: using {port}")
+
+
 def test_a_view_for_others_answers_under_addresses_and_names_of_its_machine(bus: Bus) -> None:
     """A page may not use it whose owner points its own name to a view that listens for all."""
     view = bus.start("view", "--host", "0.0.0.0", "--port", str(free_port()))
     line = view.wait_for_line("View: http://", within_s=3 * DEADLINE_S)
     port = line.rpartition(":")[2]
     address = f"127.0.0.1:{port}"
-    for host in (address, f"{socket.gethostname()}:{port}", f"robot.local:{port}"):
+    opened = [address.removeprefix("http://") for address in line.split("View: ")[1].split(" or ")]
+    assert opened == [f"localhost:{port}", f"{socket.gethostname()}:{port}"]
+    for host in (address, *opened, f"robot.local:{port}"):
         assert status_of(address, Host=host, Origin=f"http://{host}")[0] == 200
     host = f"evil.example:{port}"
     code, text = status_of(address, Host=host, Origin=f"http://{host}")

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable
 
 from tfbus.buffer.info import FrameInfo
-from tfbus.wording import counted
+from tfbus.wording import counted, printable
 
 # The rate that tf2 writes for static edges, which have none.
 _TF2_STATIC_RATE = 10000.0
@@ -139,7 +139,7 @@ def _facts(frame: FrameInfo) -> str:
     else:
         facts.append(counted(frame.samples, "sample"))
     if frame.authority:
-        facts.append(f"by {frame.authority}")
+        facts.append(f"by {printable(frame.authority)}")
     if frame.conflicts:
         facts.append(counted(frame.conflicts, "conflict"))
     return ", ".join(facts)
@@ -150,7 +150,7 @@ def _seconds(stamp_ns: int | None) -> float:
 
 
 def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
+    return "'" + printable(text, len(text)).replace("'", "''") + "'"
 
 
 def _yaml_key(name: str) -> str:
@@ -159,4 +159,4 @@ def _yaml_key(name: str) -> str:
 
 
 def _dot(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
+    return printable(text, len(text)).replace("\\", "\\\\").replace('"', '\\"')

@@ -92,8 +92,13 @@ class Session:
             try:
                 return zenoh.open(config)
             except zenoh.ZError as error:
-                if not is_router_missing(error) or time.monotonic() >= deadline:
+                if not is_router_missing(error):
                     raise
+                if time.monotonic() >= deadline:
+                    raise BusError(
+                        f"no router answers{_at(self.settings)}: is it running (tfbus router), and "
+                        "its port open?"
+                    ) from error
             if not is_waiting:
                 is_waiting = True
                 self._log.warning("Waiting for a router%s", _at(self.settings))

@@ -4,6 +4,7 @@ Subcommands are the tools listed here, and every node of the entry-point group `
 and those of other packages.
 """
 
+import errno
 import os
 import signal
 from collections.abc import Callable
@@ -12,7 +13,11 @@ from typing import Any
 
 import click
 
+from tfbus.cli.output import sentence
 from tfbus.cli.verbs import Verbs
+
+# What a write to a full disk fails with.
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 NODE_GROUP = "tfbus.nodes"
 
@@ -67,11 +72,22 @@ class Commands(Verbs):
         return super().main(args, prog_name, _COMPLETE_VARIABLE, **given)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click's own, but Ctrl-C ends a tool without a message."""
+        """As click's own, but Ctrl-C ends a tool without a message, and an error is one line that
+        can be printed, whatever it quotes.
+        """
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise SystemExit(128 + signal.SIGINT) from None
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            # Python writes what is left in its buffers at its end, and would fail once more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
+        except click.ClickException as error:
+            vars(error)["message"] = sentence(error.message)
+            raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
         """The names of subcommands that start with the text, without importing any."""
@@ -119,6 +135,7 @@ class Commands(Verbs):
 _CALLED_IN_ROS = {
     "action": "call",
     "bag": "echo --format csv",
+    "interface": "topic show, or tfbus service show",
     "pkg": "create",
     "rviz2": "view",
     "static_transform_publisher": "static",

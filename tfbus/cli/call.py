@@ -10,7 +10,13 @@ from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
-from tfbus.cli.messages.message import checked_map, encode_values
+from tfbus.cli.messages.fields import request_of
+from tfbus.cli.messages.message import (
+    checked_map,
+    complete_values,
+    encode_values,
+    supplied_call,
+)
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
 from tfbus.command.options import bus_options
@@ -18,6 +24,7 @@ from tfbus.command.types import POSITIVE, ServiceName
 from tfbus.errors import ServiceError
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
+from tfbus.wire.keys import relative
 from tfbus.wording import did_you_mean
 
 # An action may take any time: only silence ends the wait.
@@ -45,13 +52,31 @@ TIMEOUT = click.option(
 def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
     """Call a service or an action, and print its answers.
 
-    REQUEST is a YAML map of fields. Each answer is one line of JSON: the response of a service, or
-    the feedback and then the result of an action. Ctrl-C cancels an action.
+    REQUEST is a YAML map of fields; missing ones get their defaults, or zeros. Each answer is one
+    line of JSON: the response of a service, or the feedback and then the result of an action.
+    Ctrl-C cancels an action.
     """
-    payload = encode_values(checked_map(request, "REQUEST"), "REQUEST")
+    values = checked_map(request, "REQUEST")
+    service = relative(service, settings.namespace)
     with open_bus(settings) as session:
+        payload = request_payload(session, service, values)
         for answer in follow(session, service, payload, timeout_s):
             print_json(answer)
+
+
+def request_payload(
+    session: Session, service: str, values: dict[str, Any], type_: type | None = None
+) -> bytes:
+    """The bytes of a request, complete where its type is known: given, or in `tfbus.messages`.
+
+    Raises click.UsageError for values that are no request of that type.
+    """
+    if type_ is None:
+        info = look(session, lambda error: None).services.get(service)
+        names = {end.type for end in info.servers} if info else set()
+        type_ = supplied_call(names.pop()) if len(names) == 1 else None
+    request = request_of(type_)
+    return encode_values(complete_values(values, request) if request else values, "REQUEST")
 
 
 def follow(

@@ -6,6 +6,7 @@ The folder `template` next to this file is that package, for the robot `my_robot
 
 import keyword
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -71,6 +72,7 @@ def command(package: str, node: str, directory: Path) -> None:
     try:
         _write(folder, {"my_robot": package, "my_node": node})
     except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
         raise click.ClickException(f"{folder} cannot be written: {error.strerror}") from error
     click.echo(f"Next: cd {folder}, and follow its README.md")
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.output import in_place, json_option, paint_state, print_lines, width
+from tfbus.cli.output import json_option, paint_state, print_lines, screen, width
+from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
@@ -17,6 +18,7 @@ from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.text import edge_lines, tree_lines
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
@@ -75,7 +77,7 @@ def command(
             with suppress(KeyboardInterrupt):  # its usual end
                 _watch(heard, long)
             return
-        tree = heard.tree()
+        tree = heard.tree_and_clocks()
         hint = "" if tree.frames else heard.hint()
     if as_json:
         click.echo(document.as_json(tree), nl=False)
@@ -98,12 +100,18 @@ def _lines(tree: FrameTree, long: bool) -> list[str]:
     return document.summary(tree, tree_lines(tree, width=width(), paint=paint_state), width=width())
 
 
+def _nothing(heard: Listening) -> list[str]:
+    hint = heard.hint_while_empty()
+    return [f"No frame yet: {hint}" if hint else "No frame yet"]
+
+
 def _watch(heard: Listening, long: bool) -> None:
-    while True:
-        tree = heard.tree()
-        print_lines(in_place(_lines(tree, long) if tree.frames else ["No frame yet."]))
-        if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
-            return
+    with screen() as show:
+        while True:
+            tree = heard.tree_and_clocks()
+            show(_lines(tree, long) if tree.frames else _nothing(heard))
+            if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
+                return
 
 
 def _write(tree: FrameTree, path: Path) -> None:
@@ -111,11 +119,13 @@ def _write(tree: FrameTree, path: Path) -> None:
         if path.suffix in _PICTURES:
             write_picture(tree, path)
         else:
-            path.write_text(_TEXTS[path.suffix](tree))
+            text = _TEXTS[path.suffix](tree)
+            with replacing(path) as file:
+                file.write(text.encode())
     except ImportError as error:
         raise TfbusError(
             f"{path.name} needs matplotlib, which is not installed: "
-            "pip install 'tfbus[plot]', or write .dot, .mmd, .json, .yaml or .txt"
+            f"{install_command('plot')}, or write .dot, .mmd, .json, .yaml or .txt"
         ) from error
     except OSError as error:
         raise TfbusError(f"{path} cannot be written: {error.strerror}") from error

@@ -5,19 +5,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
 
 from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
-from tfbus.cli.launch_names import complete_argument, complete_file
+from tfbus.cli.launch_names import chosen_file, complete_argument, complete_file
+from tfbus.cli.output import paint, print_lines
 from tfbus.command.types import NOT_NEGATIVE
 from tfbus.errors import TfbusError
 from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
-from tfbus.launch.read.find import find_launch_file
-from tfbus.launch.read.reader import read_arguments, read_launch_file
+from tfbus.launch.read.find import installed_launch_files
+from tfbus.launch.read.packages import launch_files_of, packages_with_nodes
+from tfbus.launch.read.reader import read_arguments, read_description, read_launch_file
 from tfbus.launch.run.escalation import Timeouts
 from tfbus.launch.run.program import Program, check_startable, dry_run_line, program_of
 from tfbus.launch.run.run import run_programs
@@ -28,8 +31,9 @@ from tfbus.launch.run.supervisor import Presence
     "launch",
     epilog="Example: tfbus launch turtle turtlename:=turtle1",
 )
-@click.argument("file", shell_complete=complete_file)
+@click.argument("file", metavar="[PACKAGE] FILE", required=False, shell_complete=complete_file)
 @click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...", shell_complete=complete_argument)
+@click.option("-l", "--list", "list_files", is_flag=True, help="Print all launch files and exit.")
 @click.option("-s", "--show-args", is_flag=True, help="Print the arguments of FILE and exit.")
 @click.option("-n", "--dry-run", is_flag=True, help="Print the command lines and exit.")
 @click.option("--namespace", metavar="PATH", help="The namespace of all nodes, such as robot7.")
@@ -80,8 +84,9 @@ from tfbus.launch.run.supervisor import Presence
     help="Time between SIGTERM and SIGKILL.",
 )
 def command(
-    file: str,
+    file: str | None,
     arguments: tuple[str, ...],
+    list_files: bool,
     show_args: bool,
     dry_run: bool,
     longest_s: float | None,
@@ -91,11 +96,17 @@ def command(
 ) -> None:
     """Start the processes of a launch file, and stop them together.
 
-    FILE is a launch file of tfbus, such as turtle, or a path. Ctrl-C stops all processes; a second
+    FILE is a launch file of tfbus, such as turtle, or a path; or, after the name of a Python
+    package, one of that package. Ctrl-C stops all processes; a second
     Ctrl-C escalates to the next signal at once.
     """
     with _as_click_errors():
-        path = find_launch_file(file)
+        if list_files:
+            print_lines(_list(file))
+            return
+        if file is None:
+            raise click.UsageError("name a launch file; tfbus launch --list prints those there are")
+        path, arguments = chosen_file(file, arguments)
         if show_args:
             click.echo(show_arguments(read_arguments(path)))
             return
@@ -109,6 +120,24 @@ def command(
             return
         timeouts = Timeouts(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
         raise SystemExit(_run(programs, settings, timeouts, longest_s))
+
+
+def _list(package: str | None) -> Iterator[str]:
+    """The launch files of a package, or of tfbus and all packages that add nodes to it."""
+    packages = [package] if package else ["tfbus", *packages_with_nodes()]
+    for name in packages:
+        files = installed_launch_files() if name == "tfbus" else launch_files_of(name)
+        if files:
+            yield paint(f"{name}:", "heading")
+        for file, path in files.items():
+            yield f"  {paint(file, 'name')}  {_description(path)}".rstrip()
+
+
+def _description(path: Path) -> str:
+    try:
+        return read_description(path)
+    except TfbusError as error:
+        return f"({error})"
 
 
 @contextmanager

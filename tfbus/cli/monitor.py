@@ -3,13 +3,13 @@
 import itertools
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.monitor_report import as_lines
-from tfbus.cli.output import in_place, json_option, print_json, print_lines
+from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
 from tfbus.command.types import FrameName, Number, own_name
 from tfbus.frames.command_listener import Listening, listening
@@ -62,12 +62,16 @@ def command(
         if first is None:
             raise KeyboardInterrupt
         _check(heard, first, once)
-        with suppress(KeyboardInterrupt):  # its usual end
+        if once and not as_json:
+            print_lines(as_lines(first))
+            return
+        with suppress(KeyboardInterrupt), ExitStack() as stack:  # its usual end
+            show = None if as_json else stack.enter_context(screen())
             for report in [first] if once else itertools.chain([first], reports):
-                if as_json:
+                if show is None:
                     print_json(as_map(report))
                 else:
-                    print_lines(as_lines(report) if once else in_place(as_lines(report)))
+                    show(as_lines(report, "" if report.edges() else heard.hint_while_empty()))
 
 
 def _check(heard: Listening, report: Report, once: bool) -> None:

@@ -6,13 +6,13 @@ from tfbus.monitor.report import Pair, Report
 from tfbus.wording import counted, duration
 
 
-def as_lines(report: Report) -> list[str]:
-    """The report as tables."""
+def as_lines(report: Report, hint: str = "") -> list[str]:
+    """The report as tables; `hint` is where to look if there is no transform."""
     lines = _pair_lines(report.pair) if report.pair else []
     if report.pair and report.pair.failure:
         return lines
     if not report.edges():
-        return ["No transform yet."]
+        return [f"No transform yet: {hint}" if hint else "No transform yet"]
     return [*lines, *_edge_table(report), "", *_stream_table(report), *_dropped_lines(report)]
 
 

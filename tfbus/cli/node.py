@@ -14,6 +14,7 @@ from tfbus.command.types import NodeName
 from tfbus.discover.presence import describe_all, describe_nodes, list_nodes
 from tfbus.wire.codec import as_map
 from tfbus.wire.descriptions import NodeDescription
+from tfbus.wording import printable
 
 _INTERFACES = ("publishes", "subscribes", "serves", "calls")
 
@@ -83,5 +84,5 @@ def _lines(node: NodeDescription) -> list[str]:
             for name, type_ in sorted(getattr(node, kind).items())
         ]
     lines.append("  Parameters:")
-    lines += [f"    {entry.name}: {as_text(entry.value)}" for entry in node.parameters]
+    lines += [f"    {entry.name}: {printable(as_text(entry.value))}" for entry in node.parameters]
     return lines

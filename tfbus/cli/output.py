@@ -10,12 +10,13 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import click
 
-from tfbus.wording import and_more
+from tfbus.wording import columns, counted, cut, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -39,15 +40,22 @@ _STATE_ROLES = {
     "conflict": "bad",
 }
 
-# Between two columns of a table, and at the end of a cut cell.
+# Between two columns of a table.
 _GAP = "  "
-_CUT = "…"
+
+# What may stay in a line besides what can be printed: the styles of `paint`, tabs and line ends.
+_KEPT = re.compile(r"(\x1b\[\d+m|[\t\n])")
+
+# The longest sentence of an error or a warning.
+_LONGEST_SENTENCE = 2000
 
 # A page that is shown again and again has at most as many lines.
 _MOST_LINES = 500
 
-# Moves the cursor to the top left, and clears all below.
-_TO_THE_TOP = "\x1b[H\x1b[J"
+# What a terminal obeys: its alternate screen with the cursor hidden, and the way back; to the top
+# left; to clear what is left of a line, and of the screen.
+_ENTER_SCREEN, _LEAVE_SCREEN = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
+_TO_THE_TOP, _TO_REST_OF_LINE, _TO_REST_OF_SCREEN = "\x1b[H", "\x1b[K", "\x1b[K\x1b[J"
 
 # Keeps a long text in YAML on its line.
 _NEVER_FOLDED = 2**31 - 1
@@ -71,41 +79,80 @@ def as_json(value: object) -> str:
 
 
 def as_text(value: object) -> str:
-    """A text as it is, other values as JSON."""
-    return value if isinstance(value, str) else as_json(value)
+    """A text as it can be printed, other values as JSON."""
+    return printable(value, len(value)) if isinstance(value, str) else as_json(value)
 
 
 def print_lines(lines: Iterable[str]) -> None:
     """Print lines in one write; nothing for no lines."""
-    text = "\n".join(lines)
-    if text:
-        click.echo(text)
+    if text := "\n".join(lines):
+        print_text(text)
 
 
-def in_place(lines: Iterable[str]) -> list[str]:
-    """The lines as a page that replaces the one before in a terminal; elsewhere, with an empty line
-    after it. Of a longer page the first 500 lines.
+def print_text(text: str) -> None:
+    """Print a text that may be painted, and have several lines."""
+    click.echo(printable_text(text))
+
+
+def printable_text(text: str) -> str:
+    """The text without anything else that a terminal would obey; all from the bus goes this way."""
+    parts = _KEPT.split(text)
+    return "".join(part if at % 2 else printable(part, len(part)) for at, part in enumerate(parts))
+
+
+def sentence(what: object) -> str:
+    """An error or a warning in one line that can be printed, not too long."""
+    return printable(str(what), _LONGEST_SENTENCE)
+
+
+@contextmanager
+def screen() -> Iterator[Callable[[Iterable[str]], None]]:
+    """Inside the `with`, `show(lines)` shows a page in place of the one before.
+
+    In a terminal that is its alternate screen, as of a pager: the scrollback stays as it was, pages
+    are cut to its height, and the last one is printed at the end. Elsewhere each page is printed,
+    with an empty line after it.
     """
-    page = list(lines)
-    if len(page) > _MOST_LINES:
-        page[_MOST_LINES:] = [f"… {and_more(len(page), _MOST_LINES)} lines"]
     if not is_terminal():
-        return [*page, ""]
-    return [_TO_THE_TOP + "".join(page[:1]), *page[1:]]
+        yield lambda lines: print_lines([*first_lines(list(lines)), ""])
+        return
+    pages: list[list[str]] = []
+
+    def show(lines: Iterable[str]) -> None:
+        pages[:] = [list(lines)]
+        height = shutil.get_terminal_size((80, 24)).lines
+        fitting = first_lines(pages[0], height - 1) if len(pages[0]) > height else pages[0]
+        text = f"{_TO_REST_OF_LINE}\n".join(map(printable_text, fitting))
+        click.echo(f"{_TO_THE_TOP}{text}{_TO_REST_OF_SCREEN}", nl=False)
+
+    click.echo(_ENTER_SCREEN, nl=False)
+    try:
+        yield show
+    finally:
+        click.echo(_LEAVE_SCREEN, nl=False)
+        for page in pages:
+            print_lines(first_lines(page))
+
+
+def first_lines(lines: list[str], most: int = _MOST_LINES) -> list[str]:
+    """At most `most` lines, and one that says how many more there are."""
+    more = len(lines) - most
+    return lines if more <= 0 else [*lines[:most], f"… {counted(more, 'more line')}"]
 
 
 def warn(what: object) -> None:
     """Print to stderr a problem that does not stop the tool."""
-    click.echo(f"{paint('Warning:', 'warning')} {what}", err=True)
+    click.echo(f"{paint('Warning:', 'warning')} {sentence(what)}", err=True)
 
 
 def say(what: object) -> None:
     """Print to stderr what the tool is doing, such as what it waits for."""
-    click.echo(paint(str(what), "faint"), err=True)
+    click.echo(paint(sentence(what), "faint"), err=True)
 
 
 def paint(text: str, role: str) -> str:
     """The text in the style of its role: heading, name, type, faint, good, warning or bad."""
+    text = printable(text, len(text))
     if not text or os.environ.get("NO_COLOR"):
         return text
     return click.style(text, **_ROLES[role])
@@ -159,14 +206,23 @@ def yaml_text(value: object) -> str:
     import yaml  # only if YAML is printed
 
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text: str = yaml.dump(
-        value,
-        Dumper=dumper,
-        sort_keys=False,
-        allow_unicode=True,
-        default_flow_style=False,
-        width=_NEVER_FOLDED,
-    )
+
+    def dumped(*, allow_unicode: bool) -> str:
+        return str(
+            yaml.dump(
+                value,
+                Dumper=dumper,
+                sort_keys=False,
+                allow_unicode=allow_unicode,
+                default_flow_style=False,
+                width=_NEVER_FOLDED,
+            )
+        )
+
+    text = dumped(allow_unicode=True)
+    if not text.replace("\n", "").isprintable():
+        # YAML leaves marks of direction and others as they are, unless it escapes all but ASCII.
+        text = dumped(allow_unicode=False)
     text = text.removesuffix("\n...\n").rstrip("\n")  # YAML ends a scalar document so
     return text if not is_terminal() else "\n".join(map(_painted_key, text.splitlines()))
 
@@ -176,7 +232,7 @@ def _painted_key(line: str) -> str:
 
 
 def _length(cell: str) -> int:
-    return len(click.unstyle(cell))
+    return columns(click.unstyle(cell))
 
 
 def _narrow(widths: list[int], room: int) -> None:
@@ -186,7 +242,7 @@ def _narrow(widths: list[int], room: int) -> None:
 
 def _padded(cell: str, wide: int, right: bool) -> str:
     bare = click.unstyle(cell)
-    if len(bare) > wide:
-        cell = cell.replace(bare, bare[: wide - 1] + _CUT)
+    if columns(bare) > wide:
+        cell = cell.replace(bare, cut(bare, wide))
     space = " " * (wide - _length(cell))
     return space + cell if right else cell + space

@@ -10,6 +10,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say
+from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.types import POSITIVE, FrameName, Number, OutputFile, own_name
 from tfbus.errors import LookupException, TfbusError
@@ -151,7 +152,7 @@ def _show(track: Track, output: Path | None, panels: tuple[Panel, ...]) -> None:
             click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {span_s:.1f} s")
     except ImportError as error:
         raise TfbusError(
-            "plots need matplotlib, which is not installed: pip install 'tfbus[plot]'"
+            f"plots need matplotlib, which is not installed: {install_command('plot')}"
         ) from error
     except OSError as error:
         raise TfbusError(f"{output} cannot be written: {error.strerror}") from error

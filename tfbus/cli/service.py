@@ -4,21 +4,37 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import click
+from click.shell_completion import CompletionItem
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
-from tfbus.cli.call import TIMEOUT, follow
-from tfbus.cli.messages.message import checked_map, encode_values, read_map
+from tfbus.cli.call import TIMEOUT, follow, request_payload
+from tfbus.cli.messages.message import (
+    checked_map,
+    find_call,
+    read_map,
+    supplied_call,
+    supplied_calls,
+)
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.prototype import complete_request
-from tfbus.cli.output import json_option, paint, print_json, print_lines, yaml_text
+from tfbus.cli.messages.show import print_type, print_types
+from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, yaml_text
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
-from tfbus.command.types import ServiceName
+from tfbus.command.types import ServiceName, matching
 from tfbus.discover.graph import ServiceInfo
 from tfbus.errors import ServiceError
+from tfbus.wire.keys import relative
 from tfbus.wording import did_you_mean
+
+
+def _complete_show(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    names = ServiceName().shell_complete(ctx, param, incomplete)
+    return [*names, *matching([each.__qualname__ for each in supplied_calls()], incomplete)]
 
 
 @click.group(cls=Verbs)
@@ -55,13 +71,13 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
 def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     """Print the type of SERVICE, and the number of its servers and clients."""
     with open_bus(settings) as session:
-        info = _find(session, service)
+        info = _find(session, relative(service, settings.namespace))
     if as_json:
         print_json(_as_map(info))
         return
-    click.echo(f"Type: {paint(_types(info), 'type')}")
-    click.echo(f"Clients count: {len(info.clients)}")
-    click.echo(f"Services count: {len(info.servers)}")
+    print_text(f"Type: {paint(_types(info), 'type')}")
+    print_text(f"Clients count: {len(info.clients)}")
+    print_text(f"Services count: {len(info.servers)}")
 
 
 @command.command("type", epilog="Example: tfbus service type spawn")
@@ -70,7 +86,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 def type_command(settings: NodeSettings, service: str) -> None:
     """Print the type of SERVICE."""
     with open_bus(settings) as session:
-        click.echo(_types(_find(session, service)))
+        print_text(_types(_find(session, relative(service, settings.namespace))))
 
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
@@ -96,19 +112,63 @@ def call_command(
 ) -> None:
     """Call SERVICE and print its response as YAML.
 
-    REQUEST is a YAML map of fields. TYPE is optional; it is an error if the service has another
-    type. An action gives several answers, as in `tfbus call`.
+    REQUEST is a YAML map of fields; missing ones get their defaults, or zeros. TYPE, such as Spawn
+    or package.module:Name, is optional; it is an error if the service has another type. An action
+    gives several answers, as in `tfbus call`.
     """
     type_name, text = _split(request)
-    payload = encode_values(checked_map(text, "REQUEST"), "REQUEST")
+    values = checked_map(text, "REQUEST")
+    service = relative(service, settings.namespace)
+    type_ = find_call(type_name) if ":" in type_name else None
     with open_bus(settings) as session:
         if type_name:
-            _check_type(session, service, type_name)
+            _check_type(session, service, type_.__qualname__ if type_ else type_name)
+        payload = request_payload(session, service, values, type_)
         for at, answer in enumerate(follow(session, service, payload, timeout_s)):
             if as_json:
                 print_json(answer)
             else:
-                click.echo(("---\n" if at else "") + yaml_text(answer))
+                print_text(("---\n" if at else "") + yaml_text(answer))
+
+
+@command.command(
+    "show",
+    epilog="Examples: tfbus service show; tfbus service show spawn; tfbus service show Spawn",
+)
+@click.argument("service", metavar="[SERVICE|TYPE]", required=False, shell_complete=_complete_show)
+@json_option("Print a JSON object.")
+@bus_options("service")
+def show_command(settings: NodeSettings, service: str | None, as_json: bool) -> None:
+    """Print the fields of the request and the response of SERVICE, or of the type TYPE.
+
+    TYPE is a service or action of tfbus.messages or package.module:Name. Without an argument, list
+    those of tfbus.messages.
+    """
+    if service is None:
+        print_types(supplied_calls())
+        return
+    type_ = supplied_call(bare(service)) or (find_call(service) if ":" in service else None)
+    if type_ is None:
+        service = relative(service, settings.namespace)
+        with open_bus(settings) as session:
+            services = look(session).services
+        if service not in services:
+            known = {*services, *(each.__qualname__ for each in supplied_calls())}
+            raise ServiceError(
+                f"there is no service or type {service!r}{did_you_mean(service, known)}"
+            )
+        type_ = _type_of(services[service])
+    print_type(type_, as_json=as_json)
+
+
+def _type_of(info: ServiceInfo) -> type:
+    known = [type_ for name in info.types if (type_ := supplied_call(name))]
+    if not known:
+        raise ServiceError(
+            f"{info.name!r} is of type {_types(info)}, whose fields only its nodes know: name it "
+            "by its place in Python, as in: tfbus service show my_robot.services:Dock"
+        )
+    return known[0]
 
 
 def _served(session: Session) -> list[ServiceInfo]:

@@ -4,6 +4,7 @@ import click
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import is_terminal
+from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
 from tfbus.command.types import own_name
 from tfbus.errors import TfbusError
@@ -20,7 +21,7 @@ def command(settings: NodeSettings, fleet: Fleet | None) -> None:
         from tfbus.top.source import Source
     except ImportError as error:
         raise TfbusError(
-            "top needs textual, which is not installed: pip install 'tfbus[top]'"
+            f"top needs textual, which is not installed: {install_command('top')}"
         ) from error
     if not is_terminal():
         raise click.UsageError(

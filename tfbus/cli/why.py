@@ -52,7 +52,7 @@ def command(
     ) as heard:
         now_ns = heard.node.now_ns()
         explanation = explain(
-            heard.tree(),
+            heard.tree_and_clocks(),
             heard.buffer,
             target,
             source,

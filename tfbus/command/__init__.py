@@ -12,6 +12,10 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus.command.declared import Declared as Declared
+    from tfbus.command.declared import NodeCommand as NodeCommand
+    from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
+    from tfbus.command.extras import install_command as install_command
     from tfbus.command.moment import Moment as Moment
     from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
@@ -21,17 +25,23 @@ if TYPE_CHECKING:
     from tfbus.command.yaml_file import Value as Value
     from tfbus.command.yaml_file import YamlFileError as YamlFileError
     from tfbus.command.yaml_file import read_yaml_file as read_yaml_file
+    from tfbus.runtime.whole_file import replacing as replacing
 
 _MODULE_OF = {
     "POSITIVE": "tfbus.command.types",
+    "Declared": "tfbus.command.declared",
+    "NodeCommand": "tfbus.command.declared",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
     "frame_mistake": "tfbus.command.types",
+    "install_command": "tfbus.command.extras",
+    "namespaces_serving": "tfbus.command.elsewhere",
     "own_name": "tfbus.command.types",
     "read_yaml_file": "tfbus.command.yaml_file",
+    "replacing": "tfbus.runtime.whole_file",
 }
 
 __all__ = sorted(_MODULE_OF)

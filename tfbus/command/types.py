@@ -44,7 +44,8 @@ class _BusName(click.ParamType[str]):
         """The names that start with the text; none if the bus cannot be joined."""
         found = self.candidates(names_at(ctx), ctx)
         if incomplete.startswith("/"):
-            found = {f"/{name}": text for name, text in found.items()} if self._has_full() else {}
+            found = {absolute(name, ctx): text for name, text in found.items()}
+            found = found if self._has_full() else {}
         return [
             CompletionItem(name, help=text or None)
             for name, text in sorted(found.items())
@@ -113,7 +114,7 @@ class NodeName(_BusName):
 
 
 class TopicName(_BusName):
-    """The name of a topic."""
+    """The name of a topic, relative to the namespace or absolute."""
 
     name = "topic"
 
@@ -129,6 +130,9 @@ class TopicName(_BusName):
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
         """The topics that nodes publish or subscribe to, and their types."""
         return names.topics
+
+    def _has_full(self) -> bool:
+        return True
 
 
 class ServiceName(TopicName):
@@ -237,6 +241,13 @@ class OutputFile(click.Path):
             self.fail(f"there is no folder {path.parent} to write {path.name} into", param, ctx)
         super().convert(path, param, ctx)
         return path
+
+
+def absolute(name: str, ctx: click.Context) -> str:
+    """A name of the namespace typed so far as an absolute one: `/robot7/scan`."""
+    namespace = ctx.params.get("namespace") or os.environ.get("TFBUS_NAMESPACE") or ""
+    namespace = namespace.strip("/")
+    return f"/{namespace}/{name}" if namespace else f"/{name}"
 
 
 def own_name(kind: str) -> str:

@@ -1,5 +1,6 @@
 """Reads YAML files into values with places, so that a mistake has its file, line and key."""
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,10 +114,8 @@ def read_yaml_file(path: Path, content: str) -> Value:
     try:
         node = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        raise Place(str(path), mark.line + 1 if mark else 1).mistake(
-            f"is not YAML: {error.problem or error.context}"
-        ) from error
+        line, reason = yaml_mistake(error)
+        raise Place(str(path), line).mistake(f"is not YAML: {reason}") from error
     except yaml.YAMLError as error:
         raise Place(str(path), 1).mistake(f"is not YAML: {error}") from error
     except UnicodeDecodeError as error:
@@ -126,6 +125,52 @@ def read_yaml_file(path: Path, content: str) -> Value:
     if node is None:
         raise Place(str(path), 1).mistake(f"is empty; write {content}")
     return Value(node, Place(str(path), _line(node)))
+
+
+def yaml_mistake(error: yaml.MarkedYAMLError) -> tuple[int, str]:
+    """The line (from 1) of what YAML does not accept, and what is wrong there in plain words."""
+    problem = error.problem or error.context or "it cannot be read"
+    for pattern, reason, is_at_start in _MISTAKES:
+        if found := re.search(pattern, problem):
+            mark = error.context_mark if is_at_start else error.problem_mark
+            return _line_of(mark or error.problem_mark), reason.format(*found.groups())
+    return _line_of(error.problem_mark or error.context_mark), problem
+
+
+# What the parser says; in our words; and whether the line is that where the part begins.
+_MISTAKES = (
+    (
+        "mapping values are not allowed",
+        "a ':' stands where no key can be; check the indentation, or put the text in quotes",
+        False,
+    ),
+    (
+        "expected <block end>",
+        "this does not fit the lines above it; check the indentation, and that a list is not "
+        "mixed with keys",
+        False,
+    ),
+    (r"expected ',' or '\]'", "a list that begins here has no end; write ',' or ']'", True),
+    (r"expected ',' or '\}'", "a mapping that begins here has no end; write ',' or '}}'", True),
+    ("unexpected end of stream", "a quote that begins here has no end", True),
+    (r"found character '\\t'", "a tab stands here; indent with spaces", False),
+    (r"found character '(.)'", "a text cannot begin with {0!r}; put it in quotes", False),
+    ("expected ':'", "a key that begins here has no ':' after it", True),
+    (
+        r"undefined alias '(.*)'",
+        "'*{0}' refers to '&{0}', which is not there; put it in quotes if it is a text",
+        False,
+    ),
+    (
+        r"unknown escape character '(.)'",
+        "'\\{0}' means nothing between double quotes; use single quotes",
+        False,
+    ),
+)
+
+
+def _line_of(mark: yaml.Mark | None) -> int:
+    return int(mark.line) + 1 if mark else 1
 
 
 def _line(node: yaml.Node) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from tfbus.discover.presence import relative_name
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import relative
+from tfbus.wording import printable
 
 # The type of messages on the keys of transforms.
 TRANSFORMS_TYPE = "TransformMessage"
@@ -90,7 +91,8 @@ def graph_of(
     }
     for key, stream in streams.items():
         for name in _stream_topics(key, stream):
-            end = Endpoint(stream.node, TRANSFORMS_TYPE, stream.host, stream.pid)
+            by, host = printable(stream.node), printable(stream.host)
+            end = Endpoint(by, TRANSFORMS_TYPE, host, stream.pid)
             topics[name] = TopicInfo(name, (end,), None)
     services = {
         name: ServiceInfo(name, at("serves", name), at("calls", name))
@@ -102,7 +104,7 @@ def graph_of(
 def _stream_topics(key: str, stream: StreamDescription) -> list[str]:
     """`robot7/tf/sim` and `robot7/tf_static/sim` of the stream at `robot7/@tfbus/stream/sim`."""
     kinds = {"tf_static" if static else "tf" for _, _, static in stream.frames}
-    return [key.replace("@tfbus/stream", kind) for kind in kinds]
+    return [printable(key.replace("@tfbus/stream", kind)) for kind in kinds]
 
 
 def _types(*ends: Iterable[Endpoint]) -> tuple[str, ...]:

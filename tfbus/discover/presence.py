@@ -17,13 +17,14 @@ from tfbus.wire.keys import (
     relative,
     stream_of,
 )
-from tfbus.wording import did_you_mean
+from tfbus.wording import did_you_mean, printable
 
 
 def list_nodes(session: Session) -> list[str]:
     """The full names of the nodes that are alive, sorted: `/sim`, `/robot7/sim`."""
     namespace = session.settings.namespace
-    return sorted(full_name(key, namespace) for key in session.living(ALL_NODES_EVERYWHERE))
+    living = session.living(ALL_NODES_EVERYWHERE)
+    return sorted(printable(full_name(key, namespace)) for key in living)
 
 
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
@@ -78,7 +79,8 @@ def describe_streams(
                     continue
                 described[answer.key] = description
             except DecodeError as error:
-                on_unreadable(_unreadable(f"stream {stream_of(answer.key)!r}", error))
+                name = printable(stream_of(answer.key))
+                on_unreadable(_unreadable(f"stream {name!r}", error))
     return described
 
 
@@ -86,7 +88,7 @@ def _read(session: Session, answer: Answer) -> NodeDescription:
     try:
         return decode_message(NodeDescription, answer.payload)
     except DecodeError as error:
-        name = full_name(answer.key, session.settings.namespace)
+        name = printable(full_name(answer.key, session.settings.namespace))
         raise _unreadable(f"node {name!r}", error) from error
 
 

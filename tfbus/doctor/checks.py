@@ -14,6 +14,7 @@ CHECKS: dict[str, Check] = {
     "zenoh": host_checks.check_zenoh,
     "scouting": host_checks.check_scouting,
     "routers": host_checks.check_routers,
+    "nodes": tree_checks.check_nodes,
     "node-names": tree_checks.check_node_names,
     "conflicts": tree_checks.check_conflicts,
     "loops": tree_checks.check_loops,

@@ -3,10 +3,50 @@
 from collections import defaultdict
 
 from tfbus.doctor.examination import Examination
-from tfbus.doctor.finding import Finding, Verdict, first_of, found
+from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok
 from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.frames.state import silent_s, state
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, listed
+
+# A sentence names at most this many namespaces.
+_NAMED = 5
+
+
+def check_nodes(seen: Examination) -> Finding:
+    """There are nodes in the namespace that the doctor looks at."""
+    namespace = seen.settings.namespace
+    inside = [node.name.strip("/") for node in seen.nodes if not _is_tool(node.name)]
+    inside = [name.removeprefix(f"{namespace}/") for name in inside if _is_below(name, namespace)]
+    robots = sorted({name.rpartition("/")[0] for name in inside} - {""})
+    here = sum("/" not in name for name in inside)
+    if here or seen.tree.frames:
+        also = [f"more are in {_namespaces(robots)}"] if robots else []
+        return ok(counted(here, "node"), *also)
+    if robots:
+        return Finding(
+            "warn",
+            (f"no nodes here; robots are in {_namespaces(robots)}",),
+            f"look with --namespace {robots[0]}, or at all robots with --fleet",
+        )
+    where = f" in namespace {namespace!r}" if namespace else ""
+    return Finding(
+        "warn",
+        (f"no node was found{where}",),
+        "start one, as in: tfbus launch turtle; if others run, they are on another network or "
+        "domain: see scouting above, or give --connect ENDPOINT",
+    )
+
+
+def _is_tool(name: str) -> bool:
+    return name.rpartition("/")[2].startswith("_")
+
+
+def _is_below(name: str, namespace: str) -> bool:
+    return not namespace or name.startswith(f"{namespace}/")
+
+
+def _namespaces(names: list[str]) -> str:
+    return f"namespace{'s' * (len(names) > 1)} {listed(names, most=_NAMED)}"
 
 
 def check_node_names(seen: Examination) -> Finding:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tfbus.frames.echo_formats import csv_line as csv_line
     from tfbus.frames.echo_formats import foxy_block as foxy_block
     from tfbus.frames.echo_formats import json_line as json_line
+    from tfbus.frames.echo_formats import short_line as short_line
     from tfbus.frames.echo_formats import tf2_block as tf2_block
 
 _MODULE_OF = {
@@ -24,6 +25,7 @@ _MODULE_OF = {
     "csv_line": "tfbus.frames.echo_formats",
     "foxy_block": "tfbus.frames.echo_formats",
     "json_line": "tfbus.frames.echo_formats",
+    "short_line": "tfbus.frames.echo_formats",
     "tf2_block": "tfbus.frames.echo_formats",
 }
 

@@ -5,11 +5,13 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.settings import NodeSettings
+from tfbus.discover.presence import describe_all
 from tfbus.errors import TimeoutException
+from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
 from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
@@ -24,6 +26,11 @@ _CLOCK_WITHIN_S = 5.0
 # Links open one after the other, and the descriptions of streams follow.
 _QUIET_S = 0.3
 
+_ASK_EVERY_S = 3.0
+
+# Stamps that are so far from the time now are of another time, or nothing comes.
+_ODD_AHEAD_S, _ODD_BEHIND_S = 0.2, 2.0
+
 
 @dataclass(frozen=True)
 class Listening:
@@ -34,13 +41,58 @@ class Listening:
     listener: TransformListener
     fleet: Fleet | None
 
+    _asked: "_Asked" = field(default_factory=lambda: _Asked())
+
     def tree(self) -> FrameTree:
         """The tree of frames now."""
-        return frame_tree(self.buffer, self.listener.streams(), self.node.now_ns())
+        streams = self.listener.streams()
+        return frame_tree(self.buffer, streams, self.node.now_ns(), self._asked.simulated)
+
+    def tree_and_clocks(self) -> FrameTree:
+        """The tree of frames now, and who follows a simulated time if ages look as if.
+
+        It asks the nodes for that, at most every 3 s, which takes up to 1 s.
+        """
+        tree = self.tree()
+        ages_s = map(tree.age_s, tree.frames.values())
+        if self.node.clock.is_simulated or not any(map(_is_odd, ages_s)):
+            return tree
+        if self._asked.is_due():
+            session = self.node.session
+            self._asked.simulated = simulated_time(describe_all(session, lambda error: None))
+        return self.tree()
 
     def hint(self, frame: str = "") -> str:
         """Which other namespaces have a frame, or any frame at all; "" when none does."""
         return self.listener.where_to_look(frame)
+
+    def hint_while_empty(self) -> str:
+        """`hint()` for a screen that shows nothing yet: asked again every 3 s at most."""
+        if self._asked.is_due():
+            self._asked.hint = self.hint()
+        return self._asked.hint
+
+
+@dataclass
+class _Asked:
+    """What other processes said last, and when."""
+
+    simulated: SimulatedTime = NOT_SIMULATED
+    hint: str = ""
+    at_s: float = -math.inf
+
+    def is_due(self) -> bool:
+        """Whether it is time to ask again, which is noted."""
+        now_s = time.monotonic()
+        if now_s - self.at_s < _ASK_EVERY_S:
+            return False
+        self.at_s = now_s
+        return True
+
+
+def _is_odd(age_s: float | None) -> bool:
+    """Whether an age is not that of a frame which comes now, by the system's time."""
+    return age_s is not None and not -_ODD_AHEAD_S < age_s < _ODD_BEHIND_S
 
 
 @contextmanager

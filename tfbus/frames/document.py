@@ -95,4 +95,13 @@ def _wrapped(line: str, width: int) -> list[str]:
 
 
 def _mermaid(text: str) -> str:
-    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    # `#` begins an escape in Mermaid, and a backtick a text in Markdown.
+    for sign, escaped in {
+        "#": "#35;",
+        "&": "&amp;",
+        '"': "&quot;",
+        "<": "&lt;",
+        "`": "#96;",
+    }.items():
+        text = text.replace(sign, escaped)
+    return text

@@ -77,6 +77,14 @@ def foxy_block(transform: TransformStamped, numbers: Numbers) -> str:
     )
 
 
+def short_line(transform: TransformStamped, numbers: Numbers) -> str:
+    """One line for people: the stamp in seconds, the position, and the angles in degrees."""
+    degrees = map(math.degrees, transform.transform.as_rpy())
+    xyz = numbers.bracketed(transform.transform.xyz)
+    rpy = numbers.bracketed(degrees)
+    return f"{transform.stamp_ns / 1e9:.3f}: xyz {xyz} m, rpy {rpy} degrees"
+
+
 def json_line(transform: TransformStamped, numbers: Numbers) -> str:
     """One JSON object in one line, its numbers with all their digits."""
     pose = transform.transform

@@ -1,6 +1,9 @@
 """The tree of frames as a picture, drawn by matplotlib: SVG, PDF or PNG."""
 
 import textwrap
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -9,7 +12,8 @@ from typing import Any
 from tfbus.frames.layout import Place, Size, extent, outline, tidy
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.state import State, facts, state
-from tfbus.wording import counted
+from tfbus.runtime.whole_file import replacing
+from tfbus.wording import columns, counted, cut
 
 COLOURS: dict[State, str] = {
     "root": "#111827",
@@ -29,6 +33,9 @@ _MARGIN, _HEAD, _LEAST_WIDTH = 0.3, 0.9, 7.2
 _NAME_CHAR, _FACT_CHAR, _TEXT_CHAR = 0.088, 0.062, 0.072
 _PROBLEM_ROW = 0.17
 
+# Longer names are cut: they would make every picture wider than a screen.
+_LONGEST_NAME = 60
+
 # Some viewers open no PNG with more pixels: a larger one gets fewer dots per inch.
 _DOTS_PER_INCH, _MOST_PIXELS = 150, 30_000
 
@@ -44,16 +51,32 @@ class _Label:
     @property
     def size(self) -> Size:
         """How large it is."""
-        return Size(len(self.name) * _NAME_CHAR, len(self.facts) * _FACT_CHAR)
+        return Size(columns(self.name) * _NAME_CHAR, columns(self.facts) * _FACT_CHAR)
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """How matplotlib draws, inside a `with`.
+
+    Text stays text in an SVG: it can be searched, and uses the reader's own font. A letter that no
+    font has, such as an emoji, is drawn as a box, without a warning for each.
+    """
+    import matplotlib
+
+    with matplotlib.rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield
 
 
 def write_picture(tree: FrameTree, path: Path) -> None:
-    """Draw the tree into a file; its ending chooses one of matplotlib's formats."""
-    import matplotlib
+    """Draw the tree into a file, whose ending chooses one of matplotlib's formats.
+
+    A failure leaves the file as it was.
+    """
     from matplotlib.figure import Figure
 
     labels = {
-        name: _Label(name, ", ".join(facts(tree, frame)), state(tree, frame))
+        name: _Label(cut(name, _LONGEST_NAME), ", ".join(facts(tree, frame)), state(tree, frame))
         for name, frame in tree.frames.items()
     }
     sizes = {name: label.size for name, label in labels.items()}
@@ -63,8 +86,7 @@ def write_picture(tree: FrameTree, path: Path) -> None:
     problems = _problem_lines(tree, width)
     height = _HEAD + bottom + 3 * _MARGIN + _PROBLEM_ROW * len(problems)
 
-    # Text stays text in an SVG: it can be searched, and uses the reader's own font.
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
+    with drawing():
         figure = Figure(figsize=(width, height), facecolor="white")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
@@ -77,7 +99,9 @@ def write_picture(tree: FrameTree, path: Path) -> None:
             _write(
                 axes, 0.0, bottom + 2 * _MARGIN + _PROBLEM_ROW * number, line, 8, COLOURS["gone"]
             )
-        figure.savefig(path, dpi=min(_DOTS_PER_INCH, _MOST_PIXELS / max(width, height)))
+        dpi = min(_DOTS_PER_INCH, _MOST_PIXELS / max(width, height))
+        with replacing(path) as file:
+            figure.savefig(file, format=path.suffix[1:], dpi=dpi)
 
 
 def _draw_head(axes: Any, tree: FrameTree) -> None:

@@ -7,7 +7,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from tfbus.errors import TfbusError
+from tfbus.frames.picture import drawing
 from tfbus.frames.track import Track
+from tfbus.runtime.whole_file import replacing
 
 Panel = Literal["position", "orientation", "speed", "path"]
 PANELS: tuple[Panel, ...] = get_args(Panel)
@@ -31,11 +33,12 @@ def draw(track: Track, panels: tuple[Panel, ...]) -> Any:
 
 
 def write_plot(track: Track, path: Path, panels: tuple[Panel, ...]) -> None:
-    """Draw the panels into a file; its ending chooses one of matplotlib's formats."""
-    import matplotlib
+    """Draw the panels into a file, whose ending chooses one of matplotlib's formats.
 
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
-        draw(track, panels).savefig(path, dpi=150)
+    A failure leaves the file as it was.
+    """
+    with drawing(), replacing(path) as file:
+        draw(track, panels).savefig(file, format=path.suffix[1:], dpi=150)
 
 
 def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
@@ -51,8 +54,9 @@ def show_plot(track: Track, panels: tuple[Panel, ...]) -> None:
             "there is no toolkit to open a window with: write a file with -o, or install one, "
             "such as Debian's python3-tk, or pip install pyqt6"
         )
-    _draw_into(figure, track, panels)
-    pyplot.show()
+    with drawing():
+        _draw_into(figure, track, panels)
+        pyplot.show()
 
 
 def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:

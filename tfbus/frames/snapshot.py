@@ -1,18 +1,20 @@
 """The tree of frames at one moment, with the publishers of each edge and what is wrong."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime
 from tfbus.listen.info import StreamInfo
+from tfbus.names import mistake_in
 from tfbus.runtime.clock import Clock
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import counted, listed
+from tfbus.wording import counted, listed, printable
 
-ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent"]
+ProblemKind = Literal["loop", "conflict", "gone", "disconnected", "orphan", "silent", "clock"]
 
 # For each child frame the parents that living streams give it, and by which stream.
 Claims = Mapping[str, list[tuple[str, StreamInfo]]]
@@ -36,12 +38,15 @@ class Problem:
 class FrameTree:
     """All frames and all streams by name, as they were at `recorded_ns` (ns since the Unix epoch,
     by the listener's clock, which is simulated or the system's).
+
+    `simulated` says which publishers follow a simulated time, where the listener does not.
     """
 
     frames: Mapping[str, FrameInfo]
     streams: Mapping[str, StreamInfo]
     recorded_ns: int
     is_simulated: bool = False
+    simulated: SimulatedTime = NOT_SIMULATED
 
     @cached_property
     def trees(self) -> list[list[tuple[int, FrameInfo]]]:
@@ -116,6 +121,10 @@ class FrameTree:
             if len(claimed) > 1 and len({stream.name for _, stream in claimed}) > 1
         )
 
+    def is_of_another_time(self, frame: FrameInfo) -> bool:
+        """Whether the stamps of a dynamic frame are of a simulated time that we do not follow."""
+        return not frame.static and self.publisher(frame).node in self.simulated.followers
+
     def problems(self) -> list[Problem]:
         """What is wrong with the tree, the worst first."""
         return [
@@ -124,6 +133,7 @@ class FrameTree:
             *self._gone(),
             *self._disconnected(),
             *self._silent(),
+            *self._of_another_time(),
         ]
 
     def _conflicts(self) -> Iterator[Problem]:
@@ -175,13 +185,51 @@ class FrameTree:
                     f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it",
                 )
 
+    def _of_another_time(self) -> Iterator[Problem]:
+        frames = [name for name, frame in self.frames.items() if self.is_of_another_time(frame)]
+        if frames:
+            yield Problem(
+                "clock",
+                tuple(frames),
+                f"{self.simulated.published}; {self.simulated.followed}, and this tool does not: "
+                "ages are wrong without --sim-time",
+            )
 
-def frame_tree(buffer: Buffer, streams: Iterable[StreamInfo], recorded_ns: int) -> FrameTree:
-    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock."""
-    frames = {frame.name: frame for frame in buffer.all_frames()}
+
+def frame_tree(
+    buffer: Buffer,
+    streams: Iterable[StreamInfo],
+    recorded_ns: int,
+    simulated: SimulatedTime = NOT_SIMULATED,
+) -> FrameTree:
+    """What the buffer and its listener know at the time `recorded_ns`, by the listener's clock.
+
+    All texts come as they can be printed: streams, nodes and hosts are named by strangers.
+    """
+    frames = {frame.name: _printable_frame(frame) for frame in buffer.all_frames()}
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
-    by_name = {stream.name: stream for stream in streams}
-    return FrameTree(frames, by_name, recorded_ns, is_simulated)
+    by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
+    return FrameTree(frames, by_name, recorded_ns, is_simulated, simulated)
+
+
+def _printable_frame(frame: FrameInfo) -> FrameInfo:
+    # A buffer takes no frame whose name cannot be printed.
+    authority = printable(frame.authority)
+    return frame if authority == frame.authority else replace(frame, authority=authority)
+
+
+def _printable_stream(stream: StreamInfo) -> StreamInfo:
+    shown = replace(
+        stream,
+        name=printable(stream.name),
+        node=printable(stream.node),
+        host=printable(stream.host),
+        session=printable(stream.session),
+    )
+    if any(mistake_in(name) for row in stream.frames for name in row[:2]):
+        frames = tuple(row for row in stream.frames if not any(map(mistake_in, row[:2])))
+        return replace(shown, frames=frames)
+    return shown
 
 
 def who(stream: StreamInfo) -> str:

@@ -101,7 +101,10 @@ def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
     else:
         age_s = tree.age_s(frame)
         words.append(duration(age_s) + " old")
-        words += [ASK_IF_SIMULATED] * is_another_time(age_s)
+        if tree.is_of_another_time(frame):
+            words.append("its time is simulated: use --sim-time")
+        elif is_another_time(age_s):
+            words.append(ASK_IF_SIMULATED)
         if frame.rate_hz is not None:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")

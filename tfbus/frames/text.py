@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
-from tfbus.wording import counted, duration, stamp_text
+from tfbus.wording import columns, counted, cut, duration, stamp_text
 
 Paint = Callable[[str, State], str]
 
@@ -18,21 +18,26 @@ def plain(text: str, state: State) -> str:
 def tree_lines(tree: FrameTree, *, width: int = 80, paint: Paint = plain) -> list[str]:
     """The trees, one line per frame: its name, and as many of its facts as the width allows.
 
-    `paint(text, state)` may colour a line.
+    A name that is wider than that is cut. `paint(text, state)` may colour a line.
     """
-    rows = list(_rows(tree))
-    column = min(max((len(lead) + len(frame.name) for lead, frame in rows), default=0), width // 2)
+    rows = [(f"{lead}{cut(frame.name, _room(lead, width))}", frame) for lead, frame in _rows(tree)]
+    column = min(max((columns(name) for name, _ in rows), default=0), width // 2)
     lines = []
-    for lead, frame in rows:
-        name = f"{lead}{frame.name}".ljust(column)
+    for label, frame in rows:
+        name = label + " " * (column - columns(label))
         line = name
         for fact in facts(tree, frame):
             joined = f"{line}{'  ' if line is name else ', '}{fact}"
-            if len(joined) > width:
+            if columns(joined) > width:
                 break
             line = joined
         lines.append(paint(line.rstrip(), state(tree, frame)))
     return lines
+
+
+def _room(lead: str, width: int) -> int:
+    """How much of a line its name may take; deep in a tree, still enough to tell names apart."""
+    return max(width - len(lead), 20)
 
 
 def publisher_lines(tree: FrameTree) -> list[str]:

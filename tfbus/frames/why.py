@@ -26,6 +26,7 @@ _REMEDIES = {
     "loop": "swap parent and child of one edge of the loop, or stop publishing it",
     "conflict": "let one of them publish the frame, or give each frame its own name",
     "silent": "check that it is sent at all: tfbus topic hz tf",
+    "clock": "pass --sim-time to this tool, and to all nodes that look up these frames",
 }
 
 
@@ -141,6 +142,8 @@ def _faults(
     restart = f"start the publisher of {frame.name!r} again: {who(stream)}"
     if not frame.static:
         yield from _out_of_time(tree, frame, stamp_ns, restart)
+    if tree.is_of_another_time(frame):
+        yield "warn", "its stamps are of a simulated time, and this tool uses the system's", ""
     if frame.gone:
         yield "warn", "its publisher is gone, and its last pose is no longer updated", restart
     elif is_stale(tree, frame):

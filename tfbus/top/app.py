@@ -90,6 +90,49 @@ class FrameScreen(ModalScreen[None]):
         self.query_one("#details", Static).update(Text(lines))
 
 
+_HELP = """\
+Keys
+  1 2 3 4   the tabs: frames, streams, nodes, topics and services
+  s r       sort by the next column; reverse (or click a heading)
+  /         show only rows with these words; Escape shows all
+  Enter     a frame's rate and delay over two minutes, and all facts
+  m         measure the Hz of the topic under the cursor, or stop
+  Space     pause; q or Ctrl-C quits
+
+Columns
+  Hz        messages or samples per second, mean of 10 s
+  age       how old the newest stamp of a frame is
+  delay     how old a sample is when it comes, median of 10 s
+  jitter    how irregularly samples come
+  missed    messages that were sent and never came
+  clock     how far the publisher's clock is ahead of ours
+
+States
+  stale: silent for longer than its rate allows; gone: its publisher has
+  left the bus; conflict: two live streams publish it\
+"""
+
+
+class HelpScreen(ModalScreen[None]):
+    """What the keys, the columns and the states mean."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark", "dismiss", "Back"),
+    ]
+    CSS = """
+    HelpScreen { align: center middle; }
+    HelpScreen VerticalScroll {
+        width: 76; height: auto; max-height: 90%; border: round $accent; padding: 0 1;
+    }
+    HelpScreen Static { height: auto; }
+    """
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll():
+            yield Static(Text(_HELP))
+        yield Footer()
+
+
 class TopApp(App[None]):
     """All tables, one per tab."""
 
@@ -102,16 +145,19 @@ class TopApp(App[None]):
     #head { height: 1; color: $text-muted; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("question_mark", "help", "Help", key_display="?"),
         Binding("q", "quit", "Quit"),
         Binding("ctrl+c", "quit", show=False, priority=True),
-        Binding("1", "show('frames')", "Frames"),
-        Binding("2", "show('streams')", "Streams"),
-        Binding("3", "show('nodes')", "Nodes"),
-        Binding("4", "show('topics')", "Topics"),
+        # The tabs themselves say these.
+        Binding("1", "show('frames')", "Frames", show=False),
+        Binding("2", "show('streams')", "Streams", show=False),
+        Binding("3", "show('nodes')", "Nodes", show=False),
+        Binding("4", "show('topics')", "Topics", show=False),
         Binding("s", "sort", "Sort"),
         Binding("r", "reverse", "Reverse"),
-        Binding("slash", "filter", "Filter"),
+        Binding("slash", "filter", "Filter", key_display="/"),
         Binding("space", "pause", "Pause"),
+        Binding("m", "measure", "Measure"),
         Binding("escape", "clear", "Clear", show=False),
     ]
 
@@ -127,8 +173,8 @@ class TopApp(App[None]):
     def compose(self) -> ComposeResult:
         yield Static("", id="head")
         with TabbedContent(initial="frames"):
-            for name in _NAMES:
-                with TabPane(name.capitalize(), id=name):
+            for number, name in enumerate(_NAMES, start=1):
+                with TabPane(f"{number} {name.capitalize()}", id=name):
                     yield DataTable(id=f"{name}-table", cursor_type="row", zebra_stripes=True)
         yield Input(placeholder="words that a row must contain", id="filter")
         yield Footer()
@@ -146,6 +192,21 @@ class TopApp(App[None]):
         """Show a tab."""
         self.query_one(TabbedContent).active = name
         self.set_focus(self._table_of(name))
+
+    def action_help(self) -> None:
+        """Show what the keys and columns mean."""
+        if not isinstance(self.screen, HelpScreen):
+            self.push_screen(HelpScreen())
+
+    def action_measure(self) -> None:
+        """Measure the rate of the topic under the cursor, or stop that."""
+        table = self._table_of("topics")
+        if self._tab() == "topics" and table.row_count:
+            row = table.ordered_rows[table.cursor_row]
+            kind, _, topic = str(row.key.value).partition(" ")
+            if kind == "topic":
+                self._source.measure(topic)
+                self._look()
 
     def action_sort(self) -> None:
         """Sort by the next column."""

@@ -1,17 +1,21 @@
 """The tables of `tfbus top` as values, without a screen."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from tfbus.discover.graph import Graph
 from tfbus.frames.state import State, faults, state
 from tfbus.monitor.report import Report
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wording import duration
+from tfbus.wording import cut, duration, printable
 
 _SERVICE = "service"
+
+# Longer texts would push all other columns off the screen.
+_LONGEST_CELL = 60
 
 
 @dataclass(frozen=True)
@@ -129,8 +133,11 @@ def nodes_table(nodes: Iterable[NodeDescription]) -> Table:
     return Table("nodes", headings, tuple(rows))
 
 
-def topics_table(graph: Graph) -> Table:
-    """Each topic and service: its type, and the nodes on both sides."""
+def topics_table(graph: Graph, rates_hz: Mapping[str, float] = MappingProxyType({})) -> Table:
+    """Each topic and service: its type, its rate where it is measured, and the nodes on both sides.
+
+    `rates_hz` are those of topics by name.
+    """
     rows = []
     for topic in graph.topics.values():
         heard_by = topic.subscribers
@@ -138,6 +145,7 @@ def topics_table(graph: Graph) -> Table:
             _text(topic.name),
             _text("topic"),
             _text(", ".join(topic.types)),
+            Cell.of(rates_hz.get(topic.name), ".1f"),
             _text(", ".join(end.node for end in topic.publishers)),
             _text("" if heard_by is None else ", ".join(end.node for end in heard_by)),
         )
@@ -147,11 +155,12 @@ def topics_table(graph: Graph) -> Table:
             _text(service.name),
             _text(_SERVICE),
             _text(", ".join(service.types)),
+            Cell.of(None, ""),
             _text(", ".join(end.node for end in service.servers)),
             _text(", ".join(end.node for end in service.clients)),
         )
         rows.append(Row(f"{_SERVICE} {service.name}", cells))
-    return Table("topics", ("name", "kind", "type", "from", "to"), tuple(rows))
+    return Table("topics", ("name", "kind", "type", "Hz", "from", "to"), tuple(rows))
 
 
 def is_service(row: Row) -> bool:
@@ -176,7 +185,7 @@ def _order(value: Any) -> tuple[bool, Any]:
 
 
 def _text(text: str) -> Cell:
-    return Cell(text, text.lower())
+    return Cell(cut(printable(text), _LONGEST_CELL), text.lower())
 
 
 def _last(value: float | None) -> float:

@@ -1,6 +1,7 @@
 """Gathers what `tfbus top` shows from the bus."""
 
 import threading
+import time
 from collections import deque
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from tfbus.frames.command_listener import Listening
 from tfbus.frames.text import frame_lines
 from tfbus.monitor.meter import TransformMeter
 from tfbus.monitor.report import Report, make_report
+from tfbus.monitor.window import Window
+from tfbus.node.node import Node
 from tfbus.top.rows import Table, frames_table, nodes_table, streams_table, topics_table
 from tfbus.wire.descriptions import NodeDescription
 
@@ -19,6 +22,10 @@ _LOOKS = 120
 # Each history takes 15 kB: further frames have none.
 _MOST_PASTS = 2000
 _ASK_WITHIN_S = 0.8
+
+# A topic's rate is the mean of this time, over at most so many messages.
+_MEAN_OF_S = 10.0
+_MOST_MESSAGES = 10_000
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class Source:
         self._graph = Graph()
         self._report: Report | None = None
         self._asking = threading.Lock()
+        self._measured: dict[str, _Rate] = {}
 
     def look(self) -> dict[str, Table]:
         """The tables by name, as they are now."""
@@ -49,8 +57,27 @@ class Source:
             "frames": frames_table(report),
             "streams": streams_table(report),
             "nodes": nodes_table(self._nodes),
-            "topics": topics_table(self._graph),
+            "topics": topics_table(self._graph, self._rates_hz(report)),
         }
+
+    def measure(self, topic: str) -> None:
+        """Subscribe to a topic to measure its rate; a second time, stop that.
+
+        Not all at once: a camera's images would fill a slow link.
+        """
+        if topic in self._measured:
+            self._measured.pop(topic).close()
+        elif not is_of_transforms(topic):
+            self._measured[topic] = _Rate(self._heard.node, topic)
+
+    def _rates_hz(self, report: Report) -> dict[str, float]:
+        """The rates of topics by name: those measured, and those of dynamic transforms."""
+        streams = {
+            name: report.meter.stream(name.partition("tf/")[2]).messages_hz
+            for name in self._graph.topics
+            if name.startswith("tf/")
+        }
+        return streams | {name: rate.hz for name, rate in self._measured.items()}
 
     def ask(self) -> None:
         """Ask all nodes for their descriptions, unless another call is doing so."""
@@ -93,6 +120,37 @@ class Source:
                 continue
             past = self._past.setdefault(frame.name, deque(maxlen=_LOOKS))
             past.append((flow.rate_hz or 0.0, delay_s))
+
+
+def is_of_transforms(topic: str) -> bool:
+    """Whether it carries the transforms of a stream, which are measured anyway."""
+    return not {"tf", "tf_static"}.isdisjoint(topic.split("/"))
+
+
+class _Rate:
+    """How many messages of a topic come per second, as a mean of 10 s."""
+
+    def __init__(self, node: Node, topic: str) -> None:
+        self._since_s = time.monotonic()
+        self._window = Window(_MOST_MESSAGES)
+        self._subscription = node.create_raw_subscription(topic, self._take)
+
+    def _take(self, payload: bytes) -> None:
+        self._window.add(time.monotonic(), len(payload))
+
+    @property
+    def hz(self) -> float:
+        now_s = time.monotonic()
+        arrivals_s = self._window.read().arrivals_s
+        recent = [at_s for at_s in arrivals_s if now_s - at_s <= _MEAN_OF_S]
+        over_s = min(now_s - self._since_s, _MEAN_OF_S)
+        if len(arrivals_s) == _MOST_MESSAGES:  # the oldest of 10 s are not in the window any longer
+            over_s = min(over_s, now_s - arrivals_s[0])
+        return len(recent) / max(over_s, 1e-3)
+
+    def close(self) -> None:
+        """Stop measuring."""
+        self._subscription.close()
 
 
 def _ignore(error: Exception) -> None:

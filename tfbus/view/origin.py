@@ -26,6 +26,17 @@ def is_local(host: str) -> bool:
     return host.lower() == "localhost" if address is None else address.is_loopback
 
 
+def names_to_open(host: str) -> tuple[str, ...]:
+    """What a browser opens where a server listens at `host`.
+
+    `0.0.0.0` and `::` stand for all addresses of this machine, and no browser opens them.
+    """
+    address = _address(host)
+    if address is not None and address.is_unspecified:
+        return ("localhost", socket.gethostname())
+    return (host,)
+
+
 def machine_names(host: str) -> frozenset[str]:
     """The names under which others may open a view that listens at `host`: that one, and this
     machine's host name with and without its domain; none if only this machine reaches it.

@@ -18,6 +18,7 @@ from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.urdf import Visual
 from tfbus.view.model.view_state import ViewState
+from tfbus.view.origin import names_to_open
 from tfbus.view.panels.panel import Panel
 from tfbus.view.scene.camera import FirstLook
 from tfbus.view.scene.labels import Names
@@ -102,10 +103,21 @@ class Page:
 
     @property
     def address(self) -> str:
-        """The URL of the page."""
-        host = self._server.get_host()
-        shown = f"[{host}]" if ":" in host else host
-        return f"http://{shown}:{self._server.get_port()}"
+        """The URL of the page on this machine."""
+        return self.addresses[0]
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return self._server.get_port()
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """The URLs that a browser can open: of this machine alone, or also by its host name."""
+        return tuple(
+            f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
+            for name in names_to_open(self._server.get_host())
+        )
 
     @property
     def is_watched(self) -> bool:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.errors import TfbusError
+from tfbus.runtime.whole_file import replacing
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -91,7 +92,9 @@ class Screenshot:
 
         def take() -> None:
             try:
-                self._path.write_bytes(self._take(address, hold))
+                picture = self._take(address, hold)
+                with replacing(self._path) as file:
+                    file.write(picture)
             except Exception as error:  # `finish` raises it
                 self._error = error
             finally:

@@ -3,14 +3,17 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tfbus.names import is_printable, mistake_in
+from tfbus.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.wire.codec import decode_message
 from tfbus.wording import printable
 
 
 @dataclass(frozen=True)
 class ParameterDescription:
-    """A parameter: its name, value, type and, for numbers, bounds."""
+    """A parameter: its name, value, type and, for numbers, bounds.
+
+    Its texts but the value come as they can be printed.
+    """
 
     name: str
     value: Any
@@ -18,6 +21,10 @@ class ParameterDescription:
     description: str = ""
     minimum: Any = None
     maximum: Any = None
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "name", "type")
+        object.__setattr__(self, "description", printable(self.description, _LONGEST_TEXT))
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class NodeDescription:
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to.
+    All names come as they can be printed.
     """
 
     name: str
@@ -56,6 +64,28 @@ class NodeDescription:
     calls: dict[str, str]
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "name", "host", "version", "session", "streams", "unread")
+        _make_printable(self, "publishes", "subscribes", "serves", "calls")
+
+
+# A parameter's description may be a sentence or two.
+_LONGEST_TEXT = 1000
+
+
+def _make_printable(description: object, *fields: str) -> None:
+    """Replace what a screen must not get in these fields: texts, or tuples and maps of texts."""
+    for field in fields:
+        object.__setattr__(description, field, _printable(getattr(description, field)))
+
+
+def _printable(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {_printable(name): _printable(each) for name, each in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_printable, value))
+    return printable(value, MOST_LETTERS)
 
 
 # The fields that others than the node itself fill, in their order on the wire; always sent.

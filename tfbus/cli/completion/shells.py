@@ -30,7 +30,7 @@ class _Shell(ShellComplete):
         """The words before the cursor's, and that word."""
         line = os.environ.get("TFBUS_LINE", "")
         words = split_arg_string(line)
-        is_within_word = _last_word(line) or _is_in_quotes(line)
+        is_within_word = _last_word(line) or _open_quote(line)
         incomplete = words.pop() if words and is_within_word else ""
         return words[1:], incomplete
 
@@ -74,8 +74,8 @@ complete -o nosort -F _tfbus_completion %(prog_name)s
     def written(self, value: str) -> str:
         """The part of the candidate that replaces what bash takes for the word."""
         line = os.environ.get("TFBUS_LINE", "")
-        if _is_in_quotes(line):
-            return value
+        if quote := _open_quote(line):
+            return _within(quote, value)
         typed = _last_word(line)
         breaks = set(os.environ.get("TFBUS_BREAKS", "")) - set(" \t\n\"'")
         seen_from = max((at + 1 for at, char in enumerate(typed) if char in breaks), default=0)
@@ -156,7 +156,8 @@ for _each in SHELLS.values():
 
 # The end of a word in bash, with escaped blanks; and what must be escaped.
 _LAST_WORD = re.compile(r"(?:\\.|[^\s\\])*$")
-_SPECIAL = re.compile(r"([^\w@%+=:,./~-])")
+_SPECIAL_IN_QUOTES = re.compile(r'([\\"$`])')
+_SPECIAL = re.compile(r"([^\w@%+=:,./-])")
 
 
 def script(shell: str, command: click.Command) -> str:
@@ -170,8 +171,16 @@ def _last_word(line: str) -> str:
     return found[0] if found else ""
 
 
-def _is_in_quotes(line: str) -> bool:
-    """Whether the line ends within open quotes."""
+def _within(quote: str, value: str) -> str:
+    """The candidate as bash takes it between quotes that are open."""
+    if quote == "'":
+        return value.replace("'", r"'\''")
+    # Between double quotes no escape keeps bash from reading `!` as history: they are closed.
+    return _SPECIAL_IN_QUOTES.sub(r"\\\1", value).replace("!", '"\\!"')
+
+
+def _open_quote(line: str) -> str:
+    """The quote within which the line ends; "" outside of quotes."""
     quote = ""
     escaped = False
     for char in line:
@@ -183,4 +192,4 @@ def _is_in_quotes(line: str) -> bool:
             quote = "" if char == quote else quote
         elif char in "\"'":
             quote = char
-    return bool(quote)
+    return quote

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
+from tfbus.cli.messages.fields import is_called, prototype
 from tfbus.cli.messages.of_type import bare
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
@@ -38,6 +39,36 @@ def supplied_names() -> list[str]:
     return sorted(_supplied())
 
 
+def supplied_call(name: str) -> type | None:
+    """The type of a service or action of this name in `tfbus.messages`, or None."""
+    return _supplied_calls().get(name)
+
+
+def supplied_calls() -> list[type]:
+    """The types of services and actions in `tfbus.messages`, by name."""
+    return [each for _, each in sorted(_supplied_calls().items())]
+
+
+def find_call(text: str) -> type:
+    """The type of a service or action that `Spawn`, ROS's `turtlesim/srv/Spawn`, or
+    `my_robot.services:Dock` stands for.
+
+    Raises click.UsageError.
+    """
+    module, colon, name = text.partition(":")
+    if colon:
+        return _imported(
+            module, name, is_called, "no class {!r} with a Request or a Goal, as a service has"
+        )
+    found = supplied_call(bare(text))
+    if found is None:
+        hint = did_you_mean(bare(text), _supplied_calls(), none="")
+        raise click.UsageError(
+            f"tfbus.messages has no service {text!r} (write your own as package.module:Name){hint}"
+        )
+    return found
+
+
 def find_type(text: str) -> type:
     """The type that `Pose`, ROS's `turtlesim/msg/Pose`, or `my_robot.messages:Battery` stands for.
 
@@ -45,7 +76,7 @@ def find_type(text: str) -> type:
     """
     module, colon, name = text.partition(":")
     if colon:
-        return _imported(module, name)
+        return _imported(module, name, is_dataclass, "no dataclass {!r}; a message must be one")
     found = supplied_type(bare(text))
     if found is None:
         hint = did_you_mean(text, _supplied(), none="")
@@ -80,15 +111,24 @@ def encode_values(values: Mapping[str, Any], what: str) -> bytes:
 
 
 def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
-    """The fields of a message of this type, with defaults for missing ones.
+    """The fields of a message of this type, with defaults for missing ones, or zeros.
 
     Raises click.UsageError if the values are no such message.
     """
     _check_names(message_type, values, "")
     try:
-        return as_map(from_map(message_type, values))
+        return as_map(from_map(message_type, _merged(prototype(message_type), values)))
     except DecodeError as error:
         raise click.UsageError(f"not a valid {type_name(message_type)}: {error}") from error
+
+
+def _merged(defaults: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values, and the defaults of fields that they do not have, also nested ones."""
+    return {**defaults, **values} | {
+        name: _merged(defaults[name], value)
+        for name, value in values.items()
+        if isinstance(value, Mapping) and isinstance(defaults.get(name), Mapping)
+    }
 
 
 def read_map(text: str) -> dict[str, Any] | None:
@@ -121,14 +161,21 @@ def _supplied() -> dict[str, type]:
     }
 
 
-def _imported(module: str, name: str) -> type:
+@cache
+def _supplied_calls() -> dict[str, type]:
+    import tfbus.messages
+
+    return {name: value for name, value in vars(tfbus.messages).items() if is_called(value)}
+
+
+def _imported(module: str, name: str, is_one: Callable[[Any], bool], else_: str) -> type:
     sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:
         found = getattr(import_module(module), name, None)
     except ImportError as error:
         raise click.UsageError(f"{module!r} cannot be imported: {error}") from error
-    if not isinstance(found, type) or not is_dataclass(found):
-        raise click.UsageError(f"{module} has no dataclass {name!r}; a message must be one")
+    if not isinstance(found, type) or not is_one(found):
+        raise click.UsageError(f"{module} has {else_.format(name)}")
     return found
 
 

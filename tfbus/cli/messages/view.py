@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from tfbus.cli.output import as_text
 from tfbus.wording import did_you_mean
 
 _PART = re.compile(r"[^.\[\]]+")
@@ -77,7 +78,9 @@ def _missing(at: Any, name: str) -> str:
 def csv_row(value: Any) -> str:
     """All values of a message in order, separated by commas."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="").writerow(_leaves(value))
+    csv.writer(text, lineterminator="").writerow(
+        as_text(leaf) if isinstance(leaf, str) else leaf for leaf in _leaves(value)
+    )
     return text.getvalue()
 
 

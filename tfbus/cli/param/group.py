@@ -10,7 +10,16 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus
-from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn, yaml_text
+from tfbus.cli.output import (
+    as_text,
+    json_option,
+    paint,
+    print_json,
+    print_lines,
+    print_text,
+    warn,
+    yaml_text,
+)
 from tfbus.cli.param.file import read_parameter_file
 from tfbus.cli.param.query import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.cli.verbs import Verbs
@@ -60,7 +69,7 @@ def list_command(
         print_json({name: [each.name for each in parameters] for name, parameters in found.items()})
         return
     for name, parameters in found.items():
-        click.echo(f"{paint(name, 'name')}:")
+        print_text(f"{paint(name, 'name')}:")
         print_lines(
             f"  {each.name}" + (f" {paint(f'[{each.type}]', 'type')}" if with_type else "")
             for each in parameters
@@ -85,7 +94,7 @@ def get_command(
     for each in described:
         value = as_text(each.value)
         typed = value if hide_type else f"{each.type.capitalize()} value is: {value}"
-        click.echo(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
+        print_text(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
 
 
 class _SetCommand(click.Command):
@@ -127,7 +136,7 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
             set_parameter(session, node, name, value)
             many = f": {name}" if len(pairs) > 2 else ""
-            click.echo(f"Set parameter successful{many}")
+            print_text(f"Set parameter successful{many}")
 
 
 @command.command("dump", epilog="Example: tfbus param dump sim > sim.yaml")
@@ -142,7 +151,7 @@ def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
     if as_json:
         print_json(values)
     else:
-        click.echo(yaml_text(values))
+        print_text(yaml_text(values))
 
 
 @command.command("load", epilog="Example: tfbus param load sim sim.yaml")
@@ -165,7 +174,7 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
                 refused += 1
                 warn(error)
             else:
-                click.echo(f"Set parameter {name} successful")
+                print_text(f"Set parameter {name} successful")
     if refused:
         raise ParameterError(f"{refused} of {counted(len(values), 'parameter')} not set")
 

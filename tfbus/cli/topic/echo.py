@@ -11,12 +11,13 @@ from tfbus.cli.bus import look
 from tfbus.cli.messages.message import Reader, reader_of
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
-from tfbus.cli.output import is_terminal, json_option, paint, warn, yaml_text
+from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.errors import DecodeError
+from tfbus.wire.keys import relative
 from tfbus.wording import counted, stamp_text
 
 if TYPE_CHECKING:
@@ -117,6 +118,7 @@ def echo_command(
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
+    topic = relative(topic, settings.namespace)
     with visiting(settings, "echo") as node:
         type_name = type_of(look(node.session), topic)
         with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
@@ -128,7 +130,7 @@ def echo_command(
             for text in texts:
                 if clear and is_terminal():
                     click.clear()
-                click.echo(text)
+                print_text(text)
                 if once:
                     break
 

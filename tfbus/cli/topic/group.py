@@ -3,20 +3,24 @@
 from dataclasses import asdict
 
 import click
+from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look, open_bus
-from tfbus.cli.messages.of_type import names_of_type
-from tfbus.cli.output import json_option, paint, print_json, print_lines
+from tfbus.cli.bus import from_here, look, open_bus
+from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
+from tfbus.cli.messages.of_type import bare, names_of_type
+from tfbus.cli.messages.show import print_type, print_types
+from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic.pub import pub_command
 from tfbus.cli.topic.source import find_topic
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
-from tfbus.command.types import TopicName
-from tfbus.discover.graph import Endpoint, TopicInfo
-from tfbus.wording import counted
+from tfbus.command.types import TopicName, matching
+from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, TopicInfo
+from tfbus.errors import BusError
+from tfbus.wording import counted, did_you_mean
 
 
 @click.group(cls=Verbs)
@@ -70,16 +74,67 @@ def list_command(
 def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
     """Print the type of TOPIC, and the number of its publishers and subscribers."""
     with open_bus(settings) as session:
-        info = find_topic(look(session), topic)
+        info = find_topic(look(session), from_here(topic, settings))
     if as_json:
         print_json(_as_map(info))
         return
-    click.echo(f"Type: {paint(_types(info), 'type')}")
+    print_text(f"Type: {paint(_types(info), 'type')}")
     for side, ends in (("Publisher", info.publishers), ("Subscription", info.subscribers)):
         count = "unknown, listeners do not announce it" if ends is None else len(ends)
-        click.echo(f"{side} count: {count}")
+        print_text(f"{side} count: {count}")
         if verbose:
             print_lines(line for end in ends or () for line in _end_lines(end))
+
+
+def _complete_show(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    names = TopicName().shell_complete(ctx, param, incomplete)
+    return [*names, *matching(supplied_names(), incomplete)]
+
+
+@command.command(
+    "show",
+    epilog="Examples: tfbus topic show; tfbus topic show turtle1/pose; tfbus topic show Twist",
+)
+@click.argument("topic", metavar="[TOPIC|TYPE]", required=False, shell_complete=_complete_show)
+@json_option("Print a JSON object.")
+@bus_options("topic")
+def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> None:
+    """Print the fields of the messages of TOPIC, or of the type TYPE, with their defaults.
+
+    TYPE is a message of tfbus.messages or package.module:Name. Without an argument, list those of
+    tfbus.messages.
+    """
+    if topic is None:
+        print_types(filter(None, map(supplied_type, supplied_names())))
+        return
+    type_ = supplied_type(bare(topic)) or (find_type(topic) if ":" in topic else None)
+    if type_ is None:
+        topic = from_here(topic, settings)
+        with open_bus(settings) as session:
+            topics = look(session).topics
+        if topic not in topics:
+            hint = did_you_mean(topic, {*topics, *supplied_names()})
+            raise BusError(f"there is no topic or type {topic!r}{hint}")
+        type_ = _type_of(topics[topic])
+    print_type(type_, as_json=as_json)
+
+
+def _type_of(info: TopicInfo) -> type:
+    if TRANSFORMS_TYPE in info.types:
+        raise BusError(
+            f"{info.name!r} carries the transforms of a stream: print them with tfbus topic echo "
+            f"{info.name}, or one with tfbus echo"
+        )
+    known = [type_ for name in info.types if (type_ := supplied_type(name))]
+    if not known:
+        raise BusError(
+            f"{info.name!r} is of type {_types(info)}, whose fields only its nodes know: name it "
+            "by its place in Python, as in: tfbus topic show my_robot.messages:Battery; or print "
+            f"a message: tfbus topic echo {info.name} --once"
+        )
+    return known[0]
 
 
 @command.command("type", epilog="Example: tfbus topic type turtle1/pose")
@@ -88,7 +143,7 @@ def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: boo
 def type_command(settings: NodeSettings, topic: str) -> None:
     """Print the type of TOPIC."""
     with open_bus(settings) as session:
-        click.echo(_types(find_topic(look(session), topic)))
+        print_text(_types(find_topic(look(session), from_here(topic, settings))))
 
 
 @command.command("find", epilog="Example: tfbus topic find Pose")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look
+from tfbus.cli.bus import from_here, look
 from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option
@@ -114,6 +114,7 @@ def _run(
     number_of: Callable[["Node", str], Meter],
     **how: Any,
 ) -> None:
+    topics = tuple(from_here(topic, settings) for topic in topics)
     with visiting(settings, report.name) as node:
         measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
 

@@ -8,7 +8,7 @@ import click
 
 from tfbus.bus.handles import HeardWatch
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import look
+from tfbus.cli.bus import from_here, look
 from tfbus.cli.messages.message import (
     checked_map,
     complete_values,
@@ -18,7 +18,7 @@ from tfbus.cli.messages.message import (
     supplied_type,
 )
 from tfbus.cli.messages.prototype import complete_message
-from tfbus.cli.output import as_json, say, warn
+from tfbus.cli.output import as_json, print_text, say, warn
 from tfbus.cli.topic.source import SAY_AFTER_S, type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
@@ -112,6 +112,7 @@ def pub_command(
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
+    topic = from_here(topic, settings)
     with visiting(settings, "pub") as node:
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:
@@ -146,7 +147,7 @@ def _publish(
         publisher.publish(payload)
         sent += 1
         if every and (sent - 1) % every == 0:
-            click.echo(f"publishing #{sent}: {shown}")
+            print_text(f"publishing #{sent}: {shown}")
         if sent == times:
             break
         node.wait(max(started_s + sent / rate - time.monotonic(), 0.0), clock=SYSTEM_CLOCK)

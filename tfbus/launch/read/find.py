@@ -4,6 +4,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from tfbus.launch.errors import LaunchError
+from tfbus.launch.read.packages import find_in_package, launch_files_of
 from tfbus.wording import did_you_mean
 
 _SUFFIXES = (".launch.yaml", ".yaml")
@@ -25,9 +26,26 @@ def find_launch_file(name: str, beside: Path = Path()) -> Path:
         return installed[name]
     here = next((name + end for end in _SUFFIXES if (beside / (name + end)).is_file()), "")
     hint = f"; did you mean './{here}'?" if here else did_you_mean(name, installed)
+    if not here and (own := _files_of(name)):
+        hint = f"; package {name!r} has some: tfbus launch {name} {' or '.join(own)}"
     raise LaunchError(
         f"tfbus has no launch file {name!r} (give a file of your own by its path){hint}"
     )
+
+
+def find_in(package: str, name: str) -> Path:
+    """The launch file of this name in an installed package, tfbus or another.
+
+    Raises LaunchError.
+    """
+    return find_launch_file(name) if package == "tfbus" else find_in_package(package, name)
+
+
+def _files_of(package: str) -> list[str]:
+    try:
+        return list(launch_files_of(package))
+    except LaunchError:
+        return []
 
 
 def installed_launch_files() -> dict[str, Path]:

@@ -13,19 +13,24 @@ from tfbus.launch.description import Argument, Process
 from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import argument_values, declared_arguments
 from tfbus.launch.read.fields import Fields
-from tfbus.launch.read.find import find_launch_file
+from tfbus.launch.read.find import find_in, find_launch_file
 from tfbus.launch.read.process_entry import ProcessEntry, joined, read_process
 from tfbus.launch.read.substitution import Scope, truth
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean
 
 _FILE_KEYS = ("description", "arguments", "sim_time", "includes", "nodes")
-_INCLUDE_KEYS = ("file", "namespace", "arguments")
+_INCLUDE_KEYS = ("file", "package", "namespace", "arguments")
 
 
 def read_arguments(path: Path) -> tuple[Argument, ...]:
     """The arguments of a launch file, in its order, without those of files it includes."""
     return _Document(path).arguments
+
+
+def read_description(path: Path) -> str:
+    """What a launch file says it is for; "" where it does not."""
+    return _Document(path).description
 
 
 def read_launch_file(
@@ -57,8 +62,7 @@ class _Document:
     def __init__(self, path: Path) -> None:
         whole = read_yaml_file(path, "a list of nodes under 'nodes'")
         fields = whole.fields(_FILE_KEYS)
-        if "description" in fields:
-            fields["description"].text()
+        self.description = fields["description"].text() if "description" in fields else ""
         self.path = path
         self._sim_time = fields.get("sim_time")
         self.arguments = tuple(
@@ -121,7 +125,8 @@ class _Reading:
     def _included_path(self, fields: Fields, folder: Path) -> Path:
         place = fields.place_of("file")
         try:
-            path = find_launch_file(fields.text("file"), folder)
+            package, name = fields.text("package"), fields.text("file")
+            path = find_in(package, name) if package else find_launch_file(name, folder)
         except LaunchError as error:
             raise place.mistake(str(error)) from error
         if path.resolve() in self.chain:

@@ -4,6 +4,7 @@ import asyncio
 import math
 import signal
 from collections.abc import Sequence
+from functools import partial
 
 from tfbus.launch.run.console import Console, Stream
 from tfbus.launch.run.escalation import Timeouts
@@ -56,7 +57,8 @@ async def _run(
     _take_signals(supervisor)
     loop.add_signal_handler(signal.SIGCHLD, orphans.reap)
     if longest_s is not None:
-        loop.call_later(longest_s, supervisor.stop, f"has run for {longest_s:g} s")
+        reason = f"has run for {longest_s:g} s, as asked"
+        loop.call_later(longest_s, partial(supervisor.stop, reason, level="INFO"))
     try:
         return await supervisor.run()
     finally:

@@ -91,19 +91,21 @@ class Supervisor:
         died = self._a_process_died and not self._was_asked_to_stop
         return 1 if self._has_failed or died else 0
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str, *, level: str = "WARNING") -> None:
         """Begin to end all programs, unless that has begun."""
         if not self._is_stopping:
-            self.hurry(reason)
+            self.hurry(reason, level=level)
 
-    def hurry(self, reason: str, at_least: signal.Signals = signal.SIGINT) -> None:
+    def hurry(
+        self, reason: str, at_least: signal.Signals = signal.SIGINT, *, level: str = "WARNING"
+    ) -> None:
         """Begin to end all programs; if that has begun, send the next signal at once.
 
         `at_least` skips the signals before it. The user asked for this: the exit code is 0.
         """
         if not self._is_stopping:
             self._was_asked_to_stop = True
-        self._say("WARNING", "launch", reason)
+        self._say(level, "launch", reason)
         self._escalate(at_least)
 
     # -- one program

@@ -7,7 +7,9 @@ from typing import Any
 
 import yaml
 
+from tfbus.command.yaml_file import yaml_mistake
 from tfbus.errors import SettingsError
+from tfbus.runtime.whole_file import replacing
 from tfbus.view.model.filter import NameFilter
 from tfbus.wording import did_you_mean
 
@@ -66,6 +68,9 @@ def load_settings(path: Path) -> ViewSettings:
         raise SettingsError(f"cannot read the settings {path}: {error}") from error
     try:
         values = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        line, reason = yaml_mistake(error)
+        raise SettingsError(f"{path}:{line}: is not YAML: {reason}") from error
     except yaml.YAMLError as error:
         raise SettingsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values
@@ -93,7 +98,8 @@ def save_settings(settings: ViewSettings, path: Path) -> None:
         for name, value in asdict(settings).items()
     }
     try:
-        path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
+        with replacing(path) as file:
+            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode())
     except OSError as error:
         raise SettingsError(f"cannot write the settings {path}: {error}") from error
 

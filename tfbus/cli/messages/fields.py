@@ -1,0 +1,93 @@
+"""The fields of message, service and action types: their types, defaults and docstrings."""
+
+import inspect
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from typing import Any, get_origin, get_type_hints
+
+from tfbus.wire.codec import as_map
+
+_ZEROS: dict[Any, Any] = {bool: False, int: 0, float: 0.0, str: "", bytes: "", list: [], dict: {}}
+
+# The parts of a service, and of an action, in the order of a call.
+_PARTS = ("Request", "Response", "Goal", "Result", "Feedback")
+
+
+@dataclass(frozen=True)
+class FieldInfo:
+    """A field of a message: its type's name, its default (None where it has none), and the fields
+    of a nested message.
+    """
+
+    name: str
+    type: str
+    default: Any
+    fields: "tuple[FieldInfo, ...]" = ()
+
+
+@dataclass(frozen=True)
+class PartInfo:
+    """A message, or the request, response, goal, result or feedback of a service or action."""
+
+    name: str
+    doc: str
+    fields: tuple[FieldInfo, ...]
+
+
+def prototype(message_type: type) -> dict[str, Any]:
+    """A message of this type with its defaults, or zeros where it has none."""
+    hints = get_type_hints(message_type)
+    return {entry.name: _value(entry, hints[entry.name]) for entry in fields(message_type)}
+
+
+def parts_of(type_: type) -> Iterator[PartInfo]:
+    """The message itself, or the parts of a service or action."""
+    if is_dataclass(type_):
+        yield PartInfo(type_.__name__, doc_of(type_), tuple(_fields(type_)))
+    for name in _PARTS:
+        part = getattr(type_, name, None)
+        if isinstance(part, type) and is_dataclass(part):
+            yield PartInfo(name, doc_of(part), tuple(_fields(part)))
+
+
+def is_called(type_: object) -> bool:
+    """Whether this is the type of a service or an action."""
+    return isinstance(type_, type) and request_of(type_) is not None
+
+
+def request_of(type_: type | None) -> type | None:
+    """The type of the requests of a service, or of the goals of an action; None for another."""
+    part = getattr(type_, "Request", None) or getattr(type_, "Goal", None)
+    return part if isinstance(part, type) and is_dataclass(part) else None
+
+
+def doc_of(type_: type) -> str:
+    """The docstring in one line; "" for the one that Python writes for a dataclass."""
+    doc = inspect.getdoc(type_) or ""
+    return "" if doc.startswith(f"{type_.__name__}(") else " ".join(doc.split())
+
+
+def _fields(message_type: type) -> Iterator[FieldInfo]:
+    hints = get_type_hints(message_type)
+    for entry in fields(message_type):
+        hint = hints[entry.name]
+        nested = tuple(_fields(hint)) if isinstance(hint, type) and is_dataclass(hint) else ()
+        has_default = entry.default is not MISSING or entry.default_factory is not MISSING
+        default = _value(entry, hint) if has_default and not nested else None
+        yield FieldInfo(entry.name, _type_name(hint), default, nested)
+
+
+def _type_name(hint: Any) -> str:
+    is_plain = isinstance(hint, type) and get_origin(hint) is None
+    return hint.__qualname__ if is_plain else str(hint).replace("typing.", "")
+
+
+def _value(entry: "Field[Any]", hint: Any) -> Any:
+    if entry.default is not MISSING:
+        return entry.default
+    if entry.default_factory is not MISSING:
+        made = entry.default_factory()
+        return as_map(made) if is_dataclass(made) else made
+    if isinstance(hint, type) and is_dataclass(hint):
+        return prototype(hint)
+    return _ZEROS.get(get_origin(hint) or hint)

@@ -127,7 +127,8 @@ def pub_command(
         _wait_for_subscribers(node, topic, subscribers, wait_s)
         shown = f"{name or 'message'} {as_json(values)}"
         _publish(node, publisher, payload, rate, times, shown, 0 if quiet else every)
-        node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
+        if node.ok:
+            node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
 
 
 def _publish(

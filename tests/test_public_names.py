@@ -44,6 +44,7 @@ NAMES = [
     "TfbusError",
     "TimeoutException",
     "TopicName",
+    "Trajectory",
     "Transform",
     "TransformArray",
     "TransformBatch",

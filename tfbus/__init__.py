@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from tfbus.node.parameters import Parameter as Parameter
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
+    from tfbus.trajectory.trajectory import Trajectory as Trajectory
     from tfbus.wire.fleet import Fleet as Fleet
 
 _MODULE_OF = {
@@ -96,6 +97,7 @@ _MODULE_OF = {
     "TfbusError": "tfbus.errors",
     "TimeoutException": "tfbus.errors",
     "TopicName": "tfbus.command.types",
+    "Trajectory": "tfbus.trajectory.trajectory",
     "Transform": "tfbus.geometry.transform",
     "TransformArray": "tfbus.geometry.transform_array",
     "TransformBatch": "tfbus.geometry.batch",

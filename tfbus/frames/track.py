@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
-from tfbus.frames.echo_formats import POSE_COLUMNS
 from tfbus.geometry.transform_array import TransformArray
+from tfbus.trajectory.table import POSE_COLUMNS
 
 Floats = NDArray[np.float64]
 

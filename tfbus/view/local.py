@@ -1,5 +1,6 @@
 """The page for a buffer of this program, with or without a bus, and with what the program draws."""
 
+import atexit
 import logging
 import math
 import threading
@@ -70,6 +71,8 @@ class View:
         self._program = program
         self._thread = threading.Thread(target=self._run, name="tfbus view", daemon=True)
         self._thread.start()
+        # Before viser's own, which says on standard output that it stops.
+        atexit.register(self.close)
 
     @property
     def url(self) -> str:
@@ -182,7 +185,7 @@ class View:
         color: ArrayLike = _GREY,
         opacity: float = 1.0,
     ) -> None:
-        """Draw a box with sides `size` (3,) around the frame's origin, or at `pose` in the frame."""
+        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose` in it."""
         from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
 
         sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
@@ -266,7 +269,6 @@ class View:
         if not 0.0 < fov < math.pi:
             raise InvalidArgumentException(f"fov_y_rad must be from 0 to pi, got {fov!r}")
         depth, colors = length_of(depth_m, "depth_m"), _plain(color_of(color))
-        # viser's scale is that of a frustum whose far side has the mean length of its sides.
         self._add(
             name,
             frame,
@@ -274,7 +276,7 @@ class View:
                 path,
                 fov=fov,
                 aspect=width / height,
-                scale=depth * _VISER_DEPTH(fov, width / height),
+                scale=depth * _scale_of_depth(fov, width / height),
                 color=colors,
                 image=picture,
                 thickness=0.02 * depth,
@@ -337,6 +339,7 @@ class View:
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
+        atexit.unregister(self.close)
         self._program.end()
         if self._thread is not threading.current_thread():
             self._thread.join(_END_S)
@@ -420,6 +423,12 @@ def _fov_y_rad(camera_matrix: ArrayLike, height_px: float) -> float:
             f"camera_matrix: expected shape (3, 3) with focal lengths above 0, got {matrix!r}"
         )
     return 2.0 * math.atan(height_px / 2.0 / float(matrix[1, 1]))
+
+
+def _scale_of_depth(fov_y_rad: float, aspect: float) -> float:
+    """viser's scale of a frustum that is 1 m deep: there frustums of one scale have one volume."""
+    half_height = math.tan(fov_y_rad / 2.0)
+    return math.cbrt(half_height * half_height * aspect / 3.0)
 
 
 def _opacity(opacity: float) -> float | None:

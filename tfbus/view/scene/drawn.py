@@ -125,7 +125,7 @@ def color_of(color: ArrayLike, count: int | None = None) -> NDArray[np.uint8]:
             f"color: expected red, green and blue as integers from 0 to 255, of shape {wanted}, "
             f"got {array.dtype} of shape {array.shape}"
         )
-    if array.size and not (0 <= int(array.min()) and int(array.max()) <= _MOST_COLOR):
+    if array.size and (int(array.min()) < 0 or int(array.max()) > _MOST_COLOR):
         raise InvalidArgumentException("color: each part must be from 0 to 255")
     return array.astype(np.uint8)
 

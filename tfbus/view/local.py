@@ -4,7 +4,7 @@ import atexit
 import logging
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Sequence
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -53,8 +53,8 @@ class _Program:
     def end(self) -> None:
         self._ended.set()
 
-    def streams(self) -> Mapping[str, StreamInfo]:
-        return {}
+    def streams(self) -> Sequence[StreamInfo]:
+        return ()
 
 
 class View:

@@ -1,7 +1,7 @@
 """What the page needs of the program that it is part of: a node and its listener, or a buffer."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Protocol
 
 from tfbus.listen.info import StreamInfo
@@ -25,5 +25,5 @@ class Host(Protocol):
 class Publishers(Protocol):
     """Who publishes the frames; a TransformListener is one."""
 
-    def streams(self) -> Mapping[str, StreamInfo]:
-        """The streams by name."""
+    def streams(self) -> Sequence[StreamInfo]:
+        """The streams of all of them."""

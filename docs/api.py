@@ -23,7 +23,7 @@ GROUPS = {
     "A process": "Node NodeSettings Parameter GoalHandle GoalResult",
     "Transforms out": "TransformBroadcaster StaticTransformBroadcaster",
     "Transforms in": "TransformListener Fleet",
-    "The buffer": "Buffer Sampling FrameInfo Change",
+    "The buffer": "Buffer Sampling FrameInfo Change Trajectory",
     "Values": "Transform TransformStamped TransformArray TransformBatch TwistStamped",
     "Time": "SystemClock SimulatedClock",
     "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",

@@ -54,6 +54,14 @@ def test_without_quaternions_nothing_is_turned() -> None:
     assert Trajectory("map", "gps", [S], [(1, 2, 3)]).quat_xyzw.tolist() == [[0, 0, 0, 1]]
 
 
+def test_stamps_may_be_times_of_numpy() -> None:
+    """As a column of pandas has them; NaT is refused."""
+    times = np.array(["1970-01-01T00:00:01", "1970-01-01T00:00:02"], dtype="datetime64[s]")
+    assert Trajectory("map", "base", times, np.zeros((2, 3))).stamps_ns.tolist() == [S, 2 * S]
+    with pytest.raises(InvalidArgumentException):
+        Trajectory("map", "base", np.array(["NaT"], dtype="datetime64[ns]"), [(0, 0, 0)])
+
+
 def test_its_arrays_are_its_own() -> None:
     """What was given may change afterwards; what it has cannot."""
     xyz = np.zeros((1, 3))

@@ -14,7 +14,7 @@ from tests.builders import S, moved
 from tests.live_bus import DEADLINE_S, eventually, free_port
 from tests.view.pages import PATIENCE_S
 from tests.view.pages import View as Page
-from tfbus import Buffer, InvalidArgumentException, Transform
+from tfbus import Buffer, InvalidArgumentException, TfbusError, Transform
 from tfbus.view import View, show
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)
@@ -131,6 +131,16 @@ def test_what_cannot_be_drawn_is_refused(
 def test_a_notebook_shows_the_page(view: View) -> None:
     """In a frame below the cell, with a link."""
     assert f'<iframe src="{view.url}"' in view._repr_html_()
+
+
+def test_without_viser_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The extra is named as pip takes it."""
+    for module in [name for name in sys.modules if name.startswith("tfbus.view.")]:
+        if module != "tfbus.view.local":
+            monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(TfbusError, match=r"tfbus\[view\]"):
+        show(Buffer())
 
 
 def test_a_second_view_takes_the_next_port(buffer: Buffer, view: View) -> None:

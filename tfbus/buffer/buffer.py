@@ -45,7 +45,7 @@ COMPILED: bool = cython.compiled
 
 
 class Buffer:
-    """The transforms of the last `cache_time_s` seconds, by their own stamps.
+    """The transforms of the last `cache_time_s` seconds, by their own stamps; math.inf keeps all.
 
     `set_transform` stores an edge from parent to child; a lookup follows the edges between two
     frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's

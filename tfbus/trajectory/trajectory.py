@@ -21,9 +21,9 @@ FilePath = str | os.PathLike[str]
 class Trajectory:
     """N poses of `child_frame_id` in `frame_id`, at rising stamps.
 
-    `stamps_ns` (N,) are nanoseconds since the Unix epoch, `xyz` (N, 3) metres, `quat_xyzw` (N, 4)
-    unit quaternions x, y, z, w; without quaternions nothing is turned. The poses take points of
-    the child into the parent. The arrays are read-only copies.
+    `stamps_ns` (N,) are nanoseconds since the Unix epoch, or numpy's datetime64; `xyz` (N, 3) are
+    metres, `quat_xyzw` (N, 4) unit quaternions x, y, z, w. Without quaternions nothing is turned.
+    The poses take points of the child into the parent. The arrays are read-only copies.
 
     It is a sequence: an index gives a TransformStamped, a slice or a mask a Trajectory, a loop the
     transforms one by one. `pandas.DataFrame(trajectory.as_columns())` is a table of it.
@@ -217,6 +217,8 @@ def in_order(
 
 def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     given = np.asarray(stamps_ns)
+    if given.dtype.kind == "M":
+        given = given.astype("datetime64[ns]").astype(np.int64)
     if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
         raise InvalidArgumentException(
             "stamps_ns: expected integers of shape (N,), nanoseconds since the Unix epoch, got "

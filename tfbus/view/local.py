@@ -396,6 +396,8 @@ def show(
 
     Raises TfbusError without the extra `view`, and where it cannot listen.
     """
+    if not 0.0 < rate_hz <= 60.0:
+        raise InvalidArgumentException(f"rate_hz must be above 0 and at most 60, got {rate_hz!r}")
     try:
         from tfbus.view.model.settings import ViewSettings
         from tfbus.view.page import Page, Serving

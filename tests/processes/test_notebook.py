@@ -28,10 +28,12 @@ class Notebook:
 
     def run(self, cell: str, *, interrupt_at: str = "") -> str:
         """What the cell prints, and the name of what it raises; interrupted once it prints that."""
-        self._client.execute(cell)
+        request = self._client.execute(cell)
         said = ""
         while True:
-            message = self._client.get_iopub_msg(timeout=DEADLINE_S)
+            message = self._client.get_iopub_msg(timeout=3 * DEADLINE_S)
+            if message["parent_header"].get("msg_id") != request:
+                continue
             kind, content = message["msg_type"], message["content"]
             if kind == "stream":
                 said += content["text"]

@@ -160,7 +160,7 @@ def test_a_program_ends_with_its_view_open() -> None:
         [sys.executable, "-c", f"import tfbus; {code}"],
         capture_output=True,
         text=True,
-        timeout=3 * DEADLINE_S,
+        timeout=6 * DEADLINE_S,
     )
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 

@@ -23,7 +23,7 @@ GROUPS = {
     "A process": "Node NodeSettings Limits Parameter GoalHandle GoalResult",
     "Transforms out": "TransformBroadcaster StaticTransformBroadcaster",
     "Transforms in": "TransformListener Fleet",
-    "The buffer": "Buffer Sampling FrameInfo Change",
+    "The buffer": "Buffer Sampling FrameInfo Change Trajectory",
     "Values": "Transform TransformStamped TransformArray TransformBatch TwistStamped",
     "Time": "stamp_ns SystemClock SimulatedClock",
     "Command lines": "node_options fleet_options FrameName NodeName TopicName ServiceName Number",

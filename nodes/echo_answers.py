@@ -100,7 +100,8 @@ def answers(
     if question.fixed_frame and has_history:
         # History comes oldest first: until it is complete, its latest is not the present.
         _wait_for_answer(node, listener, question, timeout_s, history_by_s)
-        node.wait(_HISTORY_COMES_S)
+        if node.ok:
+            node.wait(_HISTORY_COMES_S)
     while True:
         answer = _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         if answer is None:

@@ -10,8 +10,9 @@ import subprocess
 from collections import Counter
 from collections.abc import Iterable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 
@@ -38,6 +39,14 @@ def program(name: str) -> str:
         need, package = _PROGRAMS.get(name, (name, name))
         skip(need, f"apt-get install {package}")
     return path
+
+
+def module(name: str) -> Any:
+    """A module that some tests use; the test is skipped where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError:
+        skip(name, f"pip install {name.partition('.')[0]}")
 
 
 @cache

@@ -17,6 +17,7 @@ STOREYS = [
     {"runtime"},
     {"core"},
     {"geometry"},
+    {"trajectory"},
     {"buffer", "wire"},
     {"bus"},
     {"discover"},

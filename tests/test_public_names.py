@@ -46,6 +46,7 @@ NAMES = [
     "TfbusError",
     "TimeoutException",
     "TopicName",
+    "Trajectory",
     "Transform",
     "TransformArray",
     "TransformBatch",

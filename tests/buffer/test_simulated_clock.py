@@ -59,7 +59,9 @@ def test_a_closed_clock_ends_a_lookup() -> None:
     lookup = InAThread(lambda: buffer.lookup_transform("a", "b", timeout_s=5.0))
     eventually(lambda: waiting(buffer))
     clock.close()
-    assert isinstance(lookup.result(), TimeoutException)
+    error = lookup.result()
+    assert isinstance(error, TimeoutException)
+    assert str(error).startswith("the node closes, which ends the lookup: ")
 
 
 def test_asyncio_waits_in_simulated_seconds_too() -> None:

@@ -201,3 +201,23 @@ def test_time_travel_waits_in_asyncio():
         return (await task).transform.x
 
     assert asyncio.run(ask()) == -2.0
+
+
+@pytest.mark.parametrize(
+    ("stamps", "stamp_ns", "end"),
+    [
+        ((1 * S, 2 * S), 3 * S, "1.000 s earlier; query the latest (stamp_ns=None)"),
+        ((1 * S,), 3 * S, "its only sample is 2.000 s earlier"),
+    ],
+)
+def test_a_lookup_that_has_waited_is_not_advised_to_wait(
+    stamps: tuple[int, ...], stamp_ns: int, end: str
+) -> None:
+    """The sentence of a timeout names what else helps; its reason keeps the whole advice."""
+    buffer = Buffer()
+    for stamp in stamps:
+        buffer.set_transform(moved(stamp, "map", "robot"))
+    with pytest.raises(TimeoutException) as raised:
+        buffer.lookup_transform("map", "robot", stamp_ns, timeout_s=0.001)
+    assert str(raised.value).endswith(end)
+    assert "wait" in str(raised.value.reason)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.cli.output import first_lines, paint, screen, table, yaml_text
+from tfbus.cli.output import paint, screen, table, yaml_text
 from tfbus.cli.topic.reports import BANDWIDTH, DELAY, RATE
 from tfbus.monitor.window import Reading
 
@@ -107,9 +107,3 @@ class TestReports:
         one = Reading((1.0,), (1.0,), 1)
         assert (RATE.numbers(one, 2.0), BANDWIDTH.numbers(one, 2.0)) == (None, None)
         assert DELAY.numbers(Reading((), (), 0), 2.0) is None
-
-
-def test_a_page_that_is_shown_again_and_again_has_a_limit() -> None:
-    """A bus with a million names does not fill the terminal twice a second."""
-    page = first_lines([f"line {number}" for number in range(100_000)])
-    assert page[499:] == ["line 499", "… 99500 more lines"]

@@ -76,6 +76,15 @@ def test_the_buffer_works_alone(bus: Bus) -> None:
     assert beyond == "extrapolated: [10.3  0.   0.5]"
 
 
+def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
+    """camera_on_arm.py shows the path, and a point ahead of the camera as the arm turns."""
+    *_, first, middle, last = out = run(bus, "camera_on_arm.py")
+    assert out[2] == "   └─ camera *  (static)"
+    assert first == "at 0.0 s: [2.4 0.  0.7]"
+    assert middle == "at 0.5 s: [1.697 1.697 0.7  ]"
+    assert last == "at 1.0 s: [0.  2.4 0.7]"
+
+
 def test_a_scan_is_undistorted(bus: Bus) -> None:
     """undistort_scan.py finds the wall at one distance, that of the end of the scan."""
     raw, straight = run(bus, "undistort_scan.py")

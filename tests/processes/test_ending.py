@@ -1,11 +1,17 @@
 """How tools and nodes end: at any moment, within seconds; nodes with exit code 0."""
 
+import fcntl
+import os
+import pty
+import subprocess
 import sys
+import termios
+import threading
 from signal import SIGINT, SIGTERM
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus import Node
 from tfbus.discover.presence import NodeWatch, list_nodes
 
@@ -29,6 +35,18 @@ with tfbus.Node("waits") as node:
     node.wait(None)
     print("second", flush=True)
     client.wait_for_service()
+"""
+
+TWO_LOOPS = """
+import tfbus
+with tfbus.Node("loops") as node:
+    print("first", flush=True)
+    while node.wait(0.01):
+        pass
+    print("second", flush=True)
+    while node.wait(0.01):
+        pass
+    print("its end", flush=True)
 """
 
 SIGNAL_WHILE_IT_IS_MADE = """
@@ -62,6 +80,48 @@ sys.meta_path.insert(0, Interrupter())
 from tfbus.__main__ import main
 main()
 """
+
+
+class Prompt:
+    """Python's prompt, in a terminal of its own, where Ctrl-C is a key."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._keyboard, terminal = pty.openpty()
+        self.popen = subprocess.Popen(
+            [sys.executable, "-q", "-i", "-c", ""],
+            env={**bus.env, "TERM": "dumb", "PYTHON_BASIC_REPL": "1"},
+            stdin=terminal,
+            stdout=terminal,
+            stderr=terminal,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        os.close(terminal)
+        self._shown = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        try:
+            while more := os.read(self._keyboard, 4096):
+                self._shown += more
+        except OSError:  # the terminal has closed
+            return
+
+    def types(self, text: str, answer: str) -> None:
+        """Type a line, or a key, and wait for the answer, which the line itself does not have."""
+        self._shown = b""
+        os.write(self._keyboard, text.encode() if text == "\x03" else f"{text}\n".encode())
+        try:
+            eventually(lambda: answer.encode() in self._shown)
+        except AssertionError:
+            raise AssertionError(f"{answer!r} is not in {self._shown!r}") from None
+
+    def close(self) -> None:
+        """End the process."""
+        self.popen.kill()
+        self.popen.wait(DEADLINE_S)
+        os.close(self._keyboard)
 
 
 @pytest.mark.parametrize("module", ["click", "tfbus.bus.session"])
@@ -147,3 +207,29 @@ def test_a_node_ends_from_the_moment_it_is_there(bus: Bus, number: int) -> None:
         assert watch.wait(f"/follow{at}", timeout_s=20.0)
         assert process.stop(number) == 0
         assert not any("Traceback" in line for line in process.err)
+
+
+def test_a_script_goes_on_after_the_loop_that_ctrl_c_ended(bus: Bus) -> None:
+    """Ctrl-C ends the loop in progress; a second one the next loop; then the script has ended."""
+    process = bus.start_command([sys.executable, "-c", TWO_LOOPS])
+    process.wait_for_line("first")
+    process.signal(SIGINT)
+    process.wait_for_line("second")
+    process.signal(SIGINT)
+    process.wait_for_line("its end")
+    assert process.wait() == 0
+    assert process.err == []
+
+
+def test_at_the_prompt_ctrl_c_leaves_the_node_alive(bus: Bus) -> None:
+    """Interrupted at Python's prompt, in a spin and outside of one, the node works on."""
+    prompt = Prompt(bus)
+    try:
+        prompt.types('import tfbus; node = tfbus.Node("typed"); print("made" + "!")', "made!")
+        prompt.types("node.spin()", "ready")
+        prompt.types("\x03", "KeyboardInterrupt")
+        prompt.types('print("alive", node.ok, node.wait(0.0))', "alive True True")
+        prompt.types("node.close()\nexit()\n", "")
+        assert prompt.popen.wait(DEADLINE_S) == 0
+    finally:
+        prompt.close()

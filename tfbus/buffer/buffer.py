@@ -5,9 +5,11 @@ Compiled where there is a C compiler (`buffer.pxd` has the C types).
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from tfbus.buffer.drawing import Drawing, display
 from tfbus.buffer.explain import Freshness
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
@@ -15,15 +17,23 @@ from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
+from tfbus.buffer.trajectories import as_batch, check_span, samples_of
+from tfbus.core.held import Held
 from tfbus.core.kernel import ALL_STATIC, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
-from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
+from tfbus.errors import (
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    TransformException,
+)
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped, check_stamp, make_stamped
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,7 +51,7 @@ COMPILED: bool = cython.compiled
 
 
 class Buffer:
-    """The transforms of the last `cache_time_s` seconds, by their own stamps.
+    """The transforms of the last `cache_time_s` seconds, by their own stamps; math.inf keeps all.
 
     `set_transform` stores an edge from parent to child; a lookup follows the edges between two
     frames, at one time. Times are integer nanoseconds since the Unix epoch. Semantics are tf2's
@@ -526,6 +536,136 @@ class Buffer:
             end,
         )
 
+    # Trajectories
+
+    def samples(self, frame: str, *, parent: str | None = None) -> Trajectory:
+        """The samples of a frame as they came, in the frame above it now, or in `parent`, one that
+        it had before: stamps and poses as arrays.
+
+        A static frame has one. Raises LookupException for an unknown frame.
+        """
+        with self._store.lock:
+            history = self._store.tree.frames.get(frame)
+            held = None if history is None else history.held()
+        if held is None:
+            raise self._store.unknown_frame(frame)
+        return samples_of(frame, held, parent)
+
+    def trajectory(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamps_ns: ArrayLike | None = None,
+        *,
+        sampling: Sampling | None = None,
+    ) -> Trajectory:
+        """Where the source was, seen from the target, at rising stamps (N,).
+
+        Without stamps at those of the samples of the source, or of the first dynamic frame on the
+        way from it to the target, where all edges between have data. Raises as
+        `lookup_transforms`.
+        """
+        if stamps_ns is not None:
+            poses = self.lookup_transforms(target_frame, source_frame, stamps_ns, sampling=sampling)
+            return Trajectory(target_frame, source_frame, stamps_ns, poses.xyz, poses.quat_xyzw)
+        names = self.path(target_frame, source_frame)
+        with self._store.lock:
+            path = self._store.tree.path(target_frame, source_frame)
+            edges = [] if path is None else [each for each in path.edges() if not each.static]
+            held = edges[0].held() if edges else None
+        if held is None:
+            raise InvalidArgumentException(
+                f"{' -> '.join(map(repr, names))} is static: give the stamps_ns of the trajectory"
+            )
+        poses, known = self.lookup_known_transforms(
+            target_frame, source_frame, held.stamps_ns, sampling=sampling
+        )
+        return Trajectory(
+            target_frame,
+            source_frame,
+            held.stamps_ns[known],
+            poses.xyz[known],
+            poses.quat_xyzw[known],
+        )
+
+    def set_trajectory(self, trajectory: Trajectory, *, authority: str = "") -> None:
+        """Store the poses of a trajectory, as `set_transforms` does.
+
+        Raises InvalidArgumentException, and stores nothing, if it is longer than the buffer keeps;
+        `Buffer(cache_time_s=math.inf)` keeps all. Raises LoopException.
+        """
+        with self._store.lock:
+            history = self._store.tree.frames.get(trajectory.child_frame_id)
+            span = None if history is None or history.static else history.stamp_span()
+        check_span(trajectory, self.cache_time_s, None if span is None else span[1])
+        for first in trajectory[:1]:
+            self.set_transform(first, authority=authority)
+        stored = self.set_transforms(as_batch(trajectory), authority=authority)
+        if stored < len(trajectory):
+            raise InvalidArgumentException(
+                f"{trajectory!r} is not stored whole: {self.rejected.last}"
+            )
+
+    def read_tum(
+        self,
+        path: str | os.PathLike[str],
+        frame_id: str,
+        child_frame_id: str,
+        *,
+        authority: str = "",
+    ) -> Trajectory:
+        """Store the trajectory of a file in TUM's format, of the child in the frame; returns it.
+
+        Raises as `Trajectory.read_tum` and `set_trajectory`.
+        """
+        trajectory = Trajectory.read_tum(path, frame_id, child_frame_id)
+        self.set_trajectory(trajectory, authority=authority)
+        return trajectory
+
+    def read_csv(self, path: str | os.PathLike[str], *, authority: str = "") -> list[Trajectory]:
+        """Store the trajectories of a CSV file, one for each pair of frames in it; returns them.
+
+        The columns are those of `Trajectory.read_csv`. Raises as that and `set_trajectory`.
+        """
+        from tfbus.trajectory.table import read_tables
+
+        trajectories = read_tables(path)
+        for trajectory in trajectories:
+            self.set_trajectory(trajectory, authority=authority)
+        return trajectories
+
+    # Files
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all samples, static transforms and settings to a file, for `Buffer.load`.
+
+        It is an .npz archive of numpy; a former file is replaced in one step. Raises OSError.
+        """
+        # It loads zipfile, which most processes do not need.
+        from tfbus.buffer.saved import Contents, write
+
+        with self._store.lock:
+            held = self._store.tree.held()
+        write(Contents(self.cache_time_s, self.sampling, held), path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Buffer":
+        """The buffer that was saved to a file: every lookup has the same answer, to the last bit.
+
+        A file may come from anyone: loading runs no code in it, and checks all that it has. Raises
+        DecodeError for another file, or one cut short; OSError.
+        """
+        from tfbus.buffer.saved import read
+
+        contents = read(path)
+        buffer = cls(contents.cache_time_s, sampling=contents.sampling)
+        buffer._restore(contents.frames)
+        return buffer
+
+    def _restore(self, frames: dict[str, Held]) -> None:
+        with self._store.lock:
+            self._store.tree.restore(frames)
+
     # Looking around
 
     def frames(self) -> list[str]:
@@ -569,6 +709,43 @@ class Buffer:
     def all_frames_as_text(self) -> str:
         """The trees as lines of text, children below their parent."""
         return as_text(self.all_frames())
+
+    def show(
+        self,
+        target_frame: str | None = None,
+        source_frame: str | None = None,
+        stamp_ns: int | None = None,
+    ) -> None:
+        """Show the trees: drawn in a notebook, printed elsewhere.
+
+        With two frames the path between them is marked, and the transform of
+        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none.
+        Raises LookupException for an unknown frame. `tfbus.view.show(buffer)` opens a page with
+        all frames in three dimensions.
+        """
+        display(self._drawing(target_frame, source_frame, stamp_ns))
+
+    def _drawing(
+        self, target_frame: str | None, source_frame: str | None, stamp_ns: int | None
+    ) -> Drawing:
+        if target_frame is None and source_frame is None:
+            return Drawing(self.all_frames())
+        if target_frame is None or source_frame is None:
+            raise InvalidArgumentException("name two frames, the target and the source, or none")
+        try:
+            names = self.path(target_frame, source_frame)
+        except ConnectivityException:
+            names = [target_frame, source_frame]
+        try:
+            answer: TransformStamped | TransformException = self.lookup_transform(
+                target_frame, source_frame, stamp_ns
+            )
+        except TransformException as error:
+            answer = error
+        return Drawing(self.all_frames(), tuple(names), answer)
+
+    def _repr_html_(self) -> str:
+        return Drawing(self.all_frames())._repr_html_()
 
     def _repr_svg_(self) -> str:
         return as_svg(self.all_frames())

@@ -1,5 +1,6 @@
 """Why a lookup has no answer: the error for it, with the facts and the remedy in one sentence."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
@@ -22,6 +23,9 @@ from tfbus.errors import (
 )
 from tfbus.runtime.stamp_units import other_unit, unit_hint
 from tfbus.wording import listed, near_names, stamp_text
+
+# The end of a sentence: the advice to wait, and what else helps.
+_WAIT = re.compile(r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$")
 
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
@@ -75,6 +79,11 @@ def may_come(error: TransformException) -> bool:
     if isinstance(error, SingleSampleException):
         return (error.requested_ns or 0) > (error.newest_ns or 0)
     return True
+
+
+def after_waiting(error: TransformException) -> str:
+    """The sentence of an error without its advice to wait, for a lookup that did."""
+    return _WAIT.sub(lambda found: f"; {found[1]}" if found[1] else "", str(error))
 
 
 def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:

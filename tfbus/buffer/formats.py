@@ -2,7 +2,7 @@
 
 import re
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.wording import counted, printable
@@ -12,6 +12,8 @@ _TF2_STATIC_RATE = 10000.0
 
 # Names that YAML 1.1 reads as something else.
 _YAML_WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
+
+_ON_PATH = "#e07010"
 
 _ROW_PX, _INDENT_PX, _CHAR_PX = 24, 28, 8
 
@@ -66,16 +68,27 @@ def as_dot(frames: Iterable[FrameInfo], recorded_ns: int | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def as_text(frames: Iterable[FrameInfo]) -> str:
-    """The trees, a frame a line, children below their parent."""
-    return "\n".join(f"{lead}{_line(frame)}" for lead, _, frame in _walk(frames))
+def as_text(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
+    """The trees, a frame a line, children below their parent; a `*` marks those of a path."""
+    return "\n".join(
+        f"{lead}{_line(frame, ' *' if frame.name in path else '')}"
+        for lead, _, frame in _walk(frames)
+    )
 
 
-def as_svg(frames: Iterable[FrameInfo]) -> str:
-    """The trees as an SVG drawing, a frame a row, for a notebook or a web page."""
+def as_svg(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
+    """The trees as an SVG drawing, a frame a row, for a notebook or a web page; the edges of a path
+    are thick.
+    """
     from html import escape  # slow to import, and few draw
 
     rows = list(_walk(frames))
+    if not rows:
+        return (
+            '<svg xmlns="http://www.w3.org/2000/svg" width="160" height="32" '
+            'font-family="monospace" font-size="13"><text x="8" y="20" fill="#888">'
+            "no frames yet</text></svg>"
+        )
     width = max((_INDENT_PX * d + _CHAR_PX * len(_line(f)) for _, d, f in rows), default=0) + 60
     height = _ROW_PX * len(rows) + 16
     parts = [
@@ -88,14 +101,17 @@ def as_svg(frames: Iterable[FrameInfo]) -> str:
         if frame.parent in row_of and depth:
             up_x, up_y = x - _INDENT_PX, 20 + _ROW_PX * row_of[frame.parent]
             dash = "" if frame.static else ' stroke-dasharray="4 2"'
-            parts.append(
-                f'<path d="M{up_x} {up_y + 6}V{y}H{x - 6}" fill="none" stroke="#888"{dash}/>'
-            )
+            if frame.name in path and frame.parent in path:
+                line = f'stroke="{_ON_PATH}" stroke-width="3"'
+            else:
+                line = f'stroke="#888"{dash}'
+            parts.append(f'<path d="M{up_x} {up_y + 6}V{y}H{x - 6}" fill="none" {line}/>')
         colour = "#c33" if frame.conflicts else "#888" if frame.static else "#27c"
         parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}"/>')
         facts = escape(_facts(frame))
+        bold = ' font-weight="bold"' if frame.name in path else ""
         parts.append(
-            f'<text x="{x + 12}" y="{y + 4}" fill="currentColor">{escape(frame.name)}'
+            f'<text x="{x + 12}" y="{y + 4}" fill="currentColor"{bold}>{escape(frame.name)}'
             f'<tspan fill="#888">{"  " if facts else ""}{facts}</tspan></text>'
         )
     return "".join(parts) + "</svg>"
@@ -123,9 +139,9 @@ def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:
             )
 
 
-def _line(frame: FrameInfo) -> str:
+def _line(frame: FrameInfo, mark: str = "") -> str:
     facts = _facts(frame)
-    return f"{frame.name}  ({facts})" if facts else frame.name
+    return f"{frame.name}{mark}  ({facts})" if facts else f"{frame.name}{mark}"
 
 
 def _facts(frame: FrameInfo) -> str:

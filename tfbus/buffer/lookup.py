@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import Freshness, may_come, why_not
+from tfbus.buffer.explain import Freshness, after_waiting, may_come, why_not
 from tfbus.buffer.store import Store
 from tfbus.buffer.waiting import Question, Waiter
 from tfbus.core.sampling import Sampling
@@ -170,9 +170,11 @@ class Lookup:
             if waiter.past_of not in expected:
                 raise reason
         if limit.passed:
-            raise TimeoutException(
-                f"timed out after {timeout_s:g} s: {reason}", reason=reason
-            ) from reason
+            why = after_waiting(reason)
+            ended = f"timed out after {timeout_s:g} s"
+            if limit.cut_short:
+                ended = "the node closes, which ends the lookup"
+            raise TimeoutException(f"{ended}: {why}", reason=reason) from reason
         return None
 
     def _names(self) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ holds its lock around every call.
 from collections.abc import Iterable
 
 from tfbus.buffer.info import Change, FrameInfo, Kind
+from tfbus.core.held import Held
 from tfbus.core.kernel import (
     ALL_STATIC,
     CONFLICT,
@@ -213,7 +214,22 @@ class Tree:
                 children[history.parent.name].append(frame)
         return [describe(self.frames[frame], children[frame]) for frame in sorted(self.frames)]
 
+    def held(self) -> dict[str, Held]:
+        """All that it holds of each frame, as copies."""
+        return {name: history.held() for name, history in self.frames.items()}
+
     # Filling it
+
+    def restore(self, held: dict[str, Held]) -> None:
+        """Hold this, which was checked, and nothing else."""
+        frames = {name: History(name) for name in held}
+        for name, history in frames.items():
+            history.restore(held[name], frames)
+            if history.authority:
+                self.senders.setdefault(history.authority, {})[name] = history
+        self.frames = frames
+        self.topology += 1
+        self.assignments += 1
 
     def insert(
         self,

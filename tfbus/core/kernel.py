@@ -14,7 +14,10 @@ import math
 from array import array
 from collections.abc import MutableSequence, Sequence
 
+import numpy as np
+
 from tfbus.core import packed
+from tfbus.core.held import Held
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.core.sampling import Sampling
 
@@ -648,7 +651,51 @@ class History:
             return False
         return self.parents[self.samples.here] is not self.parents[self.samples.following]
 
+    def held(self) -> Held:
+        """All that it holds, as copies."""
+        count = self.samples.tail - self.samples.head
+        places = np.zeros(0, dtype=np.intp)
+        if count:
+            places = (self.samples.head + np.arange(count)) % self.samples.capacity
+        return Held(
+            parent=None if self.parent is None else self.parent.name,
+            authority=self.authority,
+            gone=self.gone,
+            conflicts=self.conflicts,
+            refused=self.refused,
+            is_static=self.static,
+            static_stamp_ns=self.static_stamp,
+            static_pose=self.samples.static_pose,
+            stamps_ns=np.asarray(self.stamps)[places] if count else np.zeros(0, dtype=np.int64),
+            poses=np.asarray(self.poses).reshape(-1, 7)[places] if count else np.zeros((0, 7)),
+            parents=None
+            if self.parents is None
+            else [above.name for i in places if (above := self.parents[i]) is not None],
+            mixed_until_ns=self.mixed_until,
+        )
+
     # Writing
+
+    def restore(self, held: Held, frames: "dict[str, History]") -> None:
+        """Hold this, which was checked, and nothing else; `frames` has the parents."""
+        self.parent = None if held.parent is None else frames[held.parent]
+        self.authority, self.gone = held.authority, held.gone
+        self.conflicts, self.refused = held.conflicts, held.refused
+        self.forget_samples()
+        count = len(held.stamps_ns)
+        if count:
+            stamps, poses = array("q"), array("d")
+            stamps.frombytes(held.stamps_ns.tobytes())
+            poses.frombytes(held.poses.tobytes())
+            self._set_columns(stamps, poses, count)
+            self.samples.tail = count
+        self.samples.is_static = held.is_static
+        self.samples.static_pose = held.static_pose
+        self.static_stamp = held.static_stamp_ns
+        if held.parents is not None:
+            self._set_parents([frames[parent] for parent in held.parents])
+            self.mixed_until = held.mixed_until_ns
+        self._set_newest()
 
     def set_static(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
         """Hold this pose at all times: KEPT, REPEATED or CONFLICT, as `insert`."""

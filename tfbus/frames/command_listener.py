@@ -145,7 +145,9 @@ def wait_for_clock(node: Node) -> None:
 def _meet_publishers(heard: Listening, within_s: float) -> None:
     deadline = time.monotonic() + within_s
     known, since = _known(heard), time.monotonic()
-    while time.monotonic() < deadline and heard.node.wait(0.02, clock=SYSTEM_CLOCK):
+    while time.monotonic() < deadline and heard.node.ok:
+        if not heard.node.wait(0.02, clock=SYSTEM_CLOCK):
+            break
         now = _known(heard)
         if now != known:
             known, since = now, time.monotonic()

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 
 from tfbus.geometry.rotations import matrix_of
 from tfbus.geometry.transform import TransformStamped
+from tfbus.trajectory.table import CSV_COLUMNS
 from tfbus.wording import stamp_text
 
-POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-CSV_HEADER = ",".join(
-    ("stamp_ns", "frame_id", "child_frame_id", *POSE_COLUMNS, "roll", "pitch", "yaw")
-)
+CSV_HEADER = ",".join(CSV_COLUMNS)
 
 
 @dataclass(frozen=True)

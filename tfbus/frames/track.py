@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
-from tfbus.frames.echo_formats import POSE_COLUMNS
 from tfbus.geometry.transform_array import TransformArray
+from tfbus.trajectory.table import POSE_COLUMNS
 
 if TYPE_CHECKING:
     import numpy as np

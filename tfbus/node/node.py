@@ -46,8 +46,11 @@ class Node:
     its own thread, `executor`: they need no locks among them, there is nothing to spin, and one of
     them may wait for a lookup or a service while messages keep arriving.
 
-    Ctrl-C and SIGTERM end `spin()` and `wait()`; elsewhere in the main thread they raise
-    KeyboardInterrupt, which the node's `with` ends quietly.
+    Ctrl-C ends the `spin()` or `wait()` that the main thread is in, and the script goes on;
+    elsewhere in the main thread it raises KeyboardInterrupt, which the node's `with` ends quietly.
+    SIGTERM does the same and ends all later waits too. In a notebook or at Python's prompt Ctrl-C
+    raises KeyboardInterrupt from `spin()` and `wait()` as from any call. The node works until it
+    is closed.
 
     Its time is that of `clock`: the system's, or with `sim_time` in its settings that of the topic
     `clock`; then timers, `wait` and the timeouts of lookups count simulated seconds.
@@ -90,9 +93,17 @@ class Node:
             raise
         with self._signals.held():
             self._declare_itself()
-        if not self.ok:
+            is_stopped = self._is_stopped()
+        if is_stopped:
             self.close()
             raise KeyboardInterrupt
+
+    def _is_stopped(self) -> bool:
+        """Whether a signal came while it was made."""
+        try:
+            return self._signals.take()
+        except KeyboardInterrupt:
+            return True
 
     def _declare_itself(self) -> None:
         session, settings = self.session, self.settings
@@ -161,7 +172,10 @@ class Node:
 
     @property
     def ok(self) -> bool:
-        """Whether the node runs: False after Ctrl-C, SIGTERM, `shutdown()` or `close()`."""
+        """Whether to go on: False after Ctrl-C, SIGTERM, `shutdown()` or `close()`.
+
+        In a notebook or at Python's prompt Ctrl-C leaves it True.
+        """
         return not self._signals.stopped
 
     def shutdown(self) -> None:
@@ -178,15 +192,16 @@ class Node:
 
     def spin(self) -> None:
         """Log that the node is ready and wait until it is shut down."""
-        with self._signals.held():  # so that a signal between the two ends it without a traceback
+        with self._signals.held():  # so that a signal between the two ends it quietly
             self.ready()
             self.wait(None)
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
-        """Wait for `timeout_s` seconds (None: for ever), or until the node is shut down.
+        """Wait for `timeout_s` seconds (None: for ever), or until Ctrl-C or the node's shutdown.
 
-        Returns whether the node still runs, so that `while node.wait(1.0):` is a loop at 1 Hz. The
-        seconds are those of the node's clock, unless another is given.
+        Returns whether the time has passed without these, so that `while node.wait(1.0):` is a
+        loop at 1 Hz that Ctrl-C ends. The seconds are those of the node's clock, unless another is
+        given.
         """
         forks.check()
         clock = clock or self.clock
@@ -194,9 +209,7 @@ class Node:
         if timeout_s is None or not clock.is_simulated:
             return not self._signals.wait(timeout_s)
         with Wakeup() as wakeup, clock.limit(timeout_s, wakeup.wake) as limit:
-            if not limit.passed:
-                self._signals.wait(None, wakeup)
-            return self.ok
+            return not self._signals.wait(0.0 if limit.passed else None, wakeup)
 
     def close(self) -> None:
         """Leave the bus; everything that was created from the node ends. Twice is fine.

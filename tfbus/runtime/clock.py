@@ -29,6 +29,11 @@ class Limit:
         raise NotImplementedError
 
     @property
+    def cut_short(self) -> bool:
+        """Whether it has passed only because the clock was closed."""
+        return False
+
+    @property
     def left_s(self) -> float | None:
         """Real seconds to sleep at most; None: until woken."""
         raise NotImplementedError
@@ -231,6 +236,10 @@ class _SimulatedLimit(Limit):
     @property
     def passed(self) -> bool:
         return self._clock._has_come(self._alarm.due_ns)
+
+    @property
+    def cut_short(self) -> bool:
+        return self._clock._closed and self._clock.elapsed_ns() < self._alarm.due_ns
 
     @property
     def left_s(self) -> float | None:

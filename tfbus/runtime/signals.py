@@ -4,10 +4,11 @@ import math
 import os
 import select
 import signal
+import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -17,15 +18,23 @@ _LONGEST_MS = 86_400_000
 
 
 class StopSignals:
-    """Whether SIGINT or SIGTERM has come, from construction until `uninstall()`.
+    """SIGINT and SIGTERM for one object of this process, from construction until `uninstall()`.
 
-    Where the main thread is outside of `wait`, a signal also raises KeyboardInterrupt there, so
-    that a blocking call ends too. Several may be installed in one process: a signal stops all.
+    SIGTERM and `stop` end all its waits for good. SIGINT (Ctrl-C) ends the wait that the main
+    thread is in, and no later one. Where the main thread is outside of `wait`, a signal raises
+    KeyboardInterrupt there, so that a blocking call ends too. Several may be installed in one
+    process: a signal is for all.
+
+    In a script SIGINT also ends the waits of other threads for good, as the script is about to
+    end. In an interactive session (a notebook, a prompt) the session goes on: there SIGINT only
+    raises KeyboardInterrupt, from `wait` too.
     """
 
     def __init__(self) -> None:
-        self._stop = _Stop()
+        # `_ended` is for good; `_stop` is that or Ctrl-C in a script.
+        self._ended, self._stop = _Stop(), _Stop()
         self._is_held = False
+        self._is_interrupted = False
         if _in_main_thread():
             if not _previous:
                 for number in (signal.SIGINT, signal.SIGTERM):
@@ -34,30 +43,56 @@ class StopSignals:
 
     @property
     def stopped(self) -> bool:
-        """Whether a signal has come, or `stop` was called."""
+        """Whether SIGTERM has come or `stop` was called, or in a script SIGINT has come."""
         return self._stop.called
 
     def stop(self) -> None:
-        """Stop as a signal does; from any thread, twice is fine."""
+        """Stop as SIGTERM does; from any thread, twice is fine."""
+        self._ended.call()
         self._stop.call()
 
     def wait(self, timeout_s: float | None = None, wakeup: "Wakeup | None" = None) -> bool:
         """Wait for the stop, at most `timeout_s` (None: for ever) or until the wakeup; whether
-        it has come.
+        a signal or `stop` has ended it.
         """
         if not _in_main_thread():
             return self._stop.wait(timeout_s, wakeup)
-        with self.held(), _SignalWakeup() as signalled:
-            return self._stop.wait(timeout_s, wakeup, signalled)
+        with self.held():
+            with _SignalWakeup() as signalled:
+                self._ended.wait(timeout_s, wakeup, signalled, lambda: self._is_interrupted)
+            return self.take()
+
+    def take(self) -> bool:
+        """Whether it was stopped, or SIGINT came while it was held; that counts once.
+
+        In an interactive session SIGINT raises KeyboardInterrupt here.
+        """
+        was_interrupted, self._is_interrupted = self._is_interrupted, False
+        if was_interrupted and _is_interactive():
+            raise KeyboardInterrupt
+        return was_interrupted or self._ended.called
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Until the end of its `with` a signal stops, but raises no KeyboardInterrupt."""
-        self._is_held = _in_main_thread()
+        """Until the end of its `with` a signal raises no KeyboardInterrupt; `take` tells of it."""
+        if not _in_main_thread():
+            yield
+            return
+        was_held, self._is_held = self._is_held, True
         try:
             yield
         finally:
-            self._is_held = False
+            self._is_held = was_held
+
+    def receive(self, number: int) -> None:
+        """Take note of a signal, in its handler."""
+        if number != signal.SIGINT:
+            self.stop()
+            return
+        if self._is_held:
+            self._is_interrupted = True
+        if not _is_interactive():
+            self._stop.call()
 
     def uninstall(self) -> None:
         """Restore the former signal handlers; from any thread, twice is fine."""
@@ -123,6 +158,7 @@ class _Stop:
         timeout_s: float | None,
         wakeup: Wakeup | None = None,
         signalled: "_SignalWakeup | None" = None,
+        is_interrupted: Callable[[], bool] = lambda: False,
     ) -> bool:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         poll = select.poll()
@@ -130,7 +166,7 @@ class _Stop:
         for other in (wakeup, signalled):
             if other:
                 poll.register(other.readable, select.POLLIN)
-        while not self.called:
+        while not self.called and not is_interrupted():
             left_s = None if deadline is None else deadline - time.monotonic()
             if left_s is not None and left_s <= 0:
                 break
@@ -176,6 +212,11 @@ def _in_main_thread() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
+def _is_interactive() -> bool:
+    """Whether a person types at a prompt of Python or IPython, or runs the cells of a notebook."""
+    return hasattr(sys, "ps1")
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
     if not _installed:  # another thread uninstalled the last one, and cannot set handlers
         _restore_handlers()
@@ -183,7 +224,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
         return
     global _interrupted_s
     for signals in _installed:
-        signals.stop()
+        signals.receive(number)
     is_held = any(signals._is_held for signals in _installed)
     now_s = time.monotonic()
     if not is_held and now_s - _interrupted_s > _SAME_SIGNAL_S:

@@ -1,6 +1,7 @@
 """The page in a browser: frames in three dimensions.
 
-Listed here is what nodes use: the parts of `tfbus view`, and of a guest on its page.
+Listed here is `show`, the page for a buffer of any program, and what nodes use: the parts of `tfbus
+view`, and of a guest on its page.
 """
 
 from importlib import import_module
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
+    from tfbus.view.local import View as View
+    from tfbus.view.local import show as show
     from tfbus.view.model.placement import Placed as Placed
     from tfbus.view.model.settings import ViewSettings as ViewSettings
     from tfbus.view.model.settings import holds_settings as holds_settings
@@ -35,12 +38,14 @@ _MODULE_OF = {
     "Region": "tfbus.view.guest",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
+    "View": "tfbus.view.local",
     "ViewSettings": "tfbus.view.model.settings",
     "find_browser": "tfbus.view.screenshot",
     "holds_settings": "tfbus.view.model.settings",
     "is_local": "tfbus.view.origin",
     "load_settings": "tfbus.view.model.settings",
     "read_urdf": "tfbus.view.model.urdf",
+    "show": "tfbus.view.local",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import viser
+
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
-from tfbus.listen.listener import TransformListener
-from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.view.guest import Guest
 from tfbus.view.model.placement import Floats, Placed, place, trail
@@ -21,10 +21,12 @@ from tfbus.view.model.view_state import ViewState
 from tfbus.view.origin import names_to_open
 from tfbus.view.panels.panel import Panel
 from tfbus.view.scene.camera import FirstLook
+from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
 from tfbus.view.scene.robot import RobotScene
 from tfbus.view.scene.scene import Scene
 from tfbus.view.server import serve
+from tfbus.view.source import Host, Publishers
 
 # The panel is for reading, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25
@@ -68,9 +70,9 @@ class Page:
 
     def __init__(
         self,
-        node: Node,
+        node: Host,
         buffer: Buffer,
-        listener: TransformListener,
+        listener: Publishers,
         serving: Serving,
         robot: Sequence[Visual] = (),
         guests: Sequence[Guest] = (),
@@ -90,6 +92,7 @@ class Page:
         self._first_look = FirstLook(self._server)
         self._names = Names(self._server)
         self._robot_scene = RobotScene(self._server.scene, robot, node.log)
+        self.drawn = Drawn(self._server.scene)
         self._panel = Panel(
             self._server,
             self.view,
@@ -118,6 +121,11 @@ class Page:
             f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
             for name in names_to_open(self._server.get_host())
         )
+
+    @property
+    def scene_api(self) -> viser.SceneApi:
+        """What shapes are added to."""
+        return self._server.scene
 
     @property
     def is_watched(self) -> bool:
@@ -187,6 +195,7 @@ class Page:
         # Links and guests are drawn whether or not the axes of their frames are.
         others = {
             *self._robot_scene.links,
+            *self.drawn.frames,
             *(name for each in self._guests for name in each.frames),
         }
         unseen = frozenset(name for name in others - set(shown) if name in frames)
@@ -202,6 +211,7 @@ class Page:
                 if len(path) > 1:
                     trails[name] = path
         self._robot_scene.draw(around)
+        self.drawn.draw(around)
         for guest in self._guests:
             guest.draw(around, fixed_frame)
         regions = [guest.region for guest in self._guests]

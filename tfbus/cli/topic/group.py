@@ -6,7 +6,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import from_here, look, open_bus
+from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
@@ -20,6 +20,7 @@ from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, TopicInfo
 from tfbus.errors import BusError
+from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 
 
@@ -74,7 +75,7 @@ def list_command(
 def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
     """Print the type of TOPIC, and the number of its publishers and subscribers."""
     with open_bus(settings) as session:
-        info = find_topic(look(session), from_here(topic, settings))
+        info = find_topic(look(session), relative(topic, settings.namespace))
     if as_json:
         print_json(_as_map(info))
         return
@@ -111,7 +112,7 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
         return
     type_ = supplied_type(bare(topic)) or (find_type(topic) if ":" in topic else None)
     if type_ is None:
-        topic = from_here(topic, settings)
+        topic = relative(topic, settings.namespace)
         with open_bus(settings) as session:
             topics = look(session).topics
         if topic not in topics:
@@ -143,7 +144,7 @@ def _type_of(info: TopicInfo) -> type:
 def type_command(settings: NodeSettings, topic: str) -> None:
     """Print the type of TOPIC."""
     with open_bus(settings) as session:
-        print_text(_types(find_topic(look(session), from_here(topic, settings))))
+        print_text(_types(find_topic(look(session), relative(topic, settings.namespace))))
 
 
 @command.command("find", epilog="Example: tfbus topic find Pose")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import from_here, look
+from tfbus.cli.bus import look
 from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option
@@ -19,6 +19,7 @@ from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
 from tfbus.wire.codec import decode_map
+from tfbus.wire.keys import relative
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
@@ -114,7 +115,7 @@ def _run(
     number_of: Callable[["Node", str], Meter],
     **how: Any,
 ) -> None:
-    topics = tuple(from_here(topic, settings) for topic in topics)
+    topics = tuple(relative(topic, settings.namespace) for topic in topics)
     with visiting(settings, report.name) as node:
         measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
 

@@ -8,7 +8,7 @@ import click
 
 from tfbus.bus.handles import HeardWatch
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.bus import from_here, look
+from tfbus.cli.bus import look
 from tfbus.cli.messages.message import (
     checked_map,
     complete_values,
@@ -27,6 +27,7 @@ from tfbus.errors import BusError
 from tfbus.node.topic import RawPublisher
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
+from tfbus.wire.keys import relative
 
 if TYPE_CHECKING:
     from tfbus.node.node import Node
@@ -112,7 +113,7 @@ def pub_command(
     times = 1 if once else times
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
-    topic = from_here(topic, settings)
+    topic = relative(topic, settings.namespace)
     with visiting(settings, "pub") as node:
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:
@@ -128,7 +129,8 @@ def pub_command(
         _wait_for_subscribers(node, topic, subscribers, wait_s)
         shown = f"{name or 'message'} {as_json(values)}"
         _publish(node, publisher, payload, rate, times, shown, 0 if quiet else every)
-        node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
+        if node.ok:
+            node.wait(keep_alive_s, clock=SYSTEM_CLOCK)
 
 
 def _publish(

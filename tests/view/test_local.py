@@ -1,0 +1,189 @@
+"""The page for a buffer of a program: it follows the buffer, and draws what the program adds."""
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests import needs
+from tests.builders import S, moved
+from tests.live_bus import DEADLINE_S, eventually, free_port
+from tests.view.pages import PATIENCE_S
+from tests.view.pages import View as Page
+from tfbus import Buffer, InvalidArgumentException, TfbusError, Transform
+from tfbus.view import View, show
+
+PICTURE = np.zeros((4, 6, 3), np.uint8)
+
+
+@pytest.fixture
+def buffer() -> Buffer:
+    """A base in the map, as it was recorded long ago."""
+    filled = Buffer()
+    filled.set_transform(moved(1 * S, "map", "base", 1.0))
+    filled.set_transform(moved(2 * S, "map", "base", 2.0))
+    return filled
+
+
+@pytest.fixture
+def view(buffer: Buffer) -> Iterator[View]:
+    """The page of that buffer."""
+    pytest.importorskip("viser", reason="needs viser: the extra view")
+    with show(buffer, port=free_port(), rate_hz=5.0) as shown:
+        yield shown
+
+
+def drawn(view: View) -> dict[str, Any]:
+    """The shapes by name."""
+    return view._page.drawn._shapes
+
+
+@pytest.fixture
+def step(view: View) -> Callable[[], None]:
+    """Bring the shapes up to date, as the page does for a browser."""
+    page = view._page
+
+    def draw() -> None:
+        from tfbus.view.model.placement import place
+
+        page.drawn.draw(place(page._buffer, "map", page._buffer.frames(), None))
+
+    return draw
+
+
+ADDERS: dict[str, Callable[[View], None]] = {
+    "points": lambda view: view.add_points("a", "base", [(0, 0, 0), (1, np.nan, 0)]),
+    "colored points": lambda view: view.add_points("a", "base", [(0, 0, 0)], color=[(9, 9, 9)]),
+    "a line": lambda view: view.add_lines("a", "base", [(0, 0, 0), (1, 0, 0), (1, 1, 0)]),
+    "lines": lambda view: view.add_lines("a", "base", [[(0, 0, 0), (1, 0, 0)]]),
+    "an arrow": lambda view: view.add_arrow("a", "base", (0, 0, 0), (1, 0, 0)),
+    "a box": lambda view: view.add_box("a", "base", (1, 2, 3), pose=Transform((1, 0, 0))),
+    "a sphere": lambda view: view.add_sphere("a", "base", 0.5, opacity=0.5),
+    "a text": lambda view: view.add_text("a", "base", "<b>here</b>"),
+    "a camera": lambda view: view.add_camera("a", "base", fov_y_rad=0.8),
+    "a camera's picture": lambda view: view.add_camera(
+        "a", "base", camera_matrix=np.diag((5, 5, 1)), image=PICTURE
+    ),
+    "an image": lambda view: view.add_image("a", "base", PICTURE[:, :, 0], 1.0),
+}
+
+
+@pytest.mark.parametrize("kind", ADDERS)
+def test_a_shape_moves_with_its_frame(
+    kind: str, view: View, buffer: Buffer, step: Callable[[], None]
+) -> None:
+    """Each kind is where its frame is; it is replaced by its name, and removed."""
+    ADDERS[kind](view)
+    ADDERS[kind](view)
+    step()
+    assert drawn(view)["a"].node.position.tolist() == [2.0, 0.0, 0.0]
+    buffer.set_transform(moved(3 * S, "map", "base", 3.0))
+    step()
+    assert drawn(view)["a"].node.position.tolist() == [3.0, 0.0, 0.0]
+    assert drawn(view)["a"].node.visible
+    view.remove("a")
+    assert not drawn(view)
+
+
+def test_a_shape_of_a_frame_that_is_not_there_waits_for_it(
+    view: View, buffer: Buffer, step: Callable[[], None]
+) -> None:
+    """It is hidden until the frame has a place."""
+    view.add_sphere("ball", "hand", 0.1)
+    step()
+    assert not drawn(view)["ball"].node.visible
+    buffer.set_transform(moved(2 * S, "base", "hand"), static=True)
+    step()
+    assert drawn(view)["ball"].node.visible
+
+
+@pytest.mark.parametrize(
+    ("add", "said"),
+    [
+        (lambda view: view.add_points("a", "/map", [(0, 0, 0)]), "begins with a slash"),
+        (lambda view: view.add_points("a", "map", [0, 0, 0]), "expected shape (N, 3)"),
+        (lambda view: view.add_points("a", "map", [(0, 0, 0)], color=(0, 0, 256)), "0 to 255"),
+        (lambda view: view.add_points("a", "map", [(0, 0, 0)], color=(0.5, 0, 0)), "integers"),
+        (lambda view: view.add_lines("a", "map", [(0, 0, 0), (0, 0, np.inf)]), "finite"),
+        (lambda view: view.add_arrow("a", "map", (0, 0), (1, 0, 0)), "start: expected 3"),
+        (lambda view: view.add_box("a", "map", (1, 0, 1)), "above 0"),
+        (lambda view: view.add_sphere("a", "map", 1.0, opacity=2.0), "opacity"),
+        (lambda view: view.add_camera("a", "map", fov_y_rad=4.0), "from 0 to pi"),
+        (lambda view: view.add_camera("a", "map", camera_matrix=np.eye(3)), "needs size_px"),
+        (lambda view: view.add_image("a", "map", np.zeros((2, 2, 3)), 1.0), "uint8"),
+        (lambda view: view.remove("a"), "no shape 'a'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(
+    add: Callable[[View], None], said: str, view: View
+) -> None:
+    """In one sentence, and nothing is drawn."""
+    with pytest.raises(InvalidArgumentException) as raised:
+        add(view)
+    assert said in str(raised.value)
+    assert not drawn(view)
+
+
+def test_a_notebook_shows_the_page(view: View) -> None:
+    """In a frame below the cell, with a link."""
+    assert f'<iframe src="{view.url}"' in view._repr_html_()
+
+
+def test_without_viser_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The extra is named as pip takes it."""
+    for module in [name for name in sys.modules if name.startswith("tfbus.view.")]:
+        if module != "tfbus.view.local":
+            monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(TfbusError, match=r"tfbus\[view\]"):
+        show(Buffer())
+
+
+def test_a_second_view_takes_the_next_port(buffer: Buffer, view: View) -> None:
+    """Both are there until they are closed; twice is fine."""
+    port = int(view.url.rpartition(":")[2])
+    other = show(buffer, port=port)
+    assert other.url != view.url
+    other.close()
+    other.close()
+
+
+def test_a_program_ends_with_its_view_open() -> None:
+    """A view does not keep the process alive."""
+    pytest.importorskip("viser", reason="needs viser: the extra view")
+    code = f"import tfbus.view; tfbus.view.show(tfbus.Buffer(), port={free_port()})"
+    ended = subprocess.run(
+        [sys.executable, "-c", f"import tfbus; {code}"],
+        capture_output=True,
+        text=True,
+        timeout=6 * DEADLINE_S,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
+
+
+def red_pixels(page: Page) -> int:
+    """How much of the scene is red."""
+    image = needs.module("PIL.Image").open(BytesIO(page.page.screenshot())).convert("RGB")
+    r, g, b = np.moveaxis(np.asarray(image).astype(int), -1, 0)
+    return int(np.count_nonzero((r > 120) & (g < 60) & (b < 60)))
+
+
+def test_a_browser_shows_a_recording_and_what_is_drawn(
+    buffer: Buffer, view: View, pages: Any
+) -> None:
+    """An old recording is not stale, the page follows the buffer, and a ball is seen."""
+    page = Page(pages.new_page(), view.url)
+    page.headline("2 frames, seen from map")
+    page.wait_for_status("base", "dynamic")
+    buffer.set_transform(moved(2 * S, "base", "tool"), static=True)
+    page.headline("3 frames, seen from map")
+    before = red_pixels(page)
+    view.add_sphere("ball", "base", 0.6, color=(255, 0, 0))
+    eventually(lambda: red_pixels(page) > before + 500, within_s=PATIENCE_S)
+    view.clear()
+    eventually(lambda: red_pixels(page) < before + 500, within_s=PATIENCE_S)
+    assert page.errors == []

@@ -1,0 +1,31 @@
+"""All that a buffer holds of one frame, as values."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pose = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A frame, its static pose if it is static, and its samples, oldest first.
+
+    `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` are those of the
+    samples, None where all have the `parent` of the frame; they may differ up to `mixed_until_ns`.
+    A static frame may hold samples from before it became static.
+    """
+
+    parent: str | None
+    authority: str
+    gone: bool
+    conflicts: int
+    refused: int
+    is_static: bool
+    static_stamp_ns: int
+    static_pose: Pose
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    parents: list[str] | None
+    mixed_until_ns: int

@@ -1,0 +1,444 @@
+"""The page for a buffer of this program, with or without a bus, and with what the program draws."""
+
+import atexit
+import logging
+import math
+import threading
+from collections.abc import Sequence
+from html import escape
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tfbus.buffer.buffer import Buffer
+from tfbus.errors import InvalidArgumentException, TfbusError
+from tfbus.geometry.transform import Transform, check_frame_id
+from tfbus.listen.info import StreamInfo
+from tfbus.runtime.clock import Clock
+
+if TYPE_CHECKING:
+    from tfbus.view.page import Page
+
+_ORANGE = (230, 120, 20)
+_GREY = (90, 90, 100)
+
+# The slider goes back as far as the buffer does when the page opens, within these limits.
+_LEAST_HISTORY_S = 30.0
+_MOST_HISTORY_S = 3600.0
+
+_END_S = 5.0
+
+
+class _Program:
+    """The host of the page: its time is that of the newest sample, so that a recording is fresh."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self.log = logging.getLogger("tfbus.view")
+        self._buffer = buffer
+        self._ended = threading.Event()
+
+    def now_ns(self) -> int:
+        newest = [
+            frame.newest_ns
+            for frame in self._buffer.all_frames()
+            if frame.newest_ns is not None and not frame.static
+        ]
+        return max(newest, default=0) or self._buffer.clock()
+
+    def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
+        return not self._ended.wait(timeout_s)
+
+    def end(self) -> None:
+        self._ended.set()
+
+    def streams(self) -> Sequence[StreamInfo]:
+        return ()
+
+
+class View:
+    """A page with the frames of a buffer, from `show` until `close()` or the end of its `with`.
+
+    It follows the buffer. Each `add_` draws a shape by a name, in the axes of a frame, with which
+    it moves; a shape of the same name is replaced. Lengths are in metres, colours red, green and
+    blue from 0 to 255. All methods are safe from any thread. They raise InvalidArgumentException
+    for wrong names, shapes and numbers.
+    """
+
+    def __init__(self, page: "Page", program: _Program) -> None:
+        self._page = page
+        self._program = program
+        self._thread = threading.Thread(target=self._run, name="tfbus view", daemon=True)
+        self._thread.start()
+        # Before viser's own, which says on standard output that it stops.
+        atexit.register(self.close)
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return self._page.address
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser has the page open."""
+        return self._page.is_watched
+
+    # Drawing
+
+    def add_points(
+        self,
+        name: str,
+        frame: str,
+        points: ArrayLike,
+        *,
+        color: ArrayLike = _ORANGE,
+        size_m: float = 0.03,
+    ) -> None:
+        """Draw points (N, 3); `color` is one, or one for each (N, 3).
+
+        Points that are not finite, as scans have them where nothing is, are left out.
+        """
+        from tfbus.view.scene.drawn import color_of, length_of, points_of
+
+        xyz = points_of(points)
+        finite = np.isfinite(xyz).all(axis=1)
+        colors = color_of(color, len(xyz))
+        colors = colors[finite] if colors.ndim == 2 else colors
+        size = length_of(size_m, "size_m")
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_point_cloud(
+                path,
+                xyz[finite].astype(np.float32),
+                colors,
+                point_size=size,
+                point_shape="circle",
+                precision="float32",
+            ),
+        )
+
+    def add_lines(
+        self,
+        name: str,
+        frame: str,
+        points: ArrayLike,
+        *,
+        color: ArrayLike = _ORANGE,
+        width_m: float = 0.01,
+    ) -> None:
+        """Draw a line along points (N, 3), or N separate lines (N, 2, 3)."""
+        from tfbus.view.scene.drawn import color_of, length_of, points_of
+
+        array = np.asarray(points, dtype=np.float64)
+        if array.ndim != 3 or array.shape[1:] != (2, 3):
+            along = points_of(array)
+            array = np.stack((along[:-1], along[1:]), axis=1)
+        if not np.isfinite(array).all():
+            raise InvalidArgumentException("points: a line needs finite points")
+        width, colors = length_of(width_m, "width_m"), color_of(color)
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_line_segments(
+                path, array.astype(np.float32), colors, thickness=width
+            ),
+        )
+
+    def add_arrow(
+        self,
+        name: str,
+        frame: str,
+        start: ArrayLike,
+        end: ArrayLike,
+        *,
+        color: ArrayLike = _ORANGE,
+        width_m: float = 0.02,
+    ) -> None:
+        """Draw an arrow from one point (3,) to another, such as a velocity or a force."""
+        from tfbus.view.scene.drawn import color_of, length_of, point_of
+
+        ends = np.stack((point_of(start, "start"), point_of(end, "end")))[None]
+        width, colors = length_of(width_m, "width_m"), color_of(color)
+        head_m = min(4.0 * width, 0.5 * float(np.linalg.norm(ends[0, 1] - ends[0, 0])))
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_arrows(
+                path,
+                ends.astype(np.float32),
+                colors,
+                shaft_radius=width / 2.0,
+                head_radius=1.5 * width,
+                head_length=head_m,
+            ),
+        )
+
+    def add_box(
+        self,
+        name: str,
+        frame: str,
+        size: ArrayLike,
+        *,
+        pose: Transform | None = None,
+        color: ArrayLike = _GREY,
+        opacity: float = 1.0,
+    ) -> None:
+        """Draw a box with sides `size` (3,) around the origin of the frame, or at `pose` in it."""
+        from tfbus.view.scene.drawn import color_of, length_of, place_of, point_of
+
+        sides = [length_of(side, "size") for side in point_of(size, "size").tolist()]
+        look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_box(
+                path, dimensions=tuple(sides), **look, **place_of(pose)
+            ),
+        )
+
+    def add_sphere(
+        self,
+        name: str,
+        frame: str,
+        radius_m: float,
+        *,
+        center: ArrayLike = (0.0, 0.0, 0.0),
+        color: ArrayLike = _GREY,
+        opacity: float = 1.0,
+    ) -> None:
+        """Draw a sphere around a point (3,) of the frame."""
+        from tfbus.view.scene.drawn import color_of, length_of, point_of
+
+        radius, middle = length_of(radius_m, "radius_m"), point_of(center, "center")
+        look = {"color": _plain(color_of(color)), "opacity": _opacity(opacity)}
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_icosphere(
+                path, radius=radius, subdivisions=3, position=middle, **look
+            ),
+        )
+
+    def add_text(
+        self, name: str, frame: str, text: str, *, at: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Write a text at a point (3,) of the frame; it always faces the browser."""
+        from tfbus.view.scene.drawn import point_of
+
+        place = point_of(at, "at")
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_label(
+                path, str(text), position=place, anchor="bottom-center"
+            ),
+        )
+
+    def add_camera(
+        self,
+        name: str,
+        frame: str,
+        *,
+        fov_y_rad: float | None = None,
+        camera_matrix: ArrayLike | None = None,
+        size_px: tuple[int, int] | None = None,
+        image: ArrayLike | None = None,
+        depth_m: float = 0.5,
+        color: ArrayLike = _GREY,
+    ) -> None:
+        """Draw what a camera sees: its frustum, and with `image` the picture in it.
+
+        `frame` is the optical one: z ahead, x to the right, y down, as in ROS and OpenCV. The
+        angle is `fov_y_rad` from top to bottom (by default 1.0), or that of a `camera_matrix`
+        (3, 3) for pictures of `size_px`, width by height, which an image has by itself. The
+        picture is `depth_m` ahead; it is uint8 of shape (H, W, 3), red first, or (H, W).
+        """
+        from tfbus.view.scene.drawn import color_of, image_of, length_of
+
+        picture = None if image is None else image_of(image)
+        if size_px is None:
+            size_px = (4, 3) if picture is None else (picture.shape[1], picture.shape[0])
+        width, height = (length_of(side, "size_px") for side in size_px)
+        if camera_matrix is not None:
+            if picture is None and size_px == (4, 3):
+                raise InvalidArgumentException("a camera_matrix needs size_px, or an image")
+            fov_y_rad = _fov_y_rad(camera_matrix, height)
+        fov = 1.0 if fov_y_rad is None else float(fov_y_rad)
+        if not 0.0 < fov < math.pi:
+            raise InvalidArgumentException(f"fov_y_rad must be from 0 to pi, got {fov!r}")
+        depth, colors = length_of(depth_m, "depth_m"), _plain(color_of(color))
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_camera_frustum(
+                path,
+                fov=fov,
+                aspect=width / height,
+                scale=depth * _scale_of_depth(fov, width / height),
+                color=colors,
+                image=picture,
+                thickness=0.02 * depth,
+                cast_shadow=False,
+                receive_shadow=False,
+            ),
+        )
+
+    def add_image(
+        self,
+        name: str,
+        frame: str,
+        image: ArrayLike,
+        width_m: float,
+        *,
+        pose: Transform | None = None,
+    ) -> None:
+        """Draw an image (H, W, 3) or (H, W), uint8, such as a map or a sign, in the plane of x and
+        y around the frame's origin, or at `pose` in the frame: x to its right, y up.
+        """
+        from tfbus.view.scene.drawn import image_of, length_of, place_of
+
+        picture, width = image_of(image), length_of(width_m, "width_m")
+        height = width * picture.shape[0] / picture.shape[1]
+        # viser's images have y down.
+        upright = (pose or Transform.identity()) @ Transform.from_rpy(math.pi, 0.0, 0.0)
+        self._add(
+            name,
+            frame,
+            lambda scene, path: scene.add_image(
+                path,
+                picture,
+                render_width=width,
+                render_height=height,
+                cast_shadow=False,
+                receive_shadow=False,
+                **place_of(upright),
+            ),
+        )
+
+    def remove(self, name: str) -> None:
+        """Remove a shape. Raises InvalidArgumentException if there is none of that name."""
+        if not self._page.drawn.remove(name):
+            raise InvalidArgumentException(f"there is no shape {name!r} in the view")
+
+    def clear(self) -> None:
+        """Remove all shapes."""
+        for name in self._page.drawn.names():
+            self._page.drawn.remove(name)
+
+    # Its life
+
+    def wait(self) -> None:
+        """Keep the page until Ctrl-C, at the end of a script."""
+        try:
+            while self._program.wait(3600.0):
+                pass
+        except KeyboardInterrupt:
+            self.close()
+
+    def close(self) -> None:
+        """Stop serving. Twice is fine."""
+        atexit.unregister(self.close)
+        self._program.end()
+        if self._thread is not threading.current_thread():
+            self._thread.join(_END_S)
+        self._page.close()
+
+    def __enter__(self) -> "View":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<View at {self.url}>"
+
+    def _repr_html_(self) -> str:
+        url = escape(self.url, quote=True)
+        return (
+            f'<iframe src="{url}" width="100%" height="500" style="border:0"></iframe>'
+            f'<div><a href="{url}" target="_blank">{url}</a></div>'
+        )
+
+    def _add(self, name: str, frame: str, make: Any) -> None:
+        check_frame_id(frame, "frame")
+        scene = self._page.scene_api
+        self._page.drawn.add(name, frame, lambda path: make(scene, path))
+
+    def _run(self) -> None:
+        try:
+            self._page.run()
+        except Exception:
+            self._program.log.exception("The view at %s has stopped", self.url)
+
+
+def show(
+    buffer: Buffer,
+    *,
+    fixed_frame: str = "",
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    rate_hz: float = 30.0,
+    history_s: float | None = None,
+) -> View:
+    """Show a buffer in a browser, in three dimensions, at `view.url`; it follows the buffer.
+
+    No bus is needed; a buffer that a listener fills works as well. In a notebook the page appears
+    below the cell. The port is the first free one from `port` on. The slider goes back
+    `history_s` seconds, by default as far as the buffer, from 30 s to an hour. Ages are judged by
+    the newest sample, so that a recording is not stale.
+
+    Raises TfbusError without the extra `view`, and where it cannot listen.
+    """
+    if not 0.0 < rate_hz <= 60.0:
+        raise InvalidArgumentException(f"rate_hz must be above 0 and at most 60, got {rate_hz!r}")
+    try:
+        from tfbus.view.model.settings import ViewSettings
+        from tfbus.view.page import Page, Serving
+    except ImportError as error:
+        raise TfbusError(f"viser is not installed ({error}): pip install 'tfbus[view]'") from error
+    program = _Program(buffer)
+    settings = ViewSettings(fixed_frame=fixed_frame)
+    serving = Serving(host, port, rate_hz, history_s or _history_s(buffer), settings)
+    return View(Page(program, buffer, program, serving), program)
+
+
+def _history_s(buffer: Buffer) -> float:
+    spans_ns = [
+        frame.newest_ns - frame.oldest_ns
+        for frame in buffer.all_frames()
+        if frame.newest_ns is not None and frame.oldest_ns is not None
+    ]
+    return min(max(max(spans_ns, default=0) / 1e9, _LEAST_HISTORY_S), _MOST_HISTORY_S)
+
+
+def _fov_y_rad(camera_matrix: ArrayLike, height_px: float) -> float:
+    matrix = np.asarray(camera_matrix, dtype=np.float64)
+    if matrix.shape != (3, 3) or not matrix[1, 1] > 0.0:
+        raise InvalidArgumentException(
+            f"camera_matrix: expected shape (3, 3) with focal lengths above 0, got {matrix!r}"
+        )
+    return 2.0 * math.atan(height_px / 2.0 / float(matrix[1, 1]))
+
+
+def _scale_of_depth(fov_y_rad: float, aspect: float) -> float:
+    """viser's scale of a frustum that is 1 m deep: there frustums of one scale have one volume."""
+    half_height = math.tan(fov_y_rad / 2.0)
+    return math.cbrt(half_height * half_height * aspect / 3.0)
+
+
+def _opacity(opacity: float) -> float | None:
+    if not 0.0 < opacity <= 1.0:
+        raise InvalidArgumentException(f"opacity must be above 0 and at most 1, got {opacity!r}")
+    return None if opacity >= 1.0 else float(opacity)
+
+
+def _plain(color: Any) -> tuple[int, int, int]:
+    r, g, b = color.tolist()
+    return r, g, b

@@ -1,0 +1,151 @@
+"""What a program draws into the scene: shapes by name, each attached to a frame."""
+
+import math
+import threading
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import ArrayLike, NDArray
+
+from tfbus.errors import InvalidArgumentException
+from tfbus.geometry.transform import Transform
+from tfbus.view.model.placement import Floats, Placed
+
+Color = tuple[int, int, int]
+
+_MOST_COLOR = 255
+
+
+@dataclass(eq=False)
+class _Shape:
+    """A shape below `node`, which is where the frame is."""
+
+    frame: str
+    node: Any
+    handle: Any
+
+
+class Drawn:
+    """Shapes by name, in the axes of their frames; those of frames without a place are hidden.
+
+    Safe from any thread.
+    """
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._scene = scene
+        self._lock = threading.Lock()
+        self._shapes: dict[str, _Shape] = {}
+        self._count = 0
+
+    @property
+    def frames(self) -> Collection[str]:
+        """The frames that shapes are attached to."""
+        with self._lock:
+            return {shape.frame for shape in self._shapes.values()}
+
+    def add(self, name: str, frame: str, make: Callable[[str], Any]) -> None:
+        """Add the shape that `make(path)` adds to the scene; it replaces one of the same name."""
+        with self._lock:
+            former = self._shapes.pop(name, None)
+            # Not by its name, which may have slashes: viser makes trees of them. At the place of
+            # the former, which viser replaces without a flicker.
+            if former is None:
+                self._count += 1
+                node: Any = self._scene.add_frame(
+                    f"/drawn/{self._count}", show_axes=False, visible=False
+                )
+            else:
+                node = former.node
+                if former.frame != frame:
+                    node.visible = False
+            self._shapes[name] = _Shape(frame, node, make(f"{node.name}/shape"))
+
+    def remove(self, name: str) -> bool:
+        """Remove a shape; whether there was one."""
+        with self._lock:
+            shape = self._shapes.pop(name, None)
+            if shape is not None:
+                shape.handle.remove()
+                shape.node.remove()
+        return shape is not None
+
+    def names(self) -> list[str]:
+        """The names of all shapes."""
+        with self._lock:
+            return list(self._shapes)
+
+    def draw(self, placed: Placed) -> None:
+        """Move the shapes to their frames."""
+        with self._lock:
+            for shape in self._shapes.values():
+                row = placed.index.get(shape.frame)
+                if row is not None:
+                    shape.node.position = placed.xyz[row]
+                    shape.node.wxyz = placed.quat_wxyz[row]
+                if shape.node.visible != (row is not None):
+                    shape.node.visible = row is not None
+
+
+def points_of(points: ArrayLike, what: str = "points") -> Floats:
+    """Points (N, 3). Raises InvalidArgumentException for another shape."""
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidArgumentException(f"{what}: expected shape (N, 3), got {array.shape}")
+    return array
+
+
+def point_of(xyz: ArrayLike, what: str) -> Floats:
+    """A point (3,). Raises InvalidArgumentException for another shape, and for infinity or NaN."""
+    array = np.asarray(xyz, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InvalidArgumentException(f"{what}: expected 3 finite numbers, got {xyz!r}")
+    return array
+
+
+def length_of(value: float, what: str) -> float:
+    """A length in metres. Raises InvalidArgumentException unless it is more than 0."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise InvalidArgumentException(f"{what} must be a number of metres above 0, got {value!r}")
+    return float(value)
+
+
+def color_of(color: ArrayLike, count: int | None = None) -> NDArray[np.uint8]:
+    """A colour (3,), or with a count one for each (N, 3), from 0 to 255.
+
+    Raises InvalidArgumentException.
+    """
+    array = np.asarray(color)
+    shapes = [(3,)] if count is None else [(3,), (count, 3)]
+    if array.shape not in shapes or not np.issubdtype(array.dtype, np.integer):
+        wanted = " or ".join(map(str, shapes))
+        raise InvalidArgumentException(
+            f"color: expected red, green and blue as integers from 0 to 255, of shape {wanted}, "
+            f"got {array.dtype} of shape {array.shape}"
+        )
+    if array.size and (int(array.min()) < 0 or int(array.max()) > _MOST_COLOR):
+        raise InvalidArgumentException("color: each part must be from 0 to 255")
+    return array.astype(np.uint8)
+
+
+def image_of(image: ArrayLike) -> NDArray[np.uint8]:
+    """An image (H, W, 3) or (H, W), uint8. Raises InvalidArgumentException."""
+    array = np.asarray(image)
+    if array.ndim == 2:
+        array = np.repeat(array[:, :, None], 3, axis=2)
+    if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
+        raise InvalidArgumentException(
+            f"image: expected uint8 of shape (H, W, 3) or (H, W), got {array.dtype} of shape "
+            f"{array.shape}"
+        )
+    return array
+
+
+def place_of(pose: Transform | None) -> dict[str, Any]:
+    """Where a shape is in its frame, in viser's words."""
+    if pose is None:
+        return {}
+    x, y, z, w = pose.quat_xyzw
+    return {"position": pose.xyz, "wxyz": (w, x, y, z)}

@@ -22,6 +22,10 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    from tfbus.runtime.sources import why_not_installed
+
+    if mistake := why_not_installed():
+        sys.exit(f"Error: {mistake}")
     from tfbus.cli import main as command_line  # click and more: 60 ms
 
     command_line()

@@ -19,7 +19,7 @@ cdef class TransformStamped:
 @cython.locals(self=Transform)
 cpdef Transform make_transform(pose_t pose)
 
-cdef pose_t pose_of(Transform transform) except *
+cdef pose_t pose_of(transform) except *
 
 cpdef Transform checked_transform(value, str what=*)
 

@@ -38,6 +38,7 @@ from tfbus.geometry.rotations import (
     unit_quaternion,
 )
 from tfbus.names import mistake_in
+from tfbus.runtime.signature import SourceSignature
 from tfbus.runtime.stamp_units import LATEST_STAMP_NS
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ class Transform:
     whether two motions are the same.
     """
 
+    __signature__ = SourceSignature()
     __slots__ = ("_pose",)
 
     # `array @ transform` is not for numpy to answer, which would take the transform's matrix.
@@ -464,6 +466,7 @@ class TransformStamped:
     stamp that is no integer.
     """
 
+    __signature__ = SourceSignature()
     # The pose is not kept as a Transform, which most lookups would make without need.
     __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
 
@@ -483,7 +486,7 @@ class TransformStamped:
         self._frame_id = check_frame_id(frame_id, "frame_id")
         self._child_frame_id = check_frame_id(child_frame_id, "child_frame_id")
         self._pose = pose_of(checked_transform(transform, "transform"))
-        self._extrapolated_ns = extrapolated_ns
+        self._extrapolated_ns = check_stamp(extrapolated_ns, "extrapolated_ns")
 
     @property
     def stamp_ns(self) -> int:
@@ -583,7 +586,11 @@ def make_transform(pose: Pose) -> Transform:
 
 
 def pose_of(transform: Transform) -> Pose:
-    """The seven numbers of a transform; compiled, it checks the type."""
+    """The seven numbers of a transform. Raises InvalidArgumentException for anything else."""
+    if not isinstance(transform, Transform):
+        raise InvalidArgumentException(
+            f"expected a tfbus.Transform, got a {type(transform).__name__}"
+        )
     return transform._pose
 
 
@@ -623,26 +630,40 @@ def make_stamped(
 
 
 def check_frame_id(frame_id: object, what: str = "frame id") -> str:
-    """The frame id. Raises InvalidArgumentException, which calls it `what`, if it cannot be one."""
+    """The frame id as a plain str. Raises InvalidArgumentException, which calls it `what`, if it
+    cannot be one.
+    """
     if mistake := mistake_in(frame_id):
         raise InvalidArgumentException(f"{what} {mistake}")
-    return frame_id  # type: ignore[return-value]  # judged by mistake_in
+    return plain(frame_id)  # type: ignore[arg-type]  # judged by mistake_in
 
 
-def check_stamp(stamp_ns: object) -> int:
+def plain(text: str) -> str:
+    """The text as a str and no subclass of it, such as a member of a StrEnum or numpy's str_."""
+    return text if type(text) is str else str.__str__(text)
+
+
+def check_stamp(stamp_ns: object, what: str = "stamp") -> int:
     """The stamp as an int. Raises InvalidArgumentException if it cannot be one."""
     try:
+        if type(stamp_ns) is not int and _is_masked(stamp_ns):
+            raise TypeError
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
         hint = "" if isinstance(stamp_ns, str) else "; tfbus.stamp_ns(...) converts it"
         raise InvalidArgumentException(
-            f"a stamp must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}{hint}"
+            f"a {what} must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}{hint}"
         ) from None
     if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
         raise InvalidArgumentException(
-            f"the stamp {stamp} is not within 146 years of 1970: it must count nanoseconds"
+            f"the {what} {stamp} is not within 146 years of 1970: it must count nanoseconds"
         )
     return stamp
+
+
+def _is_masked(value: object) -> bool:
+    """Whether it is a masked array's missing value, which numpy takes for a number."""
+    return "numpy" in sys.modules and bool(np.ma.is_masked(value))
 
 
 # What both kinds of transforms say of `points @ T`.

@@ -384,3 +384,15 @@ def test_a_stamp_of_another_type_is_told_of_stamp_ns(stamp):
     """Floats, datetimes: they are not rounded silently."""
     with pytest.raises(InvalidArgumentException, match=r"integer.*tfbus\.stamp_ns\(...\) converts"):
         TransformStamped(stamp, "base", "lidar", Transform())
+
+
+@pytest.mark.parametrize("axes", ["xyz", "ZYX", "zxz"])
+@given(st.tuples(*[st.floats(-170, 170)] * 3))
+def test_degrees_and_angles_are_scipys(axes, degrees):
+    """The same rotation of the same angles, and the same angle between two."""
+    spatial = pytest.importorskip("scipy.spatial.transform", reason="needs scipy")
+    ours = Transform.from_euler(axes, degrees, degrees=True)
+    theirs = spatial.Rotation.from_euler(axes, degrees, degrees=True)
+    assert ours.is_close(Transform.from_scipy(theirs), 1e-9)
+    assert Transform().angle(ours) == pytest.approx(theirs.magnitude(), abs=1e-9)
+    assert np.allclose(ours.quat_wxyz, np.roll(ours.as_scipy_rotation().as_quat(), 1))

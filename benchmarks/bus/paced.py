@@ -9,7 +9,7 @@ import time
 from statistics import median
 from typing import Any
 
-from benchmarks.bus.intake import Template, count, during
+from benchmarks.bus.intake import count, during
 from benchmarks.bus.place import Place, Process, place, say
 
 RATE = 7_000
@@ -79,18 +79,20 @@ def _report(counted: Any) -> None:
 
 
 def send() -> None:
-    """The process that sends at an even pace."""
+    """The process that sends transforms at an even pace."""
     import tfbus
-    from tfbus.wire.keys import transforms_key
 
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.readline(), ended.set()), daemon=True).start()
     with tfbus.Node("sender") as node:
-        publisher = node.session.publisher(transforms_key("sender"), urgent=True)
-        message = Template(1)
+        broadcaster = tfbus.TransformBroadcaster(node)
+        transform = tfbus.Transform((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
         due_s = time.monotonic()
         while not ended.is_set():
-            publisher.put(message.next(time.time_ns()))
+            stamp_ns = time.time_ns()
+            broadcaster.send_transform(
+                tfbus.TransformStamped(stamp_ns, "base_link", "frame_0", transform)
+            )
             due_s += 1.0 / RATE
             time.sleep(max(0.0, due_s - time.monotonic()))
         os._exit(0)

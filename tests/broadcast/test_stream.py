@@ -5,6 +5,7 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
+from tfbus.broadcast import newest_stamps
 from tfbus.broadcast.announcer import FrameAnnouncer
 from tfbus.broadcast.newest_stamps import MOST_BACK_NS, NewestStamps
 from tfbus.broadcast.options import StreamOptions
@@ -207,10 +209,20 @@ def test_a_transform_that_is_sent_alone_goes_as_a_batch_of_one(
     ]
 
 
+@pytest.mark.parametrize("many", [1, 50])
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.lists(st.sampled_from("abcd"), max_size=4), st.integers(0, 5))))
-def test_newest_stamps_are_those_of_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
-    """Of each frame the newest stamp is known, also where a send has a frame twice."""
+def test_newest_stamps_are_those_of_a_dictionary(
+    many: int, sends: list[tuple[list[str], int]]
+) -> None:
+    """Of each frame the newest stamp is known, also where a send has a frame twice; one by one and
+    by numpy.
+    """
+    with patch.object(newest_stamps, "_MANY", many):
+        judge_as_a_dictionary(sends)
+
+
+def judge_as_a_dictionary(sends: list[tuple[list[str], int]]) -> None:
     newest = NewestStamps()
     known: dict[str, int] = {}
     for number, (children, seconds) in enumerate(sends):

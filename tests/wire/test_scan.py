@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.builders import EPOCH_NS, SAMPLE, messages, poses, rows_of
+from tests.builders import EPOCH_NS, SAMPLE, at, messages, poses, rows_of
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.wire.scan import scan_message
@@ -232,3 +232,16 @@ def test_transforms_become_the_same_columns_as_a_batch(
     batch = TransformBatch.from_transforms(transforms)
     assert contents(TransformMessage(made, 0)) == contents(TransformMessage(batch, 0))
     assert made.stamps_ns().tolist() == batch.stamps_ns.tolist()
+
+
+def test_columns_are_chosen_by_their_children() -> None:
+    """`only` and `without` divide the rows, in order and also where they stand in a payload."""
+    transforms = [at(float(row), name) for row, name in enumerate("abac")]
+    whole = Columns.of_transforms(transforms)
+    scanned = scan_message(encode_transforms(TransformMessage(whole, 7, 3)), {})
+    assert scanned is not None
+    for rows in (whole, scanned.rows):
+        assert list(rows.only({"a"})) == [transforms[0], transforms[2]]
+        assert list(rows.without({"a"})) == [transforms[1], transforms[3]]
+        assert rows.children() == {"a", "b", "c"}
+        assert list(rows.only(())) == []

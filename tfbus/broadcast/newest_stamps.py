@@ -43,13 +43,13 @@ class NewestStamps:
         if len(rows) >= _MANY:
             return self._note_many(rows, stamps_ns)
         newest = self._newest
-        for position, row in enumerate(rows):
-            if stamps_ns[position] < newest[row] - MOST_BACK_NS:
+        for position, (row, stamp_ns) in enumerate(zip(rows, stamps_ns, strict=True)):
+            if stamp_ns < newest[row] - MOST_BACK_NS:
                 return position
-        for position, row in enumerate(rows):
+        for row, stamp_ns in zip(rows, stamps_ns, strict=True):
             # A row may come more than once.
-            if stamps_ns[position] > newest[row]:
-                newest[row] = stamps_ns[position]
+            if stamp_ns > newest[row]:
+                newest[row] = stamp_ns
         return None
 
     def _note_many(self, rows: Rows, stamps_ns: Sequence[int]) -> int | None:

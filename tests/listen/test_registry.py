@@ -71,21 +71,22 @@ def test_keys_have_a_limit(met: Met) -> None:
 def test_strangers_are_forgotten_where_there_are_many(
     met: Met, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Forgotten are streams that are long gone, but not those that are known or read, nor those
-    that never had a token.
-    """
+    """Forgotten are streams that are gone or silent, but not those that are known or read."""
     monkeypatch.setattr(registry, "MOST_GONE", 2)
     met = Met()
-    gone, known, read, _ = (met.registry.stream(f"tf/{n}") for n in ("g", "k", "r", "s"))
+    gone, known, read, silent = (met.registry.stream(f"tf/{n}") for n in ("g", "k", "r", "s"))
     assert met.crowded == 0
     met.registry.meet("tf/g")
     gone.state = known.state = read.state = StreamState("any")
+    gone.reception.counts.last_heard_ns = 10**30
+    silent.met_ns = 0
     read.read_keys.add("tf/r")
-    met.registry.stream("tf/new")
+    met.registry.stream("tf/new").reception.counts.last_heard_ns = 10**30
     assert met.crowded == 1
     met.registry.forget_strangers({"k"})
-    assert met.registry.streams().keys() == {"k", "r", "s", "new"}
-    assert met.forgotten == ["g"]
+    assert met.registry.streams().keys() == {"k", "r", "new"}
+    assert silent not in met.registry.streams().values()
+    assert met.forgotten == ["g", "s"]
     assert met.registry.receptions == {}
 
 

@@ -42,6 +42,10 @@ from tfbus.wire.keys import static_transforms_key_beside, stream_of
 Reads = Literal["everything", "needed"]
 
 
+# Streams that are long gone, where there are many, are forgotten within this time.
+_TIDY_EVERY_S = 30.0
+
+
 class TransformListener:
     """Fills a buffer with the transforms on the bus, and keeps it up to date.
 
@@ -99,7 +103,7 @@ class TransformListener:
         self._lines = lines_of(node.log)
         self._held = Held()
         self._budget = Budget()
-        self._registry = Registry(self._make_reception, self._forget_strangers, self._budget.forget)
+        self._registry = Registry(self._make_reception, self._forget_strangers, self._on_forgotten)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
         self._reads_everything = reads == "everything"
         self._executor = Executor(f"{node.full_name} streams", node.log)
@@ -125,6 +129,7 @@ class TransformListener:
             log=node.log,
             executor=self._executor,
         )
+        self._executor.every(_TIDY_EVERY_S, self._forget_strangers)
         self._forget_close = node.session.at_close(self.close)
 
     def __enter__(self) -> "TransformListener":

@@ -1,5 +1,6 @@
 """What a listener knows of each stream, and what receives the messages of each key."""
 
+import time
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
@@ -11,6 +12,10 @@ from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 MOST_KEYS = 200_000
 
 
+# A stream without a token may be forgotten after this silence.
+_SILENT_NS = 60 * 10**9
+
+
 @dataclass
 class Stream:
     """What is known of one stream.
@@ -18,7 +23,7 @@ class Stream:
     `state` is the last of its token and description, with frames as they are called here; None
     before the first. `is_lost` is whether its publisher is gone since. `split_keys` are the keys of
     the frames that a split stream lists. `read_keys` are those that are subscribed to one by one,
-    `keys` those that messages came on.
+    `keys` those that messages came on. `met_ns` is when it was met.
     """
 
     reception: StreamReception
@@ -27,6 +32,7 @@ class Stream:
     split_keys: set[str] = field(default_factory=set)
     read_keys: set[str] = field(default_factory=set)
     keys: set[str] = field(default_factory=set)
+    met_ns: int = field(default_factory=time.time_ns)
 
 
 class Registry:
@@ -116,11 +122,17 @@ class Registry:
             stream.split_keys = keys
 
     def forget_strangers(self, known: Container[str]) -> None:
-        """Make room: forget streams that had a token, and are not `known`."""
-        if len(self._streams) < self._crowded_from:
+        """Make room where there are many: forget streams that are not `known`, if they had a token,
+        or are silent.
+        """
+        if len(self._streams) < 2 * MOST_GONE:
             return
+        silent_since_ns = time.time_ns() - _SILENT_NS
         for name, stream in list(self._streams.items()):
-            if name not in known and not stream.read_keys and stream.state is not None:
+            heard_ns = stream.reception.counts.last_heard_ns or stream.met_ns
+            is_silent = heard_ns < silent_since_ns
+            is_stranger = name not in known and not stream.read_keys
+            if is_stranger and (stream.state is not None or is_silent):
                 self.forget(name)
                 self._on_forgotten(name)
         self._crowded_from = len(self._streams) + MOST_GONE

@@ -1,0 +1,26 @@
+"""What a listener keeps of those that have left."""
+
+import pytest
+
+from tests.builders import at, payload, x_of
+from tests.live_bus import Bus, eventually
+from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
+
+
+def test_streams_that_have_left_are_forgotten_with_their_frames(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of a flood go by themselves once it is over, and the streams that are there stay."""
+    monkeypatch.setattr("tfbus.listen.registry.MOST_GONE", 10)
+    monkeypatch.setattr("tfbus.listen.listener._TIDY_EVERY_S", 0.05)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("receiver")) as listener:
+        StaticTransformBroadcaster(bus.node("sim")).send_transform(at(2, "post"))
+        eventually(lambda: x_of(buffer, "world", "post") == 2)
+        for number in range(100):
+            listener._on_message(f"tf_static/ghost{number}", payload([at(1, f"ghost{number}")]))
+        monkeypatch.setattr("tfbus.listen.registry._SILENT_NS", 0)
+        eventually(lambda: len(listener._registry.streams()) < 20)
+        eventually(lambda: len(buffer.frames()) < 22)
+        assert x_of(buffer, "world", "post") == 2
+        assert listener._budget.bytes < 100_000

@@ -1,13 +1,16 @@
 """Builds the kernel: modules that are compiled where there is a C compiler.
 
 The same files run interpreted where there is none, or where TFBUS_PURE_PYTHON=1 is set at the
-time of installing. The rest of the packaging is in pyproject.toml.
+time of installing: all of them, or none. The rest of the packaging is in pyproject.toml.
 """
 
 import os
 import sys
+from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.errors import CCompilerError, CompileError, ExecError, PlatformError
 
 # A .pxd file beside each has its C types, if it has any.
 KERNEL = (
@@ -20,6 +23,7 @@ KERNEL = (
     "tfbus.buffer.tree",
     "tfbus.buffer.insert_many",
     "tfbus.core.batch_lookup",
+    "tfbus.buffer.lock",
     "tfbus.buffer.store",
     "tfbus.buffer.lookup",
     "tfbus.buffer.lookup_many",
@@ -66,13 +70,33 @@ def kernel_extensions() -> list[Extension]:
             "annotation_typing": False,
             "cdivision": True,
             "freethreading_compatible": True,
+            # None where an object of C is expected would be read as one.
+            "allow_none_for_extension_args": False,
             "initializedcheck": False,
         },
     )
-    for extension in extensions:
-        # A build without a compiler warns and continues.
-        extension.optional = True
     return extensions
+
+
+class AllOrNothing(build_ext):
+    """Builds every extension, or leaves all of them out and says so.
+
+    Compiled and interpreted modules share numbers of C, so that a part of them is of no use.
+    """
+
+    def run(self) -> None:
+        try:
+            super().run()
+        except (CCompilerError, CompileError, ExecError, PlatformError, OSError) as error:
+            for extension in self.extensions:
+                for folder in ("", self.build_lib):
+                    path = Path(folder, self.get_ext_filename(extension.name))
+                    path.unlink(missing_ok=True)
+            self.extensions = []
+            self.warn(
+                f"tfbus is installed without its compiled kernel, about 20 times slower: {error}. "
+                "Install a C compiler and the headers of Python, then tfbus again."
+            )
 
 
 setup(
@@ -84,5 +108,6 @@ setup(
     ],
     ext_modules=kernel_extensions(),
     # A compiler for each processor, instead of one file after the other.
+    cmdclass={"build_ext": AllOrNothing},
     options={"build_ext": {"parallel": os.cpu_count()}},
 )

@@ -1,13 +1,17 @@
+from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.lookup cimport Lookup
 from tfbus.buffer.store cimport Store
 from tfbus.core.kernel cimport Path
 from tfbus.geometry.columns cimport Columns
+from tfbus.geometry.transform cimport TransformStamped
 
 cdef object TF2
-cdef long long ALL_STATIC, NO_DATA
+cdef long long ALL_STATIC, LONGEST_NS, NO_DATA
 
 cdef class Buffer:
     cdef readonly double cache_time_s
     cdef readonly object sampling
     cdef readonly Store _store
     cdef object __weakref__
+
+    cdef _fill(self, cache_time_s, sampling, clock)

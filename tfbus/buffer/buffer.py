@@ -3,27 +3,36 @@
 Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tfbus.buffer.explain import Freshness
+from tfbus.buffer.explain import Freshness, check_seconds
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.core.kernel import ALL_STATIC, NO_DATA
+from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import ExtrapolationException, InvalidArgumentException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
-from tfbus.geometry.transform import Transform, TransformStamped, check_stamp, make_stamped
+from tfbus.geometry.transform import (
+    Transform,
+    TransformStamped,
+    check_frame_id,
+    check_stamp,
+    make_stamped,
+    plain,
+)
 from tfbus.geometry.transform_array import TransformArray, rotate
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.signature import SourceSignature
 
 try:
     import cython
@@ -42,7 +51,11 @@ class Buffer:
     unless `sampling` says otherwise.
 
     Safe from any thread. There is one lock, held for one lookup, or for the rows of one batch; a
-    lookup with a timeout waits on a condition, without the lock, and never polls.
+    lookup with a timeout sleeps without the lock until what it needs has come, and never polls.
+
+    A signal handler, or a finalizer that the garbage collector calls, may run in the middle of a
+    call of the same thread. It may use the buffer: lookups answer at once, without waiting, and
+    what it stores or removes counts as done and is done when the interrupted call ends.
 
     `clock` returns the time, in nanoseconds since the Unix epoch, and decides the age of samples.
     If it is simulated (`node.clock`), timeouts are in simulated seconds, otherwise in real ones. A
@@ -51,6 +64,12 @@ class Buffer:
     Raises InvalidArgumentException for a `cache_time_s` below 0.
     """
 
+    __signature__ = SourceSignature()
+
+    def __cinit__(self, *_: object, **__: object) -> None:
+        # A subclass may forget to call `super().__init__()`: then it has the defaults.
+        self._fill(10.0, TF2, SYSTEM_CLOCK)
+
     def __init__(
         self,
         cache_time_s: float = 10.0,
@@ -58,10 +77,12 @@ class Buffer:
         sampling: Sampling = TF2,
         clock: Callable[[], int] = SYSTEM_CLOCK,
     ) -> None:
-        if not cache_time_s >= 0.0:
-            raise InvalidArgumentException(
-                f"cache_time_s must be a number of seconds, 0 or more, not {cache_time_s!r}"
-            )
+        check_seconds(cache_time_s, "cache_time_s")
+        _check_sampling(sampling)
+        _check_clock(clock)
+        self._fill(cache_time_s, sampling, clock)
+
+    def _fill(self, cache_time_s: float, sampling: Sampling, clock: Callable[[], int]) -> None:
         self.cache_time_s = cache_time_s
         self._store = Store(cache_time_s, sampling, clock)
         self.sampling = self._store.sampling
@@ -73,6 +94,7 @@ class Buffer:
 
     @clock.setter
     def clock(self, clock: Callable[[], int]) -> None:
+        _check_clock(clock)
         self._store.clock = clock
 
     @property
@@ -103,24 +125,50 @@ class Buffer:
         frame that is its own parent, LoopException for an edge that would close a loop; then
         nothing has changed.
         """
-        with self._store.lock:
+        if not isinstance(transform, TransformStamped):
+            raise InvalidArgumentException(
+                f"transform: expected a tfbus.TransformStamped, got a {type(transform).__name__}"
+            )
+        if type(authority) is not str:
+            authority = _text(authority, "authority")
+        lock = self._store.lock
+        if not lock.enter():
+            lock.leave()
+            lock.later(self.set_transform, transform, static=static, authority=authority)
+            return True
+        try:
             stored = self._store.insert(transform, static, authority)
+        finally:
+            lock.leave()
         tree = self._store.tree
         if tree.touched or tree.news or tree.unreported:
             self._store.notify()
         return stored
 
     def set_transforms(
-        self, batch: TransformBatch | Columns, *, static: bool = False, authority: str = ""
+        self,
+        batch: TransformBatch | Columns | Iterable[TransformStamped],
+        *,
+        static: bool = False,
+        authority: str = "",
     ) -> int:
-        """Store the rows of a batch; returns how many were stored.
+        """Store the rows of a batch, or several TransformStamped; returns how many were stored.
 
         A row that cannot be stored does not affect the others: it is counted in `rejected`, by its
         reason.
         """
-        columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
-        with self._store.lock:
+        columns = batch if isinstance(batch, Columns) else _columns(batch)
+        if type(authority) is not str:
+            authority = _text(authority, "authority")
+        lock = self._store.lock
+        if not lock.enter():
+            lock.leave()
+            lock.later(self.set_transforms, columns, static=static, authority=authority)
+            return len(columns)
+        try:
             stored = self._store.inserter.insert(columns, static, authority)
+        finally:
+            lock.leave()
         tree = self._store.tree
         if tree.touched or tree.news or tree.unreported:
             self._store.notify()
@@ -133,6 +181,8 @@ class Buffer:
         A frame whose parent has changed within the cache time, and that has samples later than
         `after_ns`, loses its earlier ones, too.
         """
+        if self._store.lock.later(self.clear, after_ns=after_ns):
+            return
         with self._store.lock:
             if after_ns is None:
                 self._store.tree.clear()
@@ -146,6 +196,9 @@ class Buffer:
         Frames below it stay, and it stays as their root. Raises LookupException for an unknown
         frame.
         """
+        frame = _text(frame, "frame")
+        if self._store.lock.later(self.remove, frame):
+            return
         with self._store.lock:
             known = self._store.tree.remove(frame)
         if not known:
@@ -160,6 +213,7 @@ class Buffer:
         """The frames whose last transform this authority sent, and how many samples of each are
         held, of a static one 0.
         """
+        authority = _text(authority, "authority")
         with self._store.lock:
             return self._store.tree.sent_by(authority)
 
@@ -167,18 +221,27 @@ class Buffer:
         """Forget the samples of the frames that this authority sent last, because it restarted;
         static transforms stay. With `frames` only of these.
         """
+        authority = _text(authority, "authority")
+        if self._store.lock.later(self.forget, authority, frames):
+            return
         with self._store.lock:
             self._store.tree.forget(authority, frames)
         self._store.waiters.wake_all()
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Note that the publisher of those of the frames that it sent last is gone, or back."""
+        authority = _text(authority, "authority")
+        if self._store.lock.later(self.mark_gone, frames, gone, authority):
+            return
         with self._store.lock:
             self._store.tree.mark_gone(frames, gone, authority)
         self._store.notify()
 
     def remove_sent(self, frames: Iterable[str], authority: str) -> None:
         """Remove those of the frames that this authority sent last, as `remove` does."""
+        authority = _text(authority, "authority")
+        if self._store.lock.later(self.remove_sent, frames, authority):
+            return
         with self._store.lock:
             for frame in frames:
                 self._store.tree.remove_sent(frame, authority)
@@ -203,6 +266,8 @@ class Buffer:
 
     def tell(self, change: Change) -> None:
         """Pass a change that was noticed elsewhere to the listeners of `on_change`."""
+        if self._store.lock.later(self.tell, change):
+            return
         with self._store.lock:
             if self._store.tree.news is not None:
                 self._store.tree.news.append(change)
@@ -227,6 +292,8 @@ class Buffer:
         """Call those who watch questions once more for each pair, at its next lookup; for lookups
         that wait that is now.
         """
+        if self._store.lock.later(self.ask_again):
+            return
         with self._store.lock:
             self._store.tree.ask_again()
         self._store.waiters.wake_all()
@@ -259,18 +326,27 @@ class Buffer:
         """
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
+        if sampling is not None:
+            _check_sampling(sampling)
         if max_age_s is None and not living:
             # Nearly every lookup ends here, so nothing is made for it but its answer.
             try:
-                with self._store.lock:
-                    answer = self._store.tree.answer(
+                store = self._store
+                store.lock.enter()
+                try:
+                    answer = store.tree.answer(
                         target_frame,
                         source_frame,
                         stamp_ns,
                         self.sampling if sampling is None else sampling,
                     )
-            except OverflowError:
-                check_stamp(stamp_ns)
+                finally:
+                    store.lock.leave()
+            except (OverflowError, TypeError):
+                check_frame_id(target_frame, "target_frame")
+                check_frame_id(source_frame, "source_frame")
+                if stamp_ns is not None:
+                    check_stamp(stamp_ns)
                 raise
             if answer is not None:
                 return answer
@@ -312,6 +388,7 @@ class Buffer:
         living: bool = False,
     ) -> bool:
         """Whether `lookup_transform` with the same arguments would succeed."""
+        check_seconds(timeout_s, "timeout_s", least=-math.inf)
         question = (target_frame, source_frame, _stamp(stamp_ns))
         fresh = _freshness(max_age_s, living)
         lookup = Lookup(self._store, (question,), sampling, fresh)
@@ -437,7 +514,17 @@ class Buffer:
         (None: the latest), which undistorts a lidar scan, where each point has its own stamp.
         Raises as `lookup_transform`.
         """
-        array = np.asarray(points, dtype=np.float64)
+        if isinstance(points, str):
+            raise InvalidArgumentException(
+                "the points come first: "
+                "transform_points(points, target_frame, source_frame, stamps_ns)"
+            )
+        try:
+            array = np.asarray(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidArgumentException(
+                f"points: expected numbers of shape (N, 3), got {points!r:.100}"
+            ) from None
         if array.ndim != 2 or array.shape[1] != 3:
             raise InvalidArgumentException(f"points: expected shape (N, 3), got {array.shape}")
         if fixed_frame is not None:
@@ -483,6 +570,7 @@ class Buffer:
         there are samples; None means the latest common time. Exact if the motion in the window is
         a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
         """
+        check_seconds(window_s, "window_s", least=1e-9, most=LONGEST_NS / 1e9)
         observer = reference_frame if observation_frame is None else observation_frame
         now = self.lookup_transform(reference_frame, frame, stamp_ns)
         axes = self.lookup_transform(observer, reference_frame, now.stamp_ns).transform
@@ -582,6 +670,48 @@ def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
     )
 
 
+def _columns(batch: TransformBatch | Iterable[TransformStamped]) -> Columns:
+    if isinstance(batch, TransformBatch):
+        return Columns.of_batch(batch)
+    if isinstance(batch, TransformStamped) or not isinstance(batch, Iterable):
+        raise InvalidArgumentException(
+            "batch: expected a tfbus.TransformBatch or several tfbus.TransformStamped, got a "
+            f"{type(batch).__name__}"
+        )
+    return Columns.of_transforms(batch)
+
+
+def _text(text: object, what: str) -> str:
+    if not isinstance(text, str):
+        raise InvalidArgumentException(f"{what} must be a str, not {type(text).__name__}")
+    return plain(text)
+
+
+def _check_sampling(sampling: object) -> None:
+    if not isinstance(sampling, Sampling):
+        raise InvalidArgumentException(
+            f"sampling: expected a tfbus.Sampling, got a {type(sampling).__name__}"
+        )
+
+
+def _check_clock(clock: object) -> None:
+    if not callable(clock):
+        raise InvalidArgumentException(
+            "clock must be callable and return nanoseconds since the Unix epoch, as node.clock; "
+            f"got a {type(clock).__name__}"
+        )
+
+
+if not cython.compiled:
+    # What Cython does of its own accord.
+    def _new(cls: type[Buffer], *_: object, **__: object) -> Buffer:
+        made = object.__new__(cls)
+        made.__cinit__()
+        return made
+
+    setattr(Buffer, "__new__", _new)  # noqa: B010  # a constructor for mypy otherwise
+
+
 def _freshness(max_age_s: float | None, living: bool) -> Freshness | None:
     return Freshness(max_age_s, living) if max_age_s is not None or living else None
 
@@ -592,10 +722,14 @@ def _stamp(stamp_ns: int | None) -> int | None:
 
 def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     stamps = np.asarray(stamps_ns)
-    if stamps.ndim != 1 or (stamps.size and not np.issubdtype(stamps.dtype, np.integer)):
+    if stamps.ndim != 1 or (stamps.size and stamps.dtype.kind not in "iu"):
         raise InvalidArgumentException(
             f"stamps: expected integers of shape (N,), got {stamps.dtype} of {stamps.shape}"
         )
+    if np.ma.is_masked(stamps_ns):
+        raise InvalidArgumentException("stamps: some are masked; omit them (compressed())")
+    if stamps.dtype.kind == "u" and stamps.size:
+        check_stamp(stamps.max())
     return np.ascontiguousarray(stamps, dtype=np.int64)
 
 

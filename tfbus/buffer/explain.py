@@ -1,8 +1,10 @@
 """Why a lookup has no answer: the error for it, with the facts and the remedy in one sentence."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
+from typing import SupportsFloat
 
 from tfbus.buffer.tree import Tree, chain
 from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
@@ -38,10 +40,8 @@ class Freshness:
     living: bool = False
 
     def __post_init__(self) -> None:
-        if self.max_age_s is not None and not self.max_age_s >= 0.0:
-            raise InvalidArgumentException(
-                f"max_age_s must be a number of seconds, 0 or more, not {self.max_age_s!r}"
-            )
+        if self.max_age_s is not None:
+            check_seconds(self.max_age_s, "max_age_s")
 
     def why_stale(
         self, tree: Tree, pairs: Iterable[tuple[str, str]], now_ns: int
@@ -65,6 +65,22 @@ class Freshness:
         if oldest.gone:
             return _stale(oldest, age_s, f"{allowed}, and its publisher is gone; start it again")
         return _stale(oldest, age_s, f"{allowed}; wait for the next (timeout_s), or allow more")
+
+
+def check_seconds(
+    seconds: object, what: str, *, least: float = 0.0, most: float = math.inf
+) -> None:
+    """Raise InvalidArgumentException, which calls it `what`, unless it is a number of seconds in
+    these bounds.
+    """
+    if isinstance(seconds, SupportsFloat) and not isinstance(seconds, bool):
+        if least <= float(seconds) <= most:
+            return
+        shown = f"{seconds!r:.60}"
+    else:
+        shown = f"a {type(seconds).__name__}"
+    bounds = f"{max(least, 0.0):g} or more" if most == math.inf else f"{least:g} to {most:g}"
+    raise InvalidArgumentException(f"{what} must be a number of seconds, {bounds}, not {shown}")
 
 
 def may_come(error: TransformException) -> bool:

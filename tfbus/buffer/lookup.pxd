@@ -11,6 +11,6 @@ cdef class Lookup:
     cpdef watch(self, waiter)
     cpdef error(self)
     cdef list _answers(self, tuple questions, fresh)
-    cdef _why_stale(self)
+    cdef _why_stale(self, now_ns)
     @cython.locals(store=Store)
     cdef _why_not(self, tuple question)

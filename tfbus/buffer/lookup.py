@@ -3,13 +3,13 @@
 Compiled where there is a C compiler (`lookup.pxd` has the C types).
 """
 
-import threading
+import math
 from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import Freshness, may_come, why_not
+from tfbus.buffer.explain import Freshness, check_seconds, may_come, why_not
 from tfbus.buffer.store import Store
-from tfbus.buffer.waiting import Question, Waiter
+from tfbus.buffer.waiting import Bell, Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
@@ -57,15 +57,17 @@ class Lookup:
         answers = self.answers()
         if answers is not None:
             return answers
-        if timeout_s <= 0.0:
+        if timeout_s != 0.0:
+            check_seconds(timeout_s, "timeout_s", least=-math.inf)
+        if timeout_s <= 0.0 or self._store.lock.is_mine():
+            # A thread that holds the lock would wait for itself.
             raise self.error()
-        changed = threading.Event()
-        waiter = Waiter(changed.set)
+        changed = Bell()
+        waiter = Waiter(changed.ring)
         self._store.waiters.add(waiter)
         try:
-            with limit_by(self._store.clock, timeout_s, changed.set) as limit:
+            with limit_by(self._store.clock, timeout_s, changed.ring) as limit:
                 while True:
-                    changed.clear()
                     answers = self._answers_or_watch(waiter, limit, timeout_s)
                     if answers is not None:
                         return answers
@@ -78,6 +80,8 @@ class Lookup:
         answers = self.answers()
         if answers is not None:
             return answers
+        if timeout_s is not None:
+            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         import asyncio  # slow to import, and most processes do not need it
 
         loop = asyncio.get_running_loop()
@@ -126,8 +130,9 @@ class Lookup:
             if self._answers((question,), None) is None:
                 return self._why_not(question)
         if self._fresh is not None and self._answers(self._questions, None) is not None:
+            now_ns = self._store.clock()
             with self._store.lock:
-                stale = self._why_stale()
+                stale = self._why_stale(now_ns)
             if stale is not None:
                 return stale
         return self._why_not(self._questions[-1])
@@ -136,6 +141,8 @@ class Lookup:
         self, questions: tuple[Question, ...], fresh: Freshness | None
     ) -> list[TransformStamped] | None:
         answers = []
+        # Not with the lock held: it may be any function of the program.
+        now_ns = 0 if fresh is None else self._store.clock()
         with self._store.lock:
             for target_frame, source_frame, stamp_ns in questions:
                 answer = self._store.tree.answer(
@@ -144,7 +151,7 @@ class Lookup:
                 if answer is None:
                     return None
                 answers.append(answer)
-            if fresh is not None and self._why_stale() is not None:
+            if fresh is not None and self._why_stale(now_ns) is not None:
                 return None
         return answers
 
@@ -181,12 +188,11 @@ class Lookup:
         names = [("target_frame", last[0]), ("source_frame", first[1])]
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
 
-    def _why_stale(self) -> StaleException | None:
+    def _why_stale(self, now_ns: int) -> StaleException | None:
         """With the lock held: why the answers are not fresh enough."""
-        store = self._store
         assert self._fresh is not None
         pairs = [question[:2] for question in self._questions]
-        return self._fresh.why_stale(store.tree, pairs, store.clock())
+        return self._fresh.why_stale(self._store.tree, pairs, now_ns)
 
     def _why_not(self, question: Question) -> TransformException:
         """The error of a question between two known frames."""

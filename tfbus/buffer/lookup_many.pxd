@@ -17,7 +17,7 @@ cdef _fill_chunks(
 @cython.locals(count=Py_ssize_t, stop=Py_ssize_t)
 cdef Py_ssize_t _fill_along(
     Store store, Path path, const long long[::1] stamps, const int[::1] rows, Py_ssize_t start,
-    double[::1] xyz, double[::1] quat, unsigned char[::1] known, bint screw) noexcept nogil
+    double[::1] xyz, double[::1] quat, unsigned char[::1] known, bint screw) except -1 nogil
 cdef _check_connected(Store store, target_frame, source_frame, stamps)
 @cython.locals(pose=tuple, k=Py_ssize_t)
 cdef _write_row(TransformStamped answer, Py_ssize_t i, double[::1] xyz, double[::1] quat,

@@ -76,7 +76,7 @@ def _fill_chunks(
         before = start
         if strict and path is not None:
             # Python's other threads run meanwhile.
-            with cython.nogil:
+            with store.lock, cython.nogil:
                 start = _fill_along(store, path, stamps, rows, start, xyz, quat, known, screw)
         if start == before:
             stop = min(start + _CHUNK, count)
@@ -99,15 +99,15 @@ def _fill_along(
     known: Any,
     screw: bool,
 ) -> int:
-    """Fill the rows from `start` on while the path is one for all times; the row it got to."""
+    """With the lock held: fill the rows from `start` on while the path is one for all times; the
+    row it got to.
+    """
     count = len(stamps)
-    while start < count:
-        with store.lock:
-            if path.topology != store.tree.topology or path.is_mixed():
-                return start
-            stop = min(start + _CHUNK, count)
-            fill(path, stamps, rows, start, stop, xyz, quat, known, screw)
+    while start < count and path.topology == store.tree.topology and not path.is_mixed():
+        stop = min(start + _CHUNK, count)
+        fill(path, stamps, rows, start, stop, xyz, quat, known, screw)
         start = stop
+        store.lock.let_others()
     return start
 
 

@@ -1,4 +1,5 @@
 cimport cython
+from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.insert_many cimport BatchInserter
 from tfbus.core.kernel cimport Path
 from tfbus.geometry.transform cimport TransformStamped
@@ -9,7 +10,7 @@ cdef long long LONGEST_NS
 
 @cython.final
 cdef class Store:
-    cdef cython.pymutex lock
+    cdef readonly Lock lock
     cdef readonly Tree tree
     cdef BatchInserter inserter
     cdef readonly object sampling, rejected, expired_lookups, waiters

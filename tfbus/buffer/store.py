@@ -4,24 +4,19 @@ Compiled where there is a C compiler (`store.pxd` has the C types).
 """
 
 import logging
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from tfbus.buffer.explain import unknown_frame
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.insert_many import BatchInserter
+from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree
 from tfbus.buffer.waiting import Question, Waiters
 from tfbus.core.kernel import LONGEST_NS, Path
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import LookupException, TransformException
 from tfbus.geometry.transform import TransformStamped
-
-try:
-    import cython
-except ImportError:
-    from tfbus.core import cython_stub as cython
 
 # Gets each pair of frames that is looked up; and explains, if it can, why one has no answer.
 QuestionWatcher = tuple[
@@ -38,16 +33,14 @@ class Store:
     """
 
     def __init__(self, cache_time_s: float, sampling: Sampling, clock: Callable[[], int]) -> None:
-        if not cython.compiled:
-            # Compiled, it is a mutex of C.
-            self.lock = threading.Lock()
         self.sampling = TF2 if sampling == TF2 else sampling
         self.clock = clock
         self.rejected = Rejections()
         self.expired_lookups = ExpiredLookups(cache_time_s)
         self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)))
+        self.lock = Lock(self.tree.forget_paths)
         self.inserter = BatchInserter(self.tree, self.rejected)
-        self.waiters = Waiters(self.tree)
+        self.waiters = Waiters(self.tree, self.lock)
         self.expected_pasts: dict[str, int] = {}
         self._listeners: list[Callable[[Change], None]] = []
         self._watchers: list[QuestionWatcher] = []
@@ -78,6 +71,8 @@ class Store:
 
     def notify(self) -> None:
         """Wake the waiters and call the listeners that the last changes concern."""
+        if self.lock.later(self.notify):
+            return
         tree = self.tree
         with self.lock:
             touched, moved, news = tree.touched, tree.moved, tree.news
@@ -85,10 +80,10 @@ class Store:
                 tree.touched, tree.moved = [], []
             if news is not None:
                 tree.news = []
-            spans = [(history, history.stamp_span()) for history in touched or ()]
+            woken = self.waiters.due(touched or (), moved or ())
             listeners = self._listeners
-        if spans or moved:
-            self.waiters.notify(spans, moved or ())
+        for waiter in woken:
+            waiter.wake()
         for change in news or ():
             for listener in listeners:
                 try:
@@ -100,6 +95,8 @@ class Store:
 
     def report_questions(self) -> None:
         """Give the watchers the pairs of frames that were looked up."""
+        if self.lock.later(self.report_questions):
+            return
         with self.lock:
             unreported, self.tree.unreported = self.tree.unreported, []
             watchers = self._watchers

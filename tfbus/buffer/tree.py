@@ -136,6 +136,10 @@ class Tree:
             self.asked.clear()
             self.topology += 1
 
+    def forget_paths(self) -> None:
+        """Find every path anew: some may have been found in the middle of a change."""
+        self.topology += 1
+
     def _find_path(self, target: History, source: History) -> Path | None:
         above_target, above_source = chain(target), chain(source)
         if above_target[-1] is not above_source[-1]:

@@ -9,14 +9,14 @@ import heapq
 import itertools
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 
+from tfbus.buffer.lock import Lock
 from tfbus.buffer.tree import Tree, chain
 from tfbus.core.kernel import NO_DATA, History
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.
 Question = tuple[str, str, int | None]
-# Oldest and newest stamp.
-Span = tuple[int, int]
 
 _FIRST_PURGE = 64
 
@@ -33,6 +33,26 @@ class Waiter:
         self.wake = wake
         self.gone = False
         self.past_of: str | None = None
+
+
+class Bell:
+    """What one thread sleeps on until another rings it: an Event whose `ring` may interrupt its own
+    `wait`, as in a signal handler.
+    """
+
+    def __init__(self) -> None:
+        self._silent = threading.Lock()
+        self._silent.acquire()
+
+    def ring(self) -> None:
+        """End the `wait` of now, or else the next one."""
+        with suppress(RuntimeError):
+            self._silent.release()
+
+    def wait(self, timeout_s: float | None) -> None:
+        """Sleep until it is rung, at most this long; None: for as long as it takes."""
+        most = threading.TIMEOUT_MAX
+        self._silent.acquire(timeout=most if timeout_s is None else max(0.0, min(timeout_s, most)))
 
 
 class _Queue:
@@ -68,11 +88,11 @@ class Alarms:
 
 
 class Waiters:
-    """All waiters of a buffer; has a lock of its own, which it never holds while waking."""
+    """All waiters of a buffer, behind its lock, which is not held while waking."""
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, lock: Lock) -> None:
         self._tree = tree
-        self._lock = threading.Lock()
+        self._lock = lock
         self._places: dict[Waiter, list[set[Waiter]]] = {}
         # By frames that are not in the tree yet.
         self._unknown: dict[str, set[Waiter]] = {}
@@ -103,36 +123,29 @@ class Waiters:
         Called with the buffer's lock held. Look up again after this and before waiting: earlier
         changes do not wake it.
         """
-        with self._lock:
-            for target_frame, source_frame, stamp_ns in questions:
-                self._watch_one(waiter, target_frame, source_frame, stamp_ns)
+        for target_frame, source_frame, stamp_ns in questions:
+            self._watch_one(waiter, target_frame, source_frame, stamp_ns)
 
-    def notify(
-        self, touched: Iterable[tuple[History, Span | None]], moved: Iterable[History]
-    ) -> None:
-        """Wake the waiters of frames that got a sample, and now have this span of stamps, and of
-        frames that got a parent.
+    def due(self, touched: Iterable[History], moved: Iterable[History]) -> list[Waiter]:
+        """The waiters to wake, of frames that got a sample, and of frames that got a parent.
+
+        Called with the buffer's lock held.
         """
         woken: list[Waiter] = []
-        with self._lock:
-            for history, span in touched:
-                woken += self._unknown.pop(history.name, ())
-                alarms = history.alarms
-                if isinstance(alarms, Alarms) and span is not None:
-                    woken += alarms.arriving.pop_until(span[1])
-                    woken += alarms.expiring.pop_until(span[0] - 1)
-            for history in moved:
-                if isinstance(history.alarms, Alarms):
-                    woken += history.alarms.moving
-        for waiter in dict.fromkeys(woken):
-            if not waiter.gone:
-                waiter.wake()
+        for history in touched:
+            woken += self._unknown.pop(history.name, ())
+            alarms, span = history.alarms, history.stamp_span()
+            if isinstance(alarms, Alarms) and span is not None:
+                woken += alarms.arriving.pop_until(span[1])
+                woken += alarms.expiring.pop_until(span[0] - 1)
+        for history in moved:
+            if isinstance(history.alarms, Alarms):
+                woken += history.alarms.moving
+        return [waiter for waiter in dict.fromkeys(woken) if not waiter.gone]
 
     def wake_all(self) -> None:
         """Wake all waiters."""
-        with self._lock:
-            waiters = list(self._places)
-        for waiter in waiters:
+        for waiter in list(self._places):
             waiter.wake()
 
     def _watch_one(

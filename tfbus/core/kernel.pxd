@@ -153,11 +153,11 @@ cdef class History:
     cdef _change_parent(self, History parent)
     cdef _track_parents(self, long long until_ns)
     cdef _set_parents(self, list parents)
-    @cython.locals(samples=samples_ptr, alive=Py_ssize_t)
+    @cython.locals(samples=samples_ptr, alive=Py_ssize_t, more=Py_ssize_t)
     cdef _make_room(self)
     @cython.locals(samples=samples_ptr, head=Py_ssize_t, alive=Py_ssize_t, first=Py_ssize_t,
                    stamps='long long[::1]', poses='double[::1]', parents=list)
-    cdef _move(self, Py_ssize_t capacity)
+    cdef _move(self, Py_ssize_t capacity, Py_ssize_t room)
     cdef _set_columns(self, long long[::1] stamps, double[::1] poses, Py_ssize_t capacity)
 
 @cython.final

@@ -818,33 +818,42 @@ class History:
         """Ensure a slot for one more sample, and a head below `capacity`.
 
         Columns grow by a sixth when all slots are in use, and shrink when less than a quarter is.
+        There is memory for twice as many, so that most growth copies nothing; what is not in use
+        yet is not touched, and takes no place.
         """
         samples = self.samples
         alive = samples.tail - samples.head
-        if alive == samples.capacity or (
-            samples.head >= samples.capacity and 4 * (alive + _FIRST_CAPACITY) < samples.capacity
-        ):
-            self._move(alive + alive // 6 + _FIRST_CAPACITY)
+        more = alive + alive // 6 + _FIRST_CAPACITY
+        if alive == samples.capacity:
+            if samples.head == 0 and more <= len(self.stamps):
+                if self.parents is not None:
+                    self.parents += [self.parent] * (more - alive)
+                samples.capacity = more
+            else:
+                self._move(more, 2 * more)
+        elif samples.head >= samples.capacity and 4 * (alive + _FIRST_CAPACITY) < samples.capacity:
+            self._move(more, more)
         elif samples.head >= samples.capacity:
             samples.head -= samples.capacity
             samples.tail -= samples.capacity
 
-    def _move(self, capacity: int) -> None:
-        """Copy the samples into columns of another capacity."""
+    def _move(self, capacity: int, room: int) -> None:
+        """Copy the samples into columns of another capacity, which have memory for `room`."""
         samples = self.samples
         head, alive = slot(samples, samples.head), samples.tail - samples.head
         first = min(alive, samples.capacity - head)
-        stamps, poses, parents = self.stamps, self.poses, self.parents
-        self._set_columns(
-            array("q", bytes(8 * capacity)), array("d", bytes(56 * capacity)), capacity
-        )
-        self.stamps[0:first] = stamps[head : head + first]
-        self.stamps[first:alive] = stamps[0 : alive - first]
-        self.poses[0 : 7 * first] = poses[7 * head : 7 * (head + first)]
-        self.poses[7 * first : 7 * alive] = poses[0 : 7 * (alive - first)]
+        stamps, poses = packed.unset(_NO_STAMPS, room), packed.unset(_NO_POSES, 7 * room)
+        stamps[0:first] = self.stamps[head : head + first]
+        stamps[first:alive] = self.stamps[0 : alive - first]
+        poses[0 : 7 * first] = self.poses[7 * head : 7 * (head + first)]
+        poses[7 * first : 7 * alive] = self.poses[0 : 7 * (alive - first)]
+        parents = self.parents
         if parents is not None:
             kept = [*parents[head : head + first], *parents[: alive - first]]
-            self.parents = [*kept, *[self.parent] * (capacity - alive)]
+            parents = [*kept, *[self.parent] * (capacity - alive)]
+        # The collector may run a finalizer that looks up, while memory is taken; not from here on.
+        self.parents = parents
+        self._set_columns(stamps, poses, capacity)
         samples.head, samples.tail = 0, alive
         invalidate(samples)
 

@@ -1,6 +1,7 @@
 # The functions of packed.py in C, inlined into the modules that cimport them; packed.py itself is
 # not compiled.
 
+from cpython cimport array
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.string cimport memcmp, memcpy
@@ -65,6 +66,10 @@ cdef inline unsigned long long big_endian_at(
     for i in range(at, at + size):
         number = number << 8 | data[i]
     return number
+
+
+cdef inline array.array unset(array.array like, Py_ssize_t count):
+    return array.clone(like, count, zero=False)
 
 
 cdef inline bint is_at(octets_t data, Py_ssize_t at, const char* text,

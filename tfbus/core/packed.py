@@ -7,10 +7,13 @@ in C. Compiled modules inline functions of other modules from a .pxd only; so ea
 of the processor, where a call would pass a pose of 56 bytes for each row of a batch.
 """
 
+from array import array
 from collections.abc import Sequence
 from struct import pack, unpack_from
+from typing import TypeVar
 
 Pose = tuple[float, float, float, float, float, float, float]
+_Number = TypeVar("_Number", int, float)
 
 
 # Of one transform, in bytes.
@@ -59,6 +62,13 @@ def pose_bytes(pose: Pose) -> bytes:
 def big_endian_at(data: bytes, at: int, size: int) -> int:
     """An unsigned integer of `size` bytes, 8 at most, the greatest first."""
     return int.from_bytes(data[at : at + size], "big")
+
+
+def unset(like: "array[_Number]", count: int) -> "array[_Number]":
+    """An array of the type of another; in C with any numbers, so that memory which is not used yet
+    is not touched.
+    """
+    return array(like.typecode, bytes(like.itemsize * count))
 
 
 def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:

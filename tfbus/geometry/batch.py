@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
+from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id, plain
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class TransformBatch:
     poses: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frames", tuple(self.frames))
+        object.__setattr__(self, "frames", tuple([_name(frame) for frame in self.frames]))
         count = len(self.stamps_ns)
         self._set_column("edges", np.uint32, (count, 2))
         self._set_column("stamps_ns", np.int64, (count,))
@@ -109,11 +109,23 @@ class TransformBatch:
             raise InvalidArgumentException(
                 f"{name}: expected shape {shape}, as there are {shape[0]} stamps, got {given.shape}"
             )
-        if not np.can_cast(given.dtype, dtype, "same_kind") and given.size:
+        if given.dtype.kind == "m" or (
+            not np.can_cast(given.dtype, dtype, "same_kind") and given.size
+        ):
             raise InvalidArgumentException(f"{name}: expected {np.dtype(dtype)}, got {given.dtype}")
+        if np.ma.is_masked(getattr(self, name)):
+            raise InvalidArgumentException(f"{name}: some numbers are masked; omit their rows")
         column = np.ascontiguousarray(given, dtype=dtype).view()
+        if given.dtype.kind in "iu" and given.dtype != column.dtype and (column != given).any():
+            raise InvalidArgumentException(f"{name}: some numbers do not fit {column.dtype}")
         column.flags.writeable = False
         object.__setattr__(self, name, column)
+
+
+def _name(frame: object) -> str:
+    if not isinstance(frame, str):
+        raise InvalidArgumentException(f"frames: expected names, got a {type(frame).__name__}")
+    return plain(frame)
 
 
 def batch_of_checked(

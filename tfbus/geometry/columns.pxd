@@ -15,6 +15,6 @@ cdef class Columns:
     cpdef Columns with_frames(self, tuple frames)
     cpdef last_stamp_ns(self)
 
-@cython.locals(ts=TransformStamped, index_of=dict, edges=list, stamps=list, poses=list,
+@cython.locals(one=TransformStamped, index_of=dict, edges=list, stamps=list, poses=list,
                parent=Py_ssize_t, child=Py_ssize_t)
 cdef Columns _of_list(list transforms)

@@ -86,11 +86,16 @@ def _of_list(transforms: list[TransformStamped]) -> Columns:
     index_of: dict[str, int] = {}
     edges, stamps, poses = [], [], []
     for ts in transforms:
-        parent = index_of.setdefault(ts._frame_id, len(index_of))
-        child = index_of.setdefault(ts._child_frame_id, len(index_of))
+        if not isinstance(ts, TransformStamped):
+            raise InvalidArgumentException(
+                f"expected tfbus.TransformStamped, got a {type(ts).__name__}"
+            )
+        one: TransformStamped = ts
+        parent = index_of.setdefault(one._frame_id, len(index_of))
+        child = index_of.setdefault(one._child_frame_id, len(index_of))
         edges.append(packed.edge_bytes(parent, child))
-        stamps.append(packed.stamp_bytes(ts._stamp_ns))
-        poses.append(packed.pose_bytes(ts._pose))
+        stamps.append(packed.stamp_bytes(one._stamp_ns))
+        poses.append(packed.pose_bytes(one._pose))
     columns = Columns(tuple(index_of), len(transforms))
     columns.edges = b"".join(edges)
     columns.stamps = b"".join(stamps)

@@ -19,7 +19,7 @@ cdef class TransformStamped:
 @cython.locals(self=Transform)
 cpdef Transform make_transform(pose_t pose)
 
-cdef pose_t pose_of(Transform transform) except *
+cdef pose_t pose_of(transform) except *
 
 @cython.locals(self=TransformStamped)
 cpdef TransformStamped make_stamped(

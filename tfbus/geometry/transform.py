@@ -36,6 +36,7 @@ from tfbus.geometry.rotations import (
     unit_quaternion,
 )
 from tfbus.names import mistake_in
+from tfbus.runtime.signature import SourceSignature
 
 try:
     import cython
@@ -63,6 +64,7 @@ class Transform:
     `==` compares the seven numbers exactly; `is_close` asks whether two motions are the same.
     """
 
+    __signature__ = SourceSignature()
     __slots__ = ("_pose",)
 
     def __init__(self, xyz: ArrayLike = (0, 0, 0), quat_xyzw: ArrayLike = (0, 0, 0, 1)) -> None:
@@ -327,6 +329,7 @@ class TransformStamped:
     Raises InvalidArgumentException for frame ids that are empty or begin with a slash.
     """
 
+    __signature__ = SourceSignature()
     # The pose is not kept as a Transform, which most lookups would make without need.
     __slots__ = ("_child_frame_id", "_extrapolated_ns", "_frame_id", "_pose", "_stamp_ns")
 
@@ -339,17 +342,15 @@ class TransformStamped:
         *,
         extrapolated_ns: int = 0,
     ) -> None:
-        check_frame_id(frame_id, "frame_id")
-        check_frame_id(child_frame_id, "child_frame_id")
+        self._frame_id = check_frame_id(frame_id, "frame_id")
+        self._child_frame_id = check_frame_id(child_frame_id, "child_frame_id")
         if not isinstance(transform, Transform):
             raise InvalidArgumentException(
                 f"transform: expected a tfbus.Transform, got a {type(transform).__name__}"
             )
         self._stamp_ns = check_stamp(stamp_ns)
-        self._frame_id = frame_id
-        self._child_frame_id = child_frame_id
         self._pose = pose_of(transform)
-        self._extrapolated_ns = extrapolated_ns
+        self._extrapolated_ns = check_stamp(extrapolated_ns, "extrapolated_ns")
 
     @property
     def stamp_ns(self) -> int:
@@ -412,7 +413,11 @@ def make_transform(pose: Pose) -> Transform:
 
 
 def pose_of(transform: Transform) -> Pose:
-    """The seven numbers of a transform; compiled, it checks the type."""
+    """The seven numbers of a transform. Raises InvalidArgumentException for anything else."""
+    if not isinstance(transform, Transform):
+        raise InvalidArgumentException(
+            f"expected a tfbus.Transform, got a {type(transform).__name__}"
+        )
     return transform._pose
 
 
@@ -430,23 +435,32 @@ def make_stamped(
 
 
 def check_frame_id(frame_id: object, what: str = "frame id") -> str:
-    """The frame id. Raises InvalidArgumentException, which calls it `what`, if it cannot be one."""
+    """The frame id as a plain str. Raises InvalidArgumentException, which calls it `what`, if it
+    cannot be one.
+    """
     if mistake := mistake_in(frame_id):
         raise InvalidArgumentException(f"{what} {mistake}")
-    return frame_id  # type: ignore[return-value]  # judged by mistake_in
+    return plain(frame_id)  # type: ignore[arg-type]  # judged by mistake_in
 
 
-def check_stamp(stamp_ns: object) -> int:
+def plain(text: str) -> str:
+    """The text as a str and no subclass of it, such as a member of a StrEnum or numpy's str_."""
+    return text if type(text) is str else str.__str__(text)
+
+
+def check_stamp(stamp_ns: object, what: str = "stamp") -> int:
     """The stamp as an int. Raises InvalidArgumentException if it cannot be one."""
     try:
+        if np.ma.is_masked(stamp_ns):
+            raise TypeError
         stamp = index(stamp_ns)  # type: ignore[arg-type]  # judged by index itself
     except TypeError:
         raise InvalidArgumentException(
-            f"a stamp must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}"
+            f"a {what} must be an integer, nanoseconds since the Unix epoch, not {stamp_ns!r}"
         ) from None
     if not -LATEST_STAMP_NS <= stamp <= LATEST_STAMP_NS:
         raise InvalidArgumentException(
-            f"the stamp {stamp} is not within 146 years of 1970: it must count nanoseconds"
+            f"the {what} {stamp} is not within 146 years of 1970: it must count nanoseconds"
         )
     return stamp
 

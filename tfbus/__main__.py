@@ -1,6 +1,7 @@
 """The command `tfbus`, and `python -m tfbus`."""
 
 import signal
+import sys
 
 
 def main() -> None:
@@ -15,6 +16,10 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     # `tfbus launch` holds back from its nodes what comes before this line.
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    from tfbus.runtime.sources import why_not_installed
+
+    if mistake := why_not_installed():
+        sys.exit(f"Error: {mistake}")
     from tfbus.cli import main as command_line  # click and more: 60 ms
 
     command_line()

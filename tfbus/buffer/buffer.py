@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -33,6 +34,7 @@ from tfbus.geometry.transform_array import TransformArray, rotate
 from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.signature import SourceSignature
+from tfbus.runtime.sources import why_not_installed
 
 try:
     import cython
@@ -41,6 +43,9 @@ except ImportError:
 
 # Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
+
+if not COMPILED and (_mistake := why_not_installed()):
+    warnings.warn(_mistake, RuntimeWarning, stacklevel=2)
 
 
 class Buffer:

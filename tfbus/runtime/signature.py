@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 class SourceSignature:
     """As `__signature__` of a class: that of the `__init__` in the .py file beside the module.
 
-    Read when `help` or an IDE asks. A class of Python has its own.
+    Read when `help` or an IDE asks. A subclass with another `__init__` has its own.
     """
 
     def __get__(self, instance: object, owner: type) -> "inspect.Signature":
@@ -20,7 +20,7 @@ class SourceSignature:
         above = owner.__mro__[: owner.__mro__.index(written)]
         module = sys.modules[written.__module__]
         source = Path(module.__file__ or "")
-        if source.suffix == ".py" or any("__init__" in vars(each) for each in above):
+        if any("__init__" in vars(each) for each in above):
             raise AttributeError("__signature__")
         source = source.with_name(source.name.partition(".")[0] + ".py")
         try:

@@ -1,0 +1,176 @@
+"""A buffer that is used in the middle of a call of its own thread: handlers, finalizers, clocks."""
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+from tests.builders import S, moved
+from tests.fakes import InAThread
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.waiting import Bell
+from tfbus.errors import FutureExtrapolationException, LookupException
+
+_BEGIN = """
+import gc, signal, weakref
+from tests.builders import S, moved
+from tfbus import Buffer, InvalidArgumentException, TransformException
+
+buffer = Buffer()
+for i in range(3):
+    buffer.set_transform(moved(i * S, "world", "robot"))
+"""
+
+
+def run(program: str) -> str:
+    """What a process of its own prints: one that hangs is ended."""
+    done = subprocess.run(
+        [sys.executable, "-c", _BEGIN + dedent(program)],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_finalizer_may_remove_frames():
+    """The collector may call it in the middle of a lookup."""
+    program = """
+    class Cycle:
+        def __init__(self):
+            self.me = self
+
+    gc.set_threshold(1)
+    for i in range(300):
+        buffer.set_transform(moved(0, "world", f"x{i}"))
+        weakref.finalize(Cycle(), buffer.remove, f"x{i}")
+        try:
+            buffer.lookup_transform("world", "nowhere", 5, max_age_s=1.0)
+        except TransformException:
+            pass
+    gc.collect()
+    print(buffer.frames())
+    """
+    assert run(program) == "['robot', 'world']\n"
+
+
+def test_a_signal_handler_may_use_it():
+    """It reads, stores and removes, and is done within the thread that it interrupts."""
+    program = """
+    calls = 0
+
+    def handler(*_):
+        global calls
+        calls += 1
+        buffer.set_transform(moved(3 * S + calls, "world", "robot"))
+        buffer.set_transform(moved(0, "world", "other"))
+        buffer.lookup_transform("world", "robot")
+        buffer.can_transform("world", "robot", 9 * S, timeout_s=1.0)
+        if "other" in buffer.frames():
+            buffer.remove("other")
+
+    signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.002, 0.002)
+    step = 0
+    while calls < 100:
+        step += 1
+        buffer.set_transform(moved(step, "world", f"x{step % 7}"))
+        try:
+            buffer.lookup_transform("world", "robot", 9 * S, timeout_s=0.001)
+        except TransformException:
+            pass
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    print(calls >= 100)
+    """
+    assert run(program) == "True\n"
+
+
+def test_its_clock_may_read_it():
+    """The clock is asked while nothing is locked."""
+    program = """
+    buffer.clock = lambda: buffer.lookup_transform("world", "robot").stamp_ns
+    print(buffer.lookup_transform("world", "robot", max_age_s=1.0).stamp_ns)
+    print(buffer.can_transform("world", "robot", max_age_s=1.0, living=True))
+    """
+    assert run(program) == f"{2 * S}\nTrue\n"
+
+
+def test_what_is_stored_within_a_call_is_stored_when_it_ends():
+    """The call that is interrupted sees no change, and other threads see it at once after it."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    with buffer._store.lock:
+        assert buffer.set_transform(moved(0, "world", "late"))
+        buffer.remove("robot")
+        assert buffer.frames() == ["robot", "world"]
+    assert buffer.frames() == ["late", "world"]
+
+
+def test_a_lookup_within_a_call_does_not_wait():
+    """No thread could store what it waits for."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    buffer.set_transform(moved(1, "world", "robot"))
+    with buffer._store.lock, pytest.raises(FutureExtrapolationException):
+        buffer.lookup_transform("world", "robot", S, timeout_s=1e6)
+
+
+def test_what_fails_when_the_call_ends_is_logged(caplog):
+    """It cannot be raised where it was called."""
+    buffer = Buffer()
+    with buffer._store.lock:
+        buffer.remove("nothing")
+    assert "there is no frame 'nothing'" in caplog.text
+
+
+def test_callbacks_wait_for_the_end_of_the_call():
+    """They are not called with the lock held, which another thread may need to answer them."""
+    buffer = Buffer()
+    seen: list[str] = []
+    buffer.on_change(lambda change: seen.append(InAThread(buffer.frames).result()[0]))
+    with buffer._store.lock:
+        buffer.set_transform(moved(0, "world", "robot"))
+        assert seen == []
+    assert seen == ["robot", "robot"]
+
+
+def test_paths_found_in_the_middle_of_a_change_are_found_again():
+    """They may be of neither the tree before nor that after."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    with buffer._store.lock:
+        assert buffer.path("world", "robot") == ["robot", "world"]
+        before = buffer._store.tree.path("world", "robot").topology
+    assert buffer._store.tree.path("world", "robot").topology > before
+
+
+def test_other_threads_wait_until_it_is_left_as_often_as_entered():
+    """Entering again and leaving once does not open the lock."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "world", "robot"))
+    with buffer._store.lock:
+        with buffer._store.lock:
+            pass
+        other = threading.Thread(target=buffer.remove, args=("robot",))
+        other.start()
+        assert buffer.frames() == ["robot", "world"]
+    other.join()
+    with pytest.raises(LookupException):
+        buffer.frame("robot")
+
+
+def test_a_bell_rung_twice_rings_once():
+    """And before the wait as well as during it."""
+    bell = Bell()
+    bell.ring()
+    bell.ring()
+    bell.wait(None)
+    other = threading.Timer(0.01, bell.ring)
+    other.start()
+    bell.wait(None)
+    other.join()

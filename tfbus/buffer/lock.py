@@ -34,7 +34,7 @@ class Gate:
     def __init__(self) -> None:
         self.passed = False
         if cython.compiled:
-            self.mutex.acquire()
+            self.mutex.acquire()  # type: ignore[attr-defined]  # C's own
 
 
 class Lock:

@@ -842,7 +842,8 @@ class History:
         samples = self.samples
         head, alive = slot(samples, samples.head), samples.tail - samples.head
         first = min(alive, samples.capacity - head)
-        stamps, poses = packed.unset(_NO_STAMPS, room), packed.unset(_NO_POSES, 7 * room)
+        stamps: MutableSequence[int] = packed.unset(_NO_STAMPS, room)
+        poses: MutableSequence[float] = packed.unset(_NO_POSES, 7 * room)
         stamps[0:first] = self.stamps[head : head + first]
         stamps[first:alive] = self.stamps[0 : alive - first]
         poses[0 : 7 * first] = self.poses[7 * head : 7 * (head + first)]

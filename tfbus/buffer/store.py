@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`store.pxd` has the C types).
 """
 
 import logging
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -37,7 +38,13 @@ class Store:
     The lock is held for one transform, or for the rows of one batch, and never during a callback.
     """
 
-    def __init__(self, cache_time_s: float, sampling: Sampling, clock: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        cache_time_s: float,
+        sampling: Sampling,
+        clock: Callable[[], int],
+        max_samples: int = sys.maxsize,
+    ) -> None:
         if not cython.compiled:
             # Compiled, it is a mutex of C.
             self.lock = threading.Lock()
@@ -45,7 +52,7 @@ class Store:
         self.clock = clock
         self.rejected = Rejections()
         self.expired_lookups = ExpiredLookups(cache_time_s)
-        self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)))
+        self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)), max_samples)
         self.inserter = BatchInserter(self.tree, self.rejected)
         self.waiters = Waiters(self.tree)
         self.expected_pasts: dict[str, int] = {}

@@ -191,6 +191,12 @@ class Model:
                     return x - back
         return None
 
+    def is_loop_at(self, stamp: int) -> bool:
+        """Whether parents of different times make a loop at that one, so that it depends on the way
+        what a lookup answers.
+        """
+        return any(len(self.walk(frame, stamp)) > len(self.frames) for frame in self.frames)
+
     def walk(self, frame: str, stamp: int) -> list[tuple[str, float]]:
         """The frame and those above it at a time, and where it is in each."""
         walked = [(frame, 0.0)]
@@ -307,9 +313,10 @@ class TreeMachine(RuleBasedStateMachine):
                     try:
                         answer = self.buffer.lookup_transform(target, source, stamp)
                     except TransformException:
-                        assert expected is None, (target, source, stamp)
+                        assert expected is None or self.model.is_loop_at(stamp)
                     else:
-                        assert answer.transform.x == pytest.approx(expected), (target, source)
+                        if not self.model.is_loop_at(stamp):
+                            assert answer.transform.x == pytest.approx(expected), (target, source)
 
 
 TestTree = TreeMachine.TestCase

@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`buffer.pxd` has the C types).
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,13 @@ try:
 except ImportError:
     from tfbus.core import cython_stub as cython
 
+# Frames that are removed at a time: some 100 microseconds.
+_REMOVED_AT_A_TIME = 256
+
+# Samples of a frame a second of the cache, and the fewest in all: 10 kHz for ten seconds.
+_SAMPLES_A_SECOND = 10_000
+_LEAST_SAMPLES = 100_000
+
 # Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
 
@@ -48,7 +56,11 @@ class Buffer:
     If it is simulated (`node.clock`), timeouts are in simulated seconds, otherwise in real ones. A
     TransformListener sets the buffer's clock to its node's, unless the buffer has another.
 
-    Raises InvalidArgumentException for a `cache_time_s` below 0.
+    Of one frame at most `max_samples` are kept, whatever their stamps: then the oldest gives way to
+    a newer one, `FrameInfo.crowded_out` counts them, and the first is logged. None is 10,000 for
+    each second of `cache_time_s`, and at least 100,000.
+
+    Raises InvalidArgumentException for a `cache_time_s` below 0, and for `max_samples` below 1.
     """
 
     def __init__(
@@ -57,13 +69,20 @@ class Buffer:
         *,
         sampling: Sampling = TF2,
         clock: Callable[[], int] = SYSTEM_CLOCK,
+        max_samples: int | None = None,
     ) -> None:
         if not cache_time_s >= 0.0:
             raise InvalidArgumentException(
                 f"cache_time_s must be a number of seconds, 0 or more, not {cache_time_s!r}"
             )
+        if max_samples is None:
+            max_samples = max(_LEAST_SAMPLES, round(min(cache_time_s, 1e9) * _SAMPLES_A_SECOND))
+        if not isinstance(max_samples, int) or max_samples < 1:
+            raise InvalidArgumentException(
+                f"max_samples must be a whole number of samples, 1 or more, not {max_samples!r}"
+            )
         self.cache_time_s = cache_time_s
-        self._store = Store(cache_time_s, sampling, clock)
+        self._store = Store(cache_time_s, sampling, clock, min(max_samples, 2**62))
         self.sampling = self._store.sampling
 
     @property
@@ -106,7 +125,7 @@ class Buffer:
         with self._store.lock:
             stored = self._store.insert(transform, static, authority)
         tree = self._store.tree
-        if tree.touched or tree.news or tree.unreported:
+        if tree.touched or tree.news or tree.unreported or tree.crowded:
             self._store.notify()
         return stored
 
@@ -122,7 +141,7 @@ class Buffer:
         with self._store.lock:
             stored = self._store.inserter.insert(columns, static, authority)
         tree = self._store.tree
-        if tree.touched or tree.news or tree.unreported:
+        if tree.touched or tree.news or tree.unreported or tree.crowded:
             self._store.notify()
         return stored
 
@@ -179,11 +198,16 @@ class Buffer:
 
     def remove_sent(self, frames: Iterable[str], authority: str) -> None:
         """Remove those of the frames that this authority sent last, as `remove` does."""
-        with self._store.lock:
-            for frame in frames:
-                self._store.tree.remove_sent(frame, authority)
+        left = iter(frames)
+        while some := list(islice(left, _REMOVED_AT_A_TIME)):
+            with self._store.lock:
+                for frame in some:
+                    self._store.tree.remove_sent(frame, authority)
+            # Other threads run meanwhile, even where no listener is called.
+            with cython.nogil:
+                pass
+            self._store.notify()
         self._store.waiters.wake_all()
-        self._store.notify()
 
     def expect_past(self, authority: str) -> Callable[[], None]:
         """Let lookups with a timeout wait for times before the first sample of a frame that this

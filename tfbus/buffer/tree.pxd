@@ -7,12 +7,12 @@ from tfbus.geometry.transform cimport Transform, TransformStamped, make_stamped
 cdef object TF2
 cdef size_t _RECENT
 cdef Py_ssize_t _MOST_KEPT, _PATH_COST
-cdef long long ALL_STATIC, CONFLICT, CROWDED, KEPT, NO_DATA, REPEATED, TOO_OLD
+cdef long long ALL_STATIC, CONFLICT, CROWDED, NO_DATA, TOO_OLD
 
 @cython.final
 cdef class Tree:
     cdef long long cache_ns
-    cdef Py_ssize_t max_samples
+    cdef readonly Py_ssize_t max_samples
     cdef readonly dict frames
     cdef list recent
     cdef object kept

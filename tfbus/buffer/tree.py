@@ -13,9 +13,7 @@ from tfbus.core.kernel import (
     CONFLICT,
     CROWDED,
     IDENTITY,
-    KEPT,
     NO_DATA,
-    REPEATED,
     TOO_OLD,
     History,
     Path,
@@ -272,9 +270,12 @@ class Tree:
             or child.parent.name != parent_frame
             or (child.samples.is_static and not static)
         ):
-            if child is not None and not static:
-                if self._is_only_repeated(child, parent_frame, pose, authority):
-                    return True
+            if (
+                child is not None
+                and not static
+                and self._is_only_repeated(child, parent_frame, pose, authority)
+            ):
+                return True
             child, parent = self._join(parent_frame, child_frame, stamp_ns, static, authority)
         else:
             parent = child.parent
@@ -537,6 +538,7 @@ def describe(history: History, children: list[str]) -> FrameInfo:
         authority=history.authority,
         conflicts=history.conflicts,
         refused=history.refused,
+        crowded_out=history.crowded_out,
         gone=history.gone,
     )
 

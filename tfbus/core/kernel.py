@@ -887,7 +887,7 @@ class History:
         if alive == samples.capacity or (
             samples.head >= samples.capacity and 4 * (alive + _FIRST_CAPACITY) < samples.capacity
         ):
-            self._move(alive + alive // 6 + _FIRST_CAPACITY)
+            self._move(min(alive + alive // 6 + _FIRST_CAPACITY, max_samples))
         elif samples.head >= samples.capacity:
             samples.head -= samples.capacity
             samples.tail -= samples.capacity

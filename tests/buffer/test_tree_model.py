@@ -101,9 +101,9 @@ class Model:
         """As `Buffer.set_transform`."""
         known = self.frames.get(child, Frame())
         succeeds = known.gone and known.authority != authority
-        if not static and known.static == (parent, x) and not known.gone and not known.ended:
-            if not authority or authority != known.authority:
-                return True
+        is_repeated = not static and known.static == (parent, x) and not known.gone
+        if is_repeated and not known.ended and (not authority or authority != known.authority):
+            return True
         samples, newest, after = known.samples, known.newest(), parent
         if known.static and not static and newest is not None and samples[newest][0] is None:
             samples, newest = {}, None
@@ -139,9 +139,9 @@ class Model:
         if newest is None or stamp > newest:
             frame.samples = {t: s for t, s in frame.samples.items() if t >= stamp - CACHE_NS}
             frame.move(parent)
-            if frame.mixed_until is not None:
-                if not frame.samples or min(frame.samples) > frame.mixed_until:
-                    frame.mixed_until = None
+            oldest = min(frame.samples, default=None)
+            if oldest is None or (frame.mixed_until is not None and oldest > frame.mixed_until):
+                frame.mixed_until = None
         elif stamp not in frame.samples:
             if parent != frame.parent:
                 frame.mix(stamp)

@@ -394,6 +394,9 @@ class Tree:
         """Raise LoopException where the child is above this parent now, unless one of the edges
         between the two yields.
         """
+        if child.children == 0:
+            # It is above no frame, so the way up from the parent need not be walked.
+            return
         above = self.chain(parent)
         if child not in above:
             return

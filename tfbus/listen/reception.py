@@ -22,9 +22,13 @@ from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
 from tfbus.listen.listing import Listing, Publisher
+from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transforms import TransformMessage, TransformReader
+
+# Transforms of one set may trade places: the first may fit only when the second is in.
+_STATIC_ATTEMPTS = 3
 
 
 class StreamReception:
@@ -64,6 +68,7 @@ class StreamReception:
         self.excluded: frozenset[str] = frozenset()
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
+        self._refused_statics = RefusedStatics(buffer, self._retry_statics)
         self._once = LogOnce(log)
         self._has_warned_of_two = False
 
@@ -114,8 +119,10 @@ class StreamReception:
 
     def insert(
         self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
-    ) -> None:
-        """Put the transforms into the buffer, except those for which another has priority."""
+    ) -> bool:
+        """Put the transforms into the buffer, except those for which another has priority; whether
+        none was refused.
+        """
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
@@ -123,7 +130,8 @@ class StreamReception:
         refused = buffer.rejected.rows
         taken = buffer.set_transforms(batch, static=static, authority=self.name)
         # Rows that are only too old are not taken either, but not refused.
-        if taken < len(batch) and buffer.rejected.rows > refused:
+        are_taken = taken == len(batch) or buffer.rejected.rows == refused
+        if not are_taken:
             self._warn_refused()
         epochs, marks = self.epochs, self._marks
         if epochs.gone:
@@ -135,6 +143,7 @@ class StreamReception:
             buffer.forget(self.name)
         if self.excluded is not excluded:
             self._give_way(batch, self.excluded - excluded)
+        return are_taken
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where it cannot be read."""
@@ -229,8 +238,9 @@ class StreamReception:
             return
         if is_later:
             self.admit(epoch_ns)
-        self.apply_statics(None)
+        # First, as a former one may be in the way of one of the set.
         self._remove_statics(removed)
+        self.apply_statics(None)
 
     def _is_outdated_set(self, epoch_ns: int) -> bool:
         """Whether static transforms of this epoch are outdated; with the lock held.
@@ -263,8 +273,20 @@ class StreamReception:
         while (batch := self.statics.batch) is not applied and batch is not None:
             rows = batch if children is None else batch.only(children)
             if len(rows):
-                self.insert(rows, self.statics.epoch_ns or 0, static=True)
+                self._insert_statics(rows)
             applied = batch
+
+    def _insert_statics(self, rows: TransformBatch) -> None:
+        epoch_ns = self.statics.epoch_ns or 0
+        for _ in range(_STATIC_ATTEMPTS):
+            if self.insert(rows, epoch_ns, static=True):
+                self._refused_statics.clear()
+                return
+        self._refused_statics.watch(rows)
+
+    def _retry_statics(self) -> None:
+        if not self.epochs.gone:
+            self.apply_statics(None)
 
     def _remove_statics(self, children: Collection[str]) -> None:
         if children:

@@ -1,11 +1,11 @@
-# demo, test, check, docs-api, bench: each sets up what it needs, in .venv (bench: .venv-bench).
+# demo, test, check, sanitize, docs-api, bench: each sets up what it needs, in .venv (bench: .venv-bench).
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types docs-api bench clean
+.PHONY: demo test check types sanitize docs-api bench clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
@@ -20,6 +20,10 @@ check: $(VENV)/dev.stamp
 
 types: $(VENV)/dev.stamp
 	$(BIN)/mypy -p tfbus -p nodes
+
+# The buffer's tests and a fuzz of it in a build that reports every undefined operation of C.
+sanitize: $(VENV)/dev.stamp
+	$(BIN)/python tests/sanitized.py $(ARGS)
 
 # docs/reference/api.md, from the docstrings.
 docs-api: $(VENV)/dev.stamp

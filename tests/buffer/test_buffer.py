@@ -484,7 +484,7 @@ def test_listeners_are_told_of_every_change():
     buffer.set_transform(moved(1 * S, "world", "robot", 2.0), authority="carol")
     buffer.set_transform(moved(6 * S, "map", "robot", 2.0), authority="dave")
     buffer.set_transform(moved(6 * S, "map", "robot", 2.0), static=True, authority="erin")
-    buffer.set_transform(moved(7 * S, "map", "robot", 2.0), authority="dave")
+    buffer.set_transform(moved(7 * S, "map", "robot", 3.0), authority="dave")
     buffer.remove("robot")
     assert [(c.kind, c.frame) for c in heard] == [
         ("added", "world"),

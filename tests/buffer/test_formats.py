@@ -73,3 +73,14 @@ def test_a_notebook_shows_a_drawing():
     ElementTree.fromstring(svg)
     for name in ("world", "base", "camera", "arm&lt;1&gt;"):
         assert f">{name}<" in svg
+
+
+def test_the_text_of_a_deep_chain_does_not_grow_with_the_square_of_its_depth():
+    """Branches are drawn for 100 levels; the depth of what is deeper is a number."""
+    buffer = Buffer()
+    for i in range(1_000):
+        buffer.set_transform(TransformStamped(0, f"f{i}", f"f{i + 1}", Transform()), static=True)
+    lines = buffer.all_frames_as_text().splitlines()
+    assert lines[100] == f"{'   ' * 99}└─ f100  (static)"
+    assert lines[101] == f"{'   ' * 100}[101] f101  (static)"
+    assert lines[1_000] == f"{'   ' * 100}[1000] f1000  (static)"

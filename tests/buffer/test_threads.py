@@ -9,12 +9,13 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.errors import ExtrapolationException, LookupException
+from tfbus.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import Transform, TransformStamped
 
@@ -129,3 +130,38 @@ def test_writers_and_readers_in_many_threads_see_no_torn_pose(pytestconfig: pyte
         crowd.repeat(step)
     crowd.run()
     assert buffer.frame("robot").samples == sum(inserted)
+
+
+def test_a_lookup_beside_inserts_and_removals_answers_or_says_why(
+    pytestconfig: pytest.Config,
+) -> None:
+    """Whatever comes and goes meanwhile, a lookup raises nothing but the errors of transforms."""
+    buffer = Buffer()
+    crowd = Crowd(pytestconfig.getoption("stress_s") / 2)
+    frames = [("world", "robot"), ("robot", "camera"), ("world", "post")]
+
+    def come_and_go(i: int) -> None:
+        parent, child = frames[i % 3]
+        buffer.set_transform(TransformStamped(i * MS, parent, child, on_the_line(i)))
+        with suppress(LookupException):
+            buffer.remove(frames[(i + i // 3) % 3][1])
+
+    def look(i: int) -> None:
+        target, source = frames[i % 3][i % 2], frames[i // 3 % 3][1]
+        for question in (
+            lambda: buffer.lookup_transform(target, source),
+            lambda: buffer.lookup_transform(target, source, i * MS),
+            lambda: buffer.lookup_transform(target, source, max_age_s=1e9, living=True),
+            lambda: buffer.lookup_transform_full(target, i * MS, source, i * MS, "world"),
+            lambda: buffer.latest_common_time(target, source),
+            lambda: buffer.path(target, source),
+            lambda: buffer.lookup_known_transforms(target, source, [i * MS]),
+            lambda: buffer.frame(source),
+        ):
+            with suppress(TransformException):
+                question()
+        buffer.all_frames_as_yaml()
+
+    for step in (come_and_go, come_and_go, look, look):
+        crowd.repeat(step)
+    crowd.run()

@@ -359,3 +359,29 @@ def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received:
     for x, seq in ((2, 2), (1, 1)):
         received.stream.receive_static(payload([at(x, "post")], seq=seq))
     assert received.x_of("post") == 2
+
+
+def test_a_new_set_of_statics_is_not_in_its_own_way(received: Received) -> None:
+    """Frames of a set that trade places, or that it no longer has, do not refuse the others."""
+    received.send_static(at(1, "base"), at(1, "arm", parent="base"))
+    received.send_static(at(2, "arm"), at(2, "base", parent="arm"))
+    assert (received.x_of("arm"), received.x_of("base")) == (2.0, 4.0)
+    received.send_static(at(3, "world", parent="base"))
+    assert received.buffer.path("base", "world") == ["world", "base"]
+
+
+@pytest.mark.parametrize("end", ["gone", "removed"])
+def test_refused_statics_are_taken_when_what_is_in_the_way_ends(
+    received: Received, end: str
+) -> None:
+    """They count once the other edge's publisher is gone or removes it: they are not sent again."""
+    buffer = received.buffer
+    buffer.set_transform(at(1, "world", parent="base"), static=True, authority="wrong")
+    received.send_static(at(2, "base"), at(3, "post"))
+    assert (received.x_of("post"), buffer.frame("world").authority) == (3.0, "wrong")
+    if end == "gone":
+        buffer.mark_gone(["world"], True, "wrong")
+    else:
+        buffer.remove_sent(["world"], "wrong")
+    assert received.x_of("base") == 2.0
+    assert buffer.frame("world").parent is None

@@ -143,3 +143,20 @@ def test_a_closed_node_is_gone_for_listeners_in_its_process(bus: Bus, buffer: Bu
     eventually(heard)
     node.close()
     eventually(lambda: gone(buffer) == ["robot"])
+
+
+@pytest.mark.parametrize("kind", ["--moving", "--static"])
+def test_a_gone_publisher_is_not_in_the_way_of_the_right_one(
+    bus: Bus, buffer: Buffer, receiver: Node, kind: str
+) -> None:
+    """One has sent an edge the wrong way round and is stopped: a listener that was up then takes
+    the edge of the right one.
+    """
+    wrong = start(bus, "wrong", kind, "odom:map")
+    eventually(lambda: buffer.can_transform("odom", "map"))
+    wrong.stop(signal.SIGKILL)
+    start(bus, "right", kind, "map:odom", "--x", "2.5")
+    eventually(lambda: buffer.sent_by("right").keys() == {"odom"})
+    assert eventually(lambda: buffer.lookup_transform("map", "odom").transform.x) == 2.5
+    assert buffer.can_transform("map", "odom", living=True)
+    assert buffer.frame("map").parent is None

@@ -14,4 +14,4 @@ cdef class Buffer:
     cdef readonly Store _store
     cdef object __weakref__
 
-    cdef _fill(self, cache_time_s, sampling, clock)
+    cdef _fill(self, cache_time_s, sampling, clock, max_samples)

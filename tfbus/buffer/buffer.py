@@ -9,6 +9,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.drawing import Drawing, display
@@ -56,6 +57,13 @@ try:
 except ImportError:
     from tfbus.core import cython_stub as cython
 
+# Frames that are removed at a time: some 100 microseconds.
+_REMOVED_AT_A_TIME = 256
+
+# Samples of a frame a second of the cache, and the fewest in all: 10 kHz for ten seconds.
+_SAMPLES_A_SECOND = 10_000
+_LEAST_SAMPLES = 100_000
+
 # Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
 
@@ -81,14 +89,18 @@ class Buffer:
     If it is simulated (`node.clock`), timeouts are in simulated seconds, otherwise in real ones. A
     TransformListener sets the buffer's clock to its node's, unless the buffer has another.
 
-    Raises InvalidArgumentException for a `cache_time_s` below 0.
+    Of one frame at most `max_samples` are kept, whatever their stamps: then the oldest gives way to
+    a newer one, `FrameInfo.crowded_out` counts them, and the first is logged. None is 10,000 for
+    each second of `cache_time_s`, and at least 100,000.
+
+    Raises InvalidArgumentException for a `cache_time_s` below 0, and for `max_samples` below 1.
     """
 
     __signature__ = SourceSignature()
 
     def __cinit__(self, *_: object, **__: object) -> None:
         # A subclass may forget to call `super().__init__()`: then it has the defaults.
-        self._fill(10.0, TF2, SYSTEM_CLOCK)
+        self._fill(10.0, TF2, SYSTEM_CLOCK, _default_max_samples(10.0))
 
     def __init__(
         self,
@@ -96,15 +108,28 @@ class Buffer:
         *,
         sampling: Sampling = TF2,
         clock: Callable[[], int] = SYSTEM_CLOCK,
+        max_samples: int | None = None,
     ) -> None:
         check_seconds(cache_time_s, "cache_time_s")
         _check_sampling(sampling)
         _check_clock(clock)
-        self._fill(cache_time_s, sampling, clock)
+        if max_samples is None:
+            max_samples = _default_max_samples(cache_time_s)
+        if not isinstance(max_samples, int) or max_samples < 1:
+            raise InvalidArgumentException(
+                f"max_samples must be a whole number of samples, 1 or more, not {max_samples!r}"
+            )
+        self._fill(cache_time_s, sampling, clock, max_samples)
 
-    def _fill(self, cache_time_s: float, sampling: Sampling, clock: Callable[[], int]) -> None:
+    def _fill(
+        self,
+        cache_time_s: float,
+        sampling: Sampling,
+        clock: Callable[[], int],
+        max_samples: int,
+    ) -> None:
         self.cache_time_s = cache_time_s
-        self._store = Store(cache_time_s, sampling, clock)
+        self._store = Store(cache_time_s, sampling, clock, min(max_samples, 2**62))
         self.sampling = self._store.sampling
 
     @property
@@ -161,7 +186,7 @@ class Buffer:
         finally:
             lock.leave()
         tree = self._store.tree
-        if tree.touched or tree.news or tree.unreported:
+        if tree.touched or tree.news or tree.unreported or tree.crowded:
             self._store.notify()
         return stored
 
@@ -190,7 +215,7 @@ class Buffer:
         finally:
             lock.leave()
         tree = self._store.tree
-        if tree.touched or tree.news or tree.unreported:
+        if tree.touched or tree.news or tree.unreported or tree.crowded:
             self._store.notify()
         return stored
 
@@ -266,11 +291,16 @@ class Buffer:
         authority = _text(authority, "authority")
         if self._store.lock.later(self.remove_sent, frames, authority):
             return
-        with self._store.lock:
-            for frame in frames:
-                self._store.tree.remove_sent(frame, authority)
+        left = iter(frames)
+        while some := list(islice(left, _REMOVED_AT_A_TIME)):
+            with self._store.lock:
+                for frame in some:
+                    self._store.tree.remove_sent(frame, authority)
+            # Other threads run meanwhile, even where no listener is called.
+            with cython.nogil:
+                pass
+            self._store.notify()
         self._store.waiters.wake_all()
-        self._store.notify()
 
     def expect_past(self, authority: str) -> Callable[[], None]:
         """Let lookups with a timeout wait for times before the first sample of a frame that this
@@ -844,6 +874,10 @@ class Buffer:
 
     def __repr__(self) -> str:
         return f"<Buffer of {len(self._store.tree.frames)} frames over {self.cache_time_s:g} s>"
+
+
+def _default_max_samples(cache_time_s: float) -> int:
+    return max(_LEAST_SAMPLES, round(min(cache_time_s, 1e9) * _SAMPLES_A_SECOND))
 
 
 def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:

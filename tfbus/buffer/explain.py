@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import SupportsFloat
 
-from tfbus.buffer.tree import Tree, chain
+from tfbus.buffer.tree import Tree
 from tfbus.core.kernel import ALL_STATIC, NO_DATA, History
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
@@ -173,7 +173,7 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
 
 
 def _not_connected(tree: Tree, target_frame: str, source_frame: str) -> ConnectivityException:
-    roots = [chain(tree.frames[frame])[-1].name for frame in (target_frame, source_frame)]
+    roots = [tree.chain(tree.frames[frame])[-1].name for frame in (target_frame, source_frame)]
     return ConnectivityException(
         f"{target_frame!r} and {source_frame!r} are not connected: their roots are {roots[0]!r} "
         f"and {roots[1]!r}; a transform between the two trees is missing",

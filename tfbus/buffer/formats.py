@@ -14,6 +14,8 @@ _TF2_STATIC_RATE = 10000.0
 _YAML_WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 
 _ON_PATH = "#e07010"
+# Levels that are drawn as branches; the lines of deeper frames would grow with their depth.
+_DRAWN_LEVELS = 100
 
 _ROW_PX, _INDENT_PX, _CHAR_PX = 24, 28, 8
 
@@ -128,15 +130,17 @@ def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:
         yield lead, depth, frame
         children = [by_name[name] for name in frame.children if name in by_name]
         for place, child in enumerate(reversed(children)):
-            last = place == 0
-            stack.append(
-                (
-                    below + ("└─ " if last else "├─ "),
-                    below + ("   " if last else "│  "),
-                    depth + 1,
-                    child,
-                )
-            )
+            lead_of_child, below_child = branch(below, depth + 1, is_last=place == 0)
+            stack.append((lead_of_child, below_child, depth + 1, child))
+
+
+def branch(below: str, depth: int, *, is_last: bool) -> tuple[str, str]:
+    """What comes before a frame of this depth, 1 below a root, and before those below it; `below`
+    is what comes before the frames below its parent. Below 100 levels the depth is a number.
+    """
+    if depth > _DRAWN_LEVELS:
+        return f"{below}[{depth}] ", below
+    return (f"{below}└─ ", f"{below}   ") if is_last else (f"{below}├─ ", f"{below}│  ")
 
 
 def _line(frame: FrameInfo, mark: str = "") -> str:

@@ -35,7 +35,8 @@ class FrameInfo:
     `rate_hz` is how often samples come, None for static frames and below two samples.
     `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
     epoch, None without one. `authority` is the publisher of the last sample. `conflicts` counts
-    samples that repeated a stamp with a different value, `refused` those too old to be stored.
+    samples that repeated a stamp with a different value, `refused` those too old to be stored,
+    `crowded_out` those that were dropped because there were more than `max_samples`.
     `gone` is whether its publisher is gone, as a listener has noticed: killed, closed, or out of
     reach.
     """
@@ -52,6 +53,7 @@ class FrameInfo:
     conflicts: int = 0
     refused: int = 0
     gone: bool = False
+    crowded_out: int = 0
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,21 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 
-from tfbus.buffer.explain import Freshness, after_waiting, check_seconds, may_come, why_not
+from tfbus.buffer.explain import (
+    Freshness,
+    after_waiting,
+    check_seconds,
+    may_come,
+    unknown_frame,
+    why_not,
+)
 from tfbus.buffer.store import Store
 from tfbus.buffer.waiting import Bell, Question, Waiter
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
+    LookupException,
     PastExtrapolationException,
     SingleSampleException,
     StaleException,
@@ -45,7 +53,9 @@ class Lookup:
 
     def answers(self) -> list[TransformStamped] | None:
         """The answers of this moment; None where one is missing or not fresh."""
-        answers = self._answers(self._questions, self._fresh)
+        now_ns = self._now_ns()
+        with self._store.lock:
+            answers = self._answers(self._questions, self._fresh, now_ns)
         if self._store.tree.unreported:
             self._store.report_questions()
         return answers
@@ -54,12 +64,12 @@ class Lookup:
         """The answers, as soon as there are some. Raises why there are none: at once where waiting
         does not help, and TimeoutException after `timeout_s`.
         """
-        answers = self.answers()
+        answers = self._answers_now() if timeout_s <= 0.0 else self.answers()
         if answers is not None:
             return answers
         if timeout_s != 0.0:
             check_seconds(timeout_s, "timeout_s", least=-math.inf)
-        if timeout_s <= 0.0 or self._store.lock.is_mine():
+        if self._store.lock.is_mine():
             # A thread that holds the lock would wait for itself.
             raise self.error()
         changed = Bell()
@@ -118,42 +128,78 @@ class Lookup:
 
     def error(self) -> TransformException:
         """Why there are no answers, or no fresh ones: the error of the first question without."""
+        self._check_arguments()
+        now_ns = self._now_ns()
+        with self._store.lock:
+            reason = self._reason(now_ns)
+        return self._explained(reason)
+
+    def _answers_now(self) -> list[TransformStamped]:
+        """The answers of this moment. Raises why there are none at the same moment."""
+        self._check_arguments()
+        now_ns = self._now_ns()
+        with self._store.lock:
+            answers = self._answers(self._questions, self._fresh, now_ns)
+            reason = None if answers is not None else self._reason(now_ns)
+        if reason is not None:
+            raise self._explained(reason)
         if self._store.tree.unreported:
             self._store.report_questions()
-        # All names first, as tf2 does: a time is of no use to a frame that is unknown.
+        return answers
+
+    def _check_arguments(self) -> None:
+        """Raise InvalidArgumentException for what can be no frame or no time."""
         for what, frame in self._names():
             check_frame_id(frame, what)
+        for _, _, stamp_ns in self._questions:
+            if stamp_ns is not None:
+                check_stamp(stamp_ns)
+
+    def _explained(self, reason: TransformException) -> TransformException:
+        """The reason, or the better one of a watcher; without the lock, as they may do anything."""
+        store = self._store
+        if store.tree.unreported:
+            store.report_questions()
+        store.expired_lookups.note(reason)
+        if isinstance(reason, LookupException | ConnectivityException):
+            return store.explained(reason, self._questions)
+        return reason
+
+    def _now_ns(self) -> int:
+        """The time that ages are from; not with the lock held, as the clock may be any function of
+        the program.
+        """
+        return 0 if self._fresh is None else self._store.clock()
+
+    # With the lock held
+
+    def _answers(
+        self, questions: tuple[Question, ...], fresh: Freshness | None, now_ns: int
+    ) -> list[TransformStamped] | None:
+        answers = []
+        for target_frame, source_frame, stamp_ns in questions:
+            answer = self._store.tree.answer(target_frame, source_frame, stamp_ns, self._sampling)
+            if answer is None:
+                return None
+            answers.append(answer)
+        if fresh is not None and self._why_stale(now_ns) is not None:
+            return None
+        return answers
+
+    def _reason(self, now_ns: int) -> TransformException:
+        """Why there are no answers."""
+        # All names first, as tf2 does: a time is of no use to a frame that is unknown.
+        for _, frame in self._names():
             if frame not in self._store.tree.frames:
-                unknown = self._store.unknown_frame(frame)
-                return self._store.explained(unknown, self._questions)
+                return unknown_frame(frame, self._store.tree.frames)
         for question in self._questions[:-1]:
-            if self._answers((question,), None) is None:
+            if self._answers((question,), None, now_ns) is None:
                 return self._why_not(question)
-        if self._fresh is not None and self._answers(self._questions, None) is not None:
-            now_ns = self._store.clock()
-            with self._store.lock:
-                stale = self._why_stale(now_ns)
+        if self._fresh is not None and self._answers(self._questions, None, now_ns) is not None:
+            stale = self._why_stale(now_ns)
             if stale is not None:
                 return stale
         return self._why_not(self._questions[-1])
-
-    def _answers(
-        self, questions: tuple[Question, ...], fresh: Freshness | None
-    ) -> list[TransformStamped] | None:
-        answers = []
-        # Not with the lock held: it may be any function of the program.
-        now_ns = 0 if fresh is None else self._store.clock()
-        with self._store.lock:
-            for target_frame, source_frame, stamp_ns in questions:
-                answer = self._store.tree.answer(
-                    target_frame, source_frame, stamp_ns, self._sampling
-                )
-                if answer is None:
-                    return None
-                answers.append(answer)
-            if fresh is not None and self._why_stale(now_ns) is not None:
-                return None
-        return answers
 
     def _answers_or_watch(
         self, waiter: Waiter, limit: Limit, timeout_s: float
@@ -191,7 +237,7 @@ class Lookup:
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
 
     def _why_stale(self, now_ns: int) -> StaleException | None:
-        """With the lock held: why the answers are not fresh enough."""
+        """Why the answers are not fresh enough."""
         assert self._fresh is not None
         pairs = [question[:2] for question in self._questions]
         return self._fresh.why_stale(self._store.tree, pairs, now_ns)
@@ -199,14 +245,7 @@ class Lookup:
     def _why_not(self, question: Question) -> TransformException:
         """The error of a question between two known frames."""
         target_frame, source_frame, stamp_ns = question
-        if stamp_ns is not None:
-            check_stamp(stamp_ns)
-        store = self._store
-        with store.lock:
-            error = why_not(store.tree, target_frame, source_frame, stamp_ns, self._sampling)
-        store.expired_lookups.note(error)
-        if isinstance(error, ConnectivityException):
-            return store.explained(error, (question,))
+        error = why_not(self._store.tree, target_frame, source_frame, stamp_ns, self._sampling)
         return error or ExtrapolationException(
             f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be "
             "now: query it again",

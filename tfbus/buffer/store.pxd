@@ -17,8 +17,10 @@ cdef class Store:
     cdef public object clock
     cdef readonly dict expected_pasts
     cdef list _listeners, _watchers
+    cdef object _once
 
     cdef bint insert(self, TransformStamped transform, bint static, str authority) except -1
     cdef Path path(self, target_frame, source_frame)
     cpdef notify(self)
     cpdef report_questions(self)
+    cdef _warn_crowded(self)

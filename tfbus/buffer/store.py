@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`store.pxd` has the C types).
 """
 
 import logging
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -17,6 +18,8 @@ from tfbus.core.kernel import LONGEST_NS, Path
 from tfbus.core.sampling import TF2, Sampling
 from tfbus.errors import LookupException, TransformException
 from tfbus.geometry.transform import TransformStamped
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import printable
 
 # Gets each pair of frames that is looked up; and explains, if it can, why one has no answer.
 QuestionWatcher = tuple[
@@ -32,18 +35,25 @@ class Store:
     The lock is held for one transform, or for the rows of one batch, and never during a callback.
     """
 
-    def __init__(self, cache_time_s: float, sampling: Sampling, clock: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        cache_time_s: float,
+        sampling: Sampling,
+        clock: Callable[[], int],
+        max_samples: int = sys.maxsize,
+    ) -> None:
         self.sampling = TF2 if sampling == TF2 else sampling
         self.clock = clock
         self.rejected = Rejections()
         self.expired_lookups = ExpiredLookups(cache_time_s)
-        self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)))
+        self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)), max_samples)
         self.lock = Lock(self.tree.forget_paths)
         self.inserter = BatchInserter(self.tree, self.rejected)
         self.waiters = Waiters(self.tree, self.lock)
         self.expected_pasts: dict[str, int] = {}
         self._listeners: list[Callable[[Change], None]] = []
         self._watchers: list[QuestionWatcher] = []
+        self._once = LogOnce(_log)
 
     def insert(self, transform: TransformStamped, static: bool, authority: str) -> bool:
         """With the lock held: take one transform; False where it is too old to be kept."""
@@ -92,6 +102,24 @@ class Store:
                     _log.exception("A change callback failed")
         if tree.unreported:
             self.report_questions()
+        if tree.crowded:
+            self._warn_crowded()
+
+    def _warn_crowded(self) -> None:
+        with self.lock:
+            crowded, self.tree.crowded = self.tree.crowded, []
+            spans = [history.stamp_span() for history in crowded]
+        for history, span in zip(crowded, spans, strict=True):
+            covered_s = (span[1] - span[0]) / 1e9 if span else 0.0
+            self._once.warning(
+                "crowded",
+                "Frame %s has more than %d samples within the cache time: the oldest are dropped, "
+                "and the others cover %.3g s. Are its stamps in nanoseconds? Otherwise allow more "
+                "(max_samples)",
+                repr(printable(history.name)),
+                self.tree.max_samples,
+                covered_s,
+            )
 
     def report_questions(self) -> None:
         """Give the watchers the pairs of frames that were looked up."""

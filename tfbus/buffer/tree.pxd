@@ -6,16 +6,20 @@ from tfbus.geometry.transform cimport Transform, TransformStamped, make_stamped
 
 cdef object TF2
 cdef size_t _RECENT
-cdef long long ALL_STATIC, CONFLICT, NO_DATA, TOO_OLD
+cdef Py_ssize_t _MOST_KEPT, _PATH_COST
+cdef long long ALL_STATIC, CONFLICT, CROWDED, NO_DATA, TOO_OLD
 
 @cython.final
 cdef class Tree:
     cdef long long cache_ns
+    cdef readonly Py_ssize_t max_samples
     cdef readonly dict frames
     cdef list recent
+    cdef object kept
+    cdef readonly Py_ssize_t kept_cost
     cdef dict senders
     cdef readonly long long topology, assignments
-    cdef public list touched, moved, news
+    cdef public list touched, moved, news, crowded
     cdef public set asked
     cdef public list unreported
 
@@ -31,6 +35,10 @@ cdef class Tree:
     cpdef ask_again(self)
     @cython.locals(path=Path)
     cdef Path _find_path(self, History target, History source)
+    @cython.locals(oldest=Path)
+    cdef _keep(self, Path path)
+    @cython.locals(above=list, parent=History)
+    cpdef list chain(self, History history)
     @cython.locals(target=History, source=History)
     cdef TransformStamped _answer_by_walk(
         self, target_frame, source_frame, stamp_ns, sampling)
@@ -41,19 +49,24 @@ cdef class Tree:
     @cython.locals(history=History)
     cpdef list infos(self)
     @cython.locals(child=History, parent=History, was_static=cython.bint,
-                   outcome=cython.int)
+                   succeeds=cython.bint, outcome=cython.int)
     cdef bint insert(self, str parent_frame, str child_frame, long long stamp_ns, pose_t pose,
                      bint static, str authority) except -1
     @cython.locals(child=History, parent=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
+    cdef bint _is_only_repeated(
+        self, History child, str parent_frame, pose_t pose, str authority) except -1
+    cdef _note_crowded(self, History child)
     @cython.locals(former=dict)
     cdef _assign(self, History child, str authority, long long stamp_ns)
     cdef _set_gone(self, History child, bint gone, str authority, long long stamp_ns)
-    @cython.locals(history=History)
-    cdef History _add(self, str frame, str authority, long long stamp_ns)
+    cdef _add(self, History history, str authority, long long stamp_ns)
     @cython.locals(history=History, other=str)
     cdef _refuse_loop(self, History parent, History child, str authority)
+    @cython.locals(history=History)
+    cdef History _yielding(self, list closing)
+    cdef _detach(self, History history)
     @cython.locals(history=History)
     cpdef clear(self)
     @cython.locals(history=History)
@@ -74,5 +87,3 @@ cdef class Tree:
 @cython.locals(target=cython.size_t, source=cython.size_t)
 cdef Py_ssize_t _slot(target_frame, source_frame) noexcept
 cdef describe(History history, list children)
-@cython.locals(parent=History)
-cpdef list chain(History history)

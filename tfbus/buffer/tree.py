@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`tree.pxd` has the C types). Nothing here 
 holds its lock around every call.
 """
 
+from collections import deque
 from collections.abc import Iterable
 
 from tfbus.buffer.info import Change, FrameInfo, Kind
@@ -11,6 +12,7 @@ from tfbus.core.held import Held
 from tfbus.core.kernel import (
     ALL_STATIC,
     CONFLICT,
+    CROWDED,
     IDENTITY,
     NO_DATA,
     TOO_OLD,
@@ -31,8 +33,10 @@ try:
 except ImportError:
     from tfbus.core import cython_stub as cython
 
-# Paths kept for one target; another one is found again in a microsecond.
-_MOST_PATHS = 1024
+# What all kept paths may cost together, about 32 bytes each: 30,000 of three edges. Another one is
+# found again in a microsecond. A path costs that much, and 1 for each of its edges.
+_MOST_KEPT = 2**20
+_PATH_COST = 32
 # Pairs of frames remembered as looked up.
 _MOST_ASKED = 100_000
 
@@ -48,16 +52,21 @@ class Tree:
     `moved` collect, while there are waiters, the histories that got a sample or a parent; `news`
     collects changes while there are listeners. `asked` collects, while there are watchers, the
     pairs of target and source that were looked up, and `unreported` those that they were not
-    called with yet.
+    called with yet. `crowded` are the histories that got more than `max_samples` for the first time
+    and were not reported so far.
     """
 
-    def __init__(self, cache_ns: int) -> None:
+    def __init__(self, cache_ns: int, max_samples: int) -> None:
         self.cache_ns = cache_ns
+        self.max_samples = max_samples
         self.frames: dict[str, History] = {}
         # By authority the frames whose last transform it sent.
         self.senders: dict[str, dict[str, History]] = {}
         # Recent paths, by the addresses of the texts that they were looked up by.
         self.recent: list[Path | None] = [None] * _RECENT
+        # All kept paths, the oldest first, also those that the tree has outgrown.
+        self.kept: deque[Path] = deque()
+        self.kept_cost = 0
         self.topology = 0
         self.assignments = 0
         self.touched: list[History] | None = None
@@ -65,6 +74,7 @@ class Tree:
         self.news: list[Change] | None = None
         self.asked: set[tuple[str, str]] | None = None
         self.unreported: list[tuple[str, str]] = []
+        self.crowded: list[History] = []
 
     # Looking up
 
@@ -142,7 +152,7 @@ class Tree:
         self.topology += 1
 
     def _find_path(self, target: History, source: History) -> Path | None:
-        above_target, above_source = chain(target), chain(source)
+        above_target, above_source = self.chain(target), self.chain(source)
         if above_target[-1] is not above_source[-1]:
             return None
         # Both end at the same root: what they share at that end is not on the path.
@@ -151,10 +161,33 @@ class Tree:
         while shared < least and above_target[-1 - shared] is above_source[-1 - shared]:
             shared += 1
         path = Path(target, source, above_source[:-shared], above_target[:-shared], self.topology)
-        if len(target.paths) >= _MOST_PATHS:
-            target.paths.clear()
         target.paths[source.name] = path
+        self._keep(path)
         return path
+
+    def _keep(self, path: Path) -> None:
+        """Drop the oldest paths where all of them cost too much with this new one."""
+        self.kept.append(path)
+        self.kept_cost += _PATH_COST + path.count
+        while self.kept_cost > _MOST_KEPT and len(self.kept) > 1:
+            oldest = self.kept.popleft()
+            self.kept_cost -= _PATH_COST + oldest.count
+            if oldest.target.paths.get(oldest.source.name) is oldest:
+                del oldest.target.paths[oldest.source.name]
+
+    def chain(self, history: History) -> list[History]:
+        """The frame and those above it now, up to its root.
+
+        Raises LoopException where that is more than all frames, which no insert should bring about.
+        """
+        above = [history]
+        parent = history.parent
+        while parent is not None:
+            if len(above) > len(self.frames):
+                raise LoopException(f"the frames above {history.name!r} are a loop: clear the tree")
+            above.append(parent)
+            parent = parent.parent
+        return above
 
     def _answer_by_walk(
         self, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
@@ -249,17 +282,32 @@ class Tree:
         Raises InvalidArgumentException and LoopException; then nothing has changed.
         """
         child = self.frames.get(child_frame)
-        if child is None or child.parent is None or child.parent.name != parent_frame:
+        # What a gone publisher sent for later times does not stand in the way of its successor.
+        succeeds = child is not None and child.gone and child.authority != authority
+        if (
+            child is None
+            or child.parent is None
+            or child.parent.name != parent_frame
+            or (child.samples.is_static and not static)
+        ):
+            if (
+                child is not None
+                and not static
+                and self._is_only_repeated(child, parent_frame, pose, authority)
+            ):
+                return True
             child, parent = self._join(parent_frame, child_frame, stamp_ns, static, authority)
         else:
             parent = child.parent
+        if succeeds:
+            child.forget_after(stamp_ns)
         if static:
             if not child.samples.is_static and child.count():
                 self._report("became static", child, parent, authority, stamp_ns)
             outcome = child.set_static(stamp_ns, pose, parent)
         else:
             was_static = child.samples.is_static
-            outcome = child.insert(stamp_ns, pose, parent, self.cache_ns)
+            outcome = child.insert(stamp_ns, pose, parent, self.cache_ns, self.max_samples)
             if outcome == TOO_OLD:
                 self._report("too old", child, parent, authority, stamp_ns)
                 return False
@@ -269,11 +317,29 @@ class Tree:
                 self.topology += 1
         if outcome == CONFLICT:
             self._report("conflict", child, parent, authority, stamp_ns)
+        elif outcome == CROWDED:
+            self._note_crowded(child)
         if child.authority != authority:
             self._assign(child, authority, stamp_ns)
         if self.touched is not None:
             self.touched.append(child)
         return True
+
+    def _is_only_repeated(
+        self, child: History, parent_frame: str, pose: Pose, authority: str
+    ) -> bool:
+        """Whether a dynamic sample repeats the pose of a static frame, on behalf of another
+        publisher than the living one of that pose, or of an unnamed one: the frame stays static.
+        """
+        if authority and authority == child.authority:
+            return False
+        if child.gone or child.ended:
+            return False
+        return child.is_repeated_by(parent_frame, pose)
+
+    def _note_crowded(self, child: History) -> None:
+        if child.crowded_out == 1:
+            self.crowded.append(child)
 
     def _assign(self, child: History, authority: str, stamp_ns: int) -> None:
         """Note the new publisher of a frame, which therefore is not gone."""
@@ -300,7 +366,9 @@ class Tree:
     def _join(
         self, parent_frame: str, child_frame: str, stamp_ns: int, static: bool, authority: str
     ) -> tuple[History, History]:
-        """The histories of a child and of a parent other than the one above it now."""
+        """The histories of a child and of a parent other than the one above it now, or of a static
+        child that becomes dynamic; both in the tree, unless the sample is too old.
+        """
         check_frame_id(parent_frame, "frame_id")
         check_frame_id(child_frame, "child_frame_id")
         if parent_frame == child_frame:
@@ -309,46 +377,54 @@ class Tree:
                 "must differ"
             )
         child, parent = self.frames.get(child_frame), self.frames.get(parent_frame)
-        if child is None:
-            if parent is None:
-                parent = self._add(parent_frame, authority, stamp_ns)
-            child = self._add(child_frame, authority, stamp_ns)
-            child.parent = parent
-            return child, parent
         if parent is None:
-            parent = self._add(parent_frame, authority, stamp_ns)
-        after = child.parent_after(stamp_ns, parent, static)
+            parent = History(parent_frame)
+        if child is None:
+            child = History(child_frame)
+        after = parent
+        if child.parent is not None and not (child.gone and child.authority != authority):
+            # Its samples decide.
+            child.forget_removed()
+            if not static and child.is_too_old(stamp_ns, self.cache_ns):
+                return child, parent
+            after = child.parent_after(stamp_ns, parent, static)
         if after is not child.parent:
-            if after is not None:
-                self._refuse_loop(after, child, authority)
+            self._refuse_loop(after, child, authority)
+        if parent_frame not in self.frames:
+            self._add(parent, authority, stamp_ns)
+        if child_frame not in self.frames:
+            self._add(child, authority, stamp_ns)
+        elif after is not child.parent:
             if child.parent is not None:
                 self._report("reparented", child, after, authority, stamp_ns)
             self.topology += 1
             if self.moved is not None:
                 self.moved.append(child)
         if child.parent is None:
-            child.parent = parent
+            child.set_parent(parent)
         return child, parent
 
-    def _add(self, frame: str, authority: str, stamp_ns: int) -> History:
-        history = History(frame)
-        self.frames[frame] = history
+    def _add(self, history: History, authority: str, stamp_ns: int) -> None:
+        self.frames[history.name] = history
         self._report("added", history, None, authority, stamp_ns)
         if self.touched is not None:
             self.touched.append(history)
-        return history
 
     def _refuse_loop(self, parent: History, child: History, authority: str) -> None:
-        above = chain(parent)
+        """Raise LoopException where the child is above this parent now, unless one of the edges
+        between the two yields.
+        """
+        if child.children == 0:
+            # It is above no frame, so the way up from the parent need not be walked.
+            return
+        above = self.chain(parent)
         if child not in above:
             return
         closing = above[: above.index(child)]
-        for history in closing:
-            if history.count() == 0:
-                # Its samples were cleared, so it joins nothing.
-                history.parent = None
-                self.topology += 1
-                return
+        yielding = self._yielding(closing)
+        if yielding is not None:
+            self._detach(yielding)
+            return
         other = closing[-1].authority
         names = " -> ".join([repr(history.name) for history in [child, *closing[::-1]]])
         raise LoopException(
@@ -359,6 +435,28 @@ class Tree:
             authority=authority,
             other_authority=other,
         )
+
+    def _yielding(self, closing: list[History]) -> History | None:
+        """The edge that yields to a new one: one without samples, or whose publisher is gone or has
+        begun a new epoch. None where all of them hold.
+        """
+        for history in closing:
+            if history.count() == 0:
+                return history
+        for history in closing:
+            if history.gone or history.ended:
+                return history
+        return None
+
+    def _detach(self, history: History) -> None:
+        """Forget a frame's place in its parent, and its history."""
+        self._report("removed", history, history.parent, history.authority, 0)
+        history.forget()
+        history.gone = False
+        self._assign(history, "", 0)
+        self.topology += 1
+        if self.moved is not None:
+            self.moved.append(history)
 
     def clear(self) -> None:
         """Forget all samples; static poses and all names stay."""
@@ -388,6 +486,7 @@ class Tree:
             history = sent.get(frame)
             if history is not None:
                 history.forget_samples()
+                history.ended = history.static
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Mark those of the frames that the authority sent last."""
@@ -405,12 +504,9 @@ class Tree:
         history = self.frames.get(frame)
         if history is None:
             return False
-        self._report("removed", history, history.parent, history.authority, 0)
-        history.forget()
-        history.gone = False
-        self._assign(history, "", 0)
-        self.topology += 1
-        if not self._children(history):
+        self._detach(history)
+        if not history.children:
+            history.removed = True
             del self.frames[frame]
         return True
 
@@ -465,18 +561,9 @@ def describe(history: History, children: list[str]) -> FrameInfo:
         authority=history.authority,
         conflicts=history.conflicts,
         refused=history.refused,
+        crowded_out=history.crowded_out,
         gone=history.gone,
     )
-
-
-def chain(history: History) -> list[History]:
-    """The frame and those above it now, up to its root."""
-    above = [history]
-    parent = history.parent
-    while parent is not None:
-        above.append(parent)
-        parent = parent.parent
-    return above
 
 
 def _who(authority: str) -> str:

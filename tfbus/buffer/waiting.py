@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 
 from tfbus.buffer.lock import Lock
-from tfbus.buffer.tree import Tree, chain
+from tfbus.buffer.tree import Tree
 from tfbus.core.kernel import NO_DATA, History
 
 # Target frame, source frame, stamp in nanoseconds or None for the latest.
@@ -161,7 +161,7 @@ class Waiters:
         path = self._tree.path(target_frame, source_frame)
         if path is None:
             for end in known:
-                for history in chain(end):
+                for history in self._tree.chain(end):
                     self._place(waiter, _alarms(history).moving)
             return
         for history in path.edges():

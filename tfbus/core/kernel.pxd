@@ -64,7 +64,7 @@ ctypedef samples_t* samples_ptr
 ctypedef long long* stamps_ptr
 ctypedef double* poses_ptr
 
-cdef long long ALL_STATIC, CONFLICT, KEPT, LONGEST_NS, NO_DATA, REPEATED, TOO_OLD
+cdef long long ALL_STATIC, CONFLICT, CROWDED, KEPT, LONGEST_NS, NO_DATA, REPEATED, TOO_OLD
 cdef Py_ssize_t POSE_SIZE, STAMP_SIZE, _FIRST_CAPACITY
 cdef double OUTSIDE, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
@@ -100,7 +100,9 @@ cdef void write(
 @cython.locals(i=Py_ssize_t, place=Py_ssize_t)
 cdef void shift(samples_t* samples, Py_ssize_t at) noexcept nogil
 
+# Without `trashcan` the end of a long chain of frames would overflow the stack of C.
 @cython.final
+@cython.trashcan(True)
 cdef class History:
     cdef samples_t own
     cdef samples_t* samples
@@ -113,21 +115,24 @@ cdef class History:
     cdef double ratio
     cdef long long beyond, mixed_until
     cdef public str authority
-    cdef public bint gone
-    cdef readonly long long conflicts, refused
+    cdef public bint gone, ended, removed
+    cdef readonly Py_ssize_t children
+    cdef readonly long long conflicts, refused, crowded_out
     cdef dict paths
     cdef public object alarms
 
     cdef bint seek(self, long long stamp_ns) noexcept
-    @cython.locals(samples=samples_ptr, at=Py_ssize_t, near=cython.longlong)
+    @cython.locals(samples=samples_ptr, at=Py_ssize_t)
     cdef bint seek_nearest(self, long long stamp_ns, long long tolerance_ns) noexcept
     @cython.locals(samples=samples_ptr, at=Py_ssize_t, beyond=cython.longlong,
                    oldest=cython.longlong, elapsed=double, period=double)
     cdef bint seek_beyond(self, long long stamp_ns, long long extrapolation_ns) noexcept
     cdef pose_t pose(self, bint screw) noexcept
+    @cython.locals(above=History)
     cdef History parent_here(self)
     cpdef Py_ssize_t count(self)
     cdef long long _stamp(self, Py_ssize_t at) noexcept
+    @cython.locals(above=History)
     cdef History _parent_of(self, Py_ssize_t at)
     cdef bint _is_change(self) noexcept
 
@@ -135,15 +140,22 @@ cdef class History:
     cdef int set_static(self, long long stamp_ns, pose_t pose, History parent) except -1
     @cython.locals(samples=samples_ptr, newest=cython.longlong)
     cdef int insert(
-        self, long long stamp_ns, pose_t pose, History parent, long long cache_ns) except -1
+        self, long long stamp_ns, pose_t pose, History parent, long long cache_ns,
+        Py_ssize_t max_samples) except -1
+    cdef bint is_too_old(self, long long stamp_ns, long long cache_ns) noexcept
+    cdef bint is_repeated_by(self, str parent_frame, pose_t pose)
+    @cython.locals(above=History)
     cdef History parent_after(self, long long stamp_ns, History parent, bint static)
+    cdef set_parent(self, History parent)
+    cpdef forget_removed(self)
     cpdef forget(self)
     @cython.locals(samples=samples_ptr)
     cpdef forget_samples(self)
     @cython.locals(tail=Py_ssize_t)
     cpdef forget_after(self, long long stamp_ns)
     @cython.locals(samples=samples_ptr, at=Py_ssize_t, behind=Py_ssize_t, i=Py_ssize_t)
-    cdef int _insert_late(self, long long stamp_ns, pose_t pose, History parent) except -1
+    cdef int _insert_late(
+        self, long long stamp_ns, pose_t pose, History parent, Py_ssize_t max_samples) except -1
     @cython.locals(known=History, place=Py_ssize_t)
     cdef int _replace(self, Py_ssize_t at, pose_t pose, History parent) except -1
     cdef bint _is_static_at(self, pose_t pose, History parent)
@@ -154,7 +166,7 @@ cdef class History:
     cdef _track_parents(self, long long until_ns)
     cdef _set_parents(self, list parents)
     @cython.locals(samples=samples_ptr, alive=Py_ssize_t, more=Py_ssize_t)
-    cdef _make_room(self)
+    cdef bint _make_room(self, Py_ssize_t max_samples) except -1
     @cython.locals(samples=samples_ptr, head=Py_ssize_t, alive=Py_ssize_t, first=Py_ssize_t,
                    stamps='long long[::1]', poses='double[::1]', parents=list)
     cdef _move(self, Py_ssize_t capacity, Py_ssize_t room)

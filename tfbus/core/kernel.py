@@ -33,6 +33,7 @@ KEPT = 0
 TOO_OLD = 1
 REPEATED = 2
 CONFLICT = 3
+CROWDED = 4
 
 # Latest stamps of static edges, and of edges without samples; no sample has such a stamp.
 ALL_STATIC = 2**63 - 1
@@ -53,6 +54,7 @@ if cython.compiled:
         TOO_OLD=TOO_OLD,
         REPEATED=REPEATED,
         CONFLICT=CONFLICT,
+        CROWDED=CROWDED,
         NO_DATA=NO_DATA,
         ALL_STATIC=ALL_STATIC,
         LONGEST_NS=LONGEST_NS,
@@ -516,7 +518,13 @@ class History:
     """A frame's pose in its parent over time: the edge above it.
 
     `parents` is None while all samples have the one `parent`. After a change of parent it is a
-    list, the parent of each slot, until the samples up to `mixed_until` have expired.
+    list, the parent of each slot, until the samples up to `mixed_until` have expired. `children`
+    counts the frames whose `parent` this is. `removed` is whether the tree no longer has it, though
+    it may be the parent of earlier samples.
+
+    `gone` is whether its publisher is gone, `ended` whether it is a static pose from a former epoch
+    of its publisher, which the present one has not repeated so far. `crowded_out` counts samples
+    that were dropped because there were too many.
 
     Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
     """
@@ -534,8 +542,12 @@ class History:
         self.static_stamp = 0
         self.authority = ""
         self.gone = False
+        self.ended = False
+        self.removed = False
+        self.children = 0
         self.conflicts = 0
         self.refused = 0
+        self.crowded_out = 0
         self.paths: dict[str, Path] = {}
         self.alarms: object = None
         # The cursor's ratio between two samples, and how far the time is outside of the samples.
@@ -577,8 +589,10 @@ class History:
         samples.here = slot(samples, at)
         invalidate(samples)
         self.ratio = 0.0
+        # Two stamps may be farther apart than 64 bits hold, and so may one and the tolerance. From
+        # a sample, which is within LONGEST_NS, no tolerance up to that is out of reach.
         near = self._stamp(at)
-        return stamp_ns - tolerance_ns <= near and near <= stamp_ns + tolerance_ns
+        return near - tolerance_ns <= stamp_ns and stamp_ns <= near + tolerance_ns
 
     def seek_beyond(self, stamp_ns: int, extrapolation_ns: int) -> bool:
         """Set the cursor to a time at most `extrapolation_ns` outside of the samples."""
@@ -613,10 +627,11 @@ class History:
         return pose_at(self.samples, self.ratio)
 
     def parent_here(self) -> "History | None":
-        """The parent at the cursor."""
+        """The parent at the cursor; None where it has been removed."""
         if self.samples.is_static or self.parents is None:
             return self.parent
-        return self.parents[self.samples.here]
+        above = self.parents[self.samples.here]
+        return None if above is None or above.removed else above
 
     def count(self) -> int:
         """How many samples are held; a static frame counts as one."""
@@ -642,8 +657,9 @@ class History:
         return self.samples.stamps[slot(self.samples, at)]
 
     def _parent_of(self, at: int) -> "History | None":
-        """The parent of the sample of a place."""
-        return self.parent if self.parents is None else self.parents[slot(self.samples, at)]
+        """The parent of the sample of a place; None where it has been removed."""
+        above = self.parent if self.parents is None else self.parents[slot(self.samples, at)]
+        return None if above is None or above.removed else above
 
     def _is_change(self) -> bool:
         """Whether the samples before and after the cursor have different parents."""
@@ -706,6 +722,7 @@ class History:
         self.samples.newest = ALL_STATIC
         self.samples.static_pose = pose
         self.static_stamp = stamp_ns
+        self.ended = False
         self._change_parent(parent)
         return outcome
 
@@ -715,25 +732,28 @@ class History:
         """
         return append(self.samples, stamp_ns, pose, cache_ns)
 
-    def insert(self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int) -> int:
+    def insert(
+        self, stamp_ns: int, pose: Pose, parent: "History", cache_ns: int, max_samples: int
+    ) -> int:
         """Store a sample: KEPT; TOO_OLD, and not stored; REPEATED, equal to the one of its stamp;
-        or CONFLICT, it replaced a different one of its stamp.
+        CONFLICT, it replaced a different one of its stamp; or CROWDED, it took the place of the
+        oldest, as there are `max_samples`.
 
         A static frame becomes dynamic, unless the sample is too old.
         """
         samples = self.samples
         if parent is self.parent and self.append(stamp_ns, pose, cache_ns):
             return KEPT
-        newest = self._newest_sample()
-        if newest != NO_DATA and newest - stamp_ns > cache_ns:
+        if self.is_too_old(stamp_ns, cache_ns):
             self.refused += 1
             return TOO_OLD
+        newest = self._newest_sample()
         if samples.is_static:
             self._unset_static()
         if stamp_ns <= newest:
-            return self._insert_late(stamp_ns, pose, parent)
+            return self._insert_late(stamp_ns, pose, parent, max_samples)
         expire(samples, stamp_ns - cache_ns)
-        self._make_room()
+        is_crowded = self._make_room(max_samples)
         if parent is not self.parent:
             self._change_parent(parent)
         if self.parents is not None:
@@ -742,20 +762,48 @@ class History:
             else:
                 self._set_parents(None)
         push(samples, stamp_ns, pose, cache_ns)
-        return KEPT
+        return CROWDED if is_crowded else KEPT
 
-    def parent_after(self, stamp_ns: int, parent: "History", static: bool) -> "History | None":
+    def is_too_old(self, stamp_ns: int, cache_ns: int) -> bool:
+        """Whether a sample is older than the newest by more than the cache."""
+        newest = self._newest_sample()
+        return newest != NO_DATA and newest - stamp_ns > cache_ns
+
+    def is_repeated_by(self, parent_frame: str, pose: Pose) -> bool:
+        """Whether it is static, in this parent and with this pose."""
+        if not self.samples.is_static or self.parent is None:
+            return False
+        return self.parent.name == parent_frame and self.samples.static_pose == pose
+
+    def parent_after(self, stamp_ns: int, parent: "History", static: bool) -> "History":
         """The parent that this frame will have once a sample of this parent is stored."""
         if static or stamp_ns >= self._newest_sample():
             return parent
-        return self._parent_of(self.samples.tail - 1)
+        above = self._parent_of(self.samples.tail - 1)
+        return parent if above is None else above
+
+    def set_parent(self, parent: "History | None") -> None:
+        """Put it below another frame, or with None make it a root."""
+        if self.parent is not None:
+            self.parent.children -= 1
+        self.parent = parent
+        if parent is not None:
+            parent.children += 1
 
     def forget(self) -> None:
         """Remove the samples, the static pose and the parent."""
         self.samples.is_static = False
+        self.ended = False
         self.forget_samples()
-        self.parent = None
+        self.set_parent(None)
         self.paths.clear()
+
+    def forget_removed(self) -> None:
+        """Remove the samples below a static pose if the parent of the newest has been removed: a
+        frame that turns dynamic again gets the parent of its newest sample.
+        """
+        if self.samples.tail > self.samples.head and self._parent_of(self.samples.tail - 1) is None:
+            self.forget_samples()
 
     def forget_samples(self) -> None:
         """Remove all samples; a static pose stays."""
@@ -785,7 +833,7 @@ class History:
             invalidate(self.samples)
             self._set_newest()
 
-    def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
+    def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History", max_samples: int) -> int:
         samples = self.samples
         if stamp_ns == samples.newest:
             at = samples.tail - 1
@@ -796,7 +844,11 @@ class History:
         if at >= samples.head and self._stamp(at) == stamp_ns:
             return self._replace(at, pose, parent)
         behind = samples.tail - at - 1
-        self._make_room()
+        if behind >= max_samples:
+            # It would be the oldest of too many.
+            self.crowded_out += 1
+            return CROWDED
+        is_crowded = self._make_room(max_samples)
         at = samples.tail - behind
         if parent is not self.parent:
             self._track_parents(stamp_ns)
@@ -808,7 +860,7 @@ class History:
         write(samples, slot(samples, at), stamp_ns, pose)
         samples.tail += 1
         invalidate(samples)
-        return KEPT
+        return CROWDED if is_crowded else KEPT
 
     def _replace(self, at: int, pose: Pose, parent: "History") -> int:
         known, place = self._parent_of(at), slot(self.samples, at)
@@ -820,7 +872,7 @@ class History:
             if self.parents is not None:
                 self.parents[place] = parent
             if at == self.samples.tail - 1:
-                self.parent = parent
+                self.set_parent(parent)
         write(self.samples, place, self._stamp(at), pose)
         return CONFLICT
 
@@ -833,8 +885,10 @@ class History:
     def _unset_static(self) -> None:
         """Make the frame dynamic again."""
         self.samples.is_static = False
+        self.ended = False
         self._set_newest()
-        self.parent = self._parent_of(self.samples.tail - 1)
+        if self.samples.tail > self.samples.head:
+            self.set_parent(self._parent_of(self.samples.tail - 1))
 
     def _newest_sample(self) -> int:
         """The stamp of the newest sample, even under a static pose; NO_DATA without one."""
@@ -845,9 +899,11 @@ class History:
         self.samples.newest = ALL_STATIC if self.samples.is_static else self._newest_sample()
 
     def _change_parent(self, parent: "History") -> None:
-        if parent is not self.parent and self.samples.tail > self.samples.head:
+        if parent is self.parent:
+            return
+        if self.samples.tail > self.samples.head:
             self._track_parents(self._newest_sample())
-        self.parent = parent
+        self.set_parent(parent)
 
     def _track_parents(self, until_ns: int) -> None:
         """Keep the parent of each sample, as they may differ up to this time."""
@@ -861,8 +917,9 @@ class History:
         if parents is None:
             self.mixed_until = NO_DATA
 
-    def _make_room(self) -> None:
-        """Ensure a slot for one more sample, and a head below `capacity`.
+    def _make_room(self, max_samples: int) -> bool:
+        """Ensure a slot for one more sample, and a head below `capacity`; whether the oldest was
+        dropped for that, as there are `max_samples`.
 
         Columns grow by a sixth when all slots are in use, and shrink when less than a quarter is.
         There is memory for twice as many, so that most growth copies nothing; what is not in use
@@ -870,7 +927,13 @@ class History:
         """
         samples = self.samples
         alive = samples.tail - samples.head
-        more = alive + alive // 6 + _FIRST_CAPACITY
+        is_crowded = alive >= max_samples
+        if is_crowded:
+            self.crowded_out += 1
+            samples.head += 1
+            alive -= 1
+            invalidate(samples)
+        more = min(alive + alive // 6 + _FIRST_CAPACITY, max_samples)
         if alive == samples.capacity:
             if samples.head == 0 and more <= len(self.stamps):
                 if self.parents is not None:
@@ -883,6 +946,7 @@ class History:
         elif samples.head >= samples.capacity:
             samples.head -= samples.capacity
             samples.tail -= samples.capacity
+        return is_crowded
 
     def _move(self, capacity: int, room: int) -> None:
         """Copy the samples into columns of another capacity, which have memory for `room`."""

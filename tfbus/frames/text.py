@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
+from tfbus.buffer.formats import branch
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree, who
 from tfbus.frames.state import State, facts, state
@@ -94,15 +95,14 @@ def _all_facts(tree: FrameTree, frame: FrameInfo) -> Iterator[str]:
 def _rows(tree: FrameTree) -> Iterator[tuple[str, FrameInfo]]:
     """Each frame, with the branches drawn before its name."""
     for root in tree.roots:
-        stack = [("", "", root.name)]
+        stack = [("", "", 0, root.name)]
         while stack:
-            lead, below, name = stack.pop()
+            lead, below, depth, name = stack.pop()
             yield lead, tree.frames[name]
             children = tree.children(name)
             for child in reversed(children):
-                last = child == children[-1]
-                branch, more = ("└─ ", "   ") if last else ("├─ ", "│  ")
-                stack.append((below + branch, below + more, child))
+                lead, more = branch(below, depth + 1, is_last=child == children[-1])
+                stack.append((lead, more, depth + 1, child))
 
 
 def _stamp(stamp_ns: int | None) -> str:

@@ -19,6 +19,7 @@ cdef class TransformStamped:
 @cython.locals(self=Transform)
 cpdef Transform make_transform(pose_t pose)
 
+@cython.locals(motion=Transform)
 cdef pose_t pose_of(transform) except *
 
 cpdef Transform checked_transform(value, str what=*)

@@ -591,7 +591,8 @@ def pose_of(transform: Transform) -> Pose:
         raise InvalidArgumentException(
             f"expected a tfbus.Transform, got a {type(transform).__name__}"
         )
-    return transform._pose
+    motion: Transform = transform
+    return motion._pose
 
 
 def checked_transform(value: Any, what: str = "other") -> Transform:

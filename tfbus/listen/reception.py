@@ -24,6 +24,7 @@ from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
 from tfbus.listen.held import Held
 from tfbus.listen.listing import Listing, Publisher
+from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.transforms import TransformMessage, TransformReader
@@ -44,6 +45,10 @@ _GROWS_AFTER = 1000
 def lines_of(log: logging.Logger) -> LogOnce:
     """The log for what streams do again and again."""
     return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
+
+
+# Transforms of one set may trade places: the first may fit only when the second is in.
+_STATIC_ATTEMPTS = 3
 
 
 class StreamReception:
@@ -92,6 +97,7 @@ class StreamReception:
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._held = held or Held()
+        self._refused_statics = RefusedStatics(buffer, self._retry_statics)
         self._once = once or LogOnce(log)
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
@@ -185,8 +191,10 @@ class StreamReception:
 
     def insert(
         self, batch: TransformBatch | Columns, epoch_ns: int, *, static: bool = False
-    ) -> None:
-        """Put the transforms into the buffer, except those for which another has priority."""
+    ) -> bool:
+        """Put the transforms into the buffer, except those for which another has priority; whether
+        none was refused.
+        """
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
@@ -194,7 +202,8 @@ class StreamReception:
         refused = buffer.rejected.rows
         taken = buffer.set_transforms(batch, static=static, authority=self.name)
         # Rows that are only too old are not taken either, but not refused.
-        if taken < len(batch) and buffer.rejected.rows > refused:
+        are_taken = taken == len(batch) or buffer.rejected.rows == refused
+        if not are_taken:
             self._warn_refused()
         epochs, marks = self.epochs, self._marks
         if epochs.gone:
@@ -206,6 +215,7 @@ class StreamReception:
             buffer.forget(self.name)
         if self.excluded is not excluded:
             self._give_way(batch, self.excluded - excluded)
+        return are_taken
 
     def decode(self, payload: bytes) -> TransformMessage | None:
         """The message in a payload; None, and counted, where it cannot be read."""
@@ -305,8 +315,9 @@ class StreamReception:
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
         if removed is None:
             return
-        self.apply_statics(None)
+        # First, as a former one may be in the way of one of the set.
         self._remove_statics(removed)
+        self.apply_statics(None)
         self.on_growth(self.name)
 
     def _is_outdated_set(self, epoch_ns: int) -> bool:
@@ -340,8 +351,20 @@ class StreamReception:
         while (batch := self.statics.batch) is not applied and batch is not None:
             rows = batch if children is None else batch.only(children)
             if len(rows):
-                self.insert(rows, self.statics.epoch_ns or 0, static=True)
+                self._insert_statics(rows)
             applied = batch
+
+    def _insert_statics(self, rows: TransformBatch) -> None:
+        epoch_ns = self.statics.epoch_ns or 0
+        for _ in range(_STATIC_ATTEMPTS):
+            if self.insert(rows, epoch_ns, static=True):
+                self._refused_statics.clear()
+                return
+        self._refused_statics.watch(rows)
+
+    def _retry_statics(self) -> None:
+        if not self.epochs.gone:
+            self.apply_statics(None)
 
     def _remove_statics(self, children: Collection[str]) -> None:
         if children:

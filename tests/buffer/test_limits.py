@@ -1,0 +1,96 @@
+"""What a buffer keeps has limits: samples of a frame, paths, and nothing recursive."""
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.builders import moved
+from tests.fakes import Lines
+from tfbus.buffer import store
+from tfbus.buffer.buffer import Buffer
+from tfbus.core.sampling import Sampling
+from tfbus.errors import ExtrapolationException, InvalidArgumentException
+
+
+def stamps_of(buffer: Buffer) -> list[int]:
+    """The stamps up to 200 at which there is a sample of the robot."""
+    exact = Sampling("nearest")
+    return [s for s in range(200) if buffer.can_transform("world", "robot", s, sampling=exact)]
+
+
+def test_of_one_frame_only_so_many_samples_are_kept() -> None:
+    """The oldest gives way; it is counted, logged once, and the answers are those of the rest."""
+    log = Lines(store._log)
+    buffer = Buffer(max_samples=10)
+    for stamp in range(100):
+        assert buffer.set_transform(moved(stamp, "world", "robot", float(stamp)))
+        if stamp >= 20:
+            assert buffer.lookup_transform("world", "robot", stamp - 5).transform.x == stamp - 5
+    assert stamps_of(buffer) == list(range(90, 100))
+    info = buffer.frame("robot")
+    assert (info.samples, info.crowded_out, info.oldest_ns) == (10, 90, 90)
+    with pytest.raises(ExtrapolationException):
+        buffer.lookup_transform("world", "robot", 89)
+    for stamp in range(30):
+        buffer.set_transform(moved(stamp, "world", "other"))
+    assert len(log.lines) == 1
+    assert log.lines[0].startswith("Frame 'robot' has more than 10 samples within the cache time")
+    assert "max_samples" in log.lines[0]
+
+
+def test_a_late_sample_takes_the_place_of_the_oldest() -> None:
+    """One that would be the oldest of too many is counted and not kept."""
+    buffer = Buffer(max_samples=3)
+    for stamp in (10, 30, 50, 40, 5, 20):
+        assert buffer.set_transform(moved(stamp, "world", "robot", float(stamp)))
+    assert stamps_of(buffer) == [30, 40, 50]
+    assert buffer.frame("robot").crowded_out == 3
+    assert buffer.lookup_transform("world", "robot", 35).transform.x == 35.0
+
+
+def test_the_limit_grows_with_the_cache() -> None:
+    """By default it is ten thousand samples a second; less than one is refused."""
+    assert Buffer()._store.tree.max_samples == 100_000
+    assert Buffer(0.0)._store.tree.max_samples == 100_000
+    assert Buffer(60.0)._store.tree.max_samples == 600_000
+    assert Buffer(float("inf"))._store.tree.max_samples == 10**13
+    for impossible in (0, -1, 2.5):
+        with pytest.raises(InvalidArgumentException, match="max_samples must be"):
+            Buffer(max_samples=impossible)
+
+
+def test_paths_have_one_budget() -> None:
+    """However many pairs are looked up, the oldest paths are dropped, and found again."""
+    buffer = Buffer()
+    for i in range(1_000):
+        buffer.set_transform(moved(0, f"f{i}", f"f{i + 1}"), static=True)
+    for i in range(40):
+        for j in range(960, 1_000):
+            assert len(buffer.path(f"f{i}", f"f{j}")) == j - i + 1
+    assert 2**19 < buffer._store.tree.kept_cost <= 2**20
+    assert len(buffer.path("f0", "f960")) == 961
+
+
+def test_the_end_of_a_long_chain_does_not_need_a_deep_stack() -> None:
+    """A buffer of a chain of frames is freed, and so is a tree that was cut, frame by frame."""
+    script = """
+import threading
+from tfbus import Buffer, Transform, TransformStamped
+
+def run():
+    buffer = Buffer()
+    for i in range(12_000):
+        edge = TransformStamped(0, f"f{i}", f"f{i + 1}", Transform())
+        buffer.set_transform(edge, static=True, authority="one")
+    assert buffer.can_transform("f0", "f12000")
+    del buffer
+    print("freed", flush=True)
+
+threading.stack_size(2**17)
+thread = threading.Thread(target=run)
+thread.start()
+thread.join()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "freed\n")

@@ -46,8 +46,11 @@ ARITHMETIC = [
     "--param=large-function-growth=2000",
     "--param=inline-unit-growth=500",
 ]
-if sys.platform == "win32":
-    ARITHMETIC = []
+# Debug information takes a third of the time to compile, and serves none who installs this.
+FLAGS = ["-g0"]
+# A build with `CFLAGS=-O0`, to try something or for sanitizers, is to be quick, and as it is asked.
+if sys.platform == "win32" or "-O0" in os.environ.get("CFLAGS", ""):
+    ARITHMETIC = FLAGS = []
 
 
 def kernel_extensions() -> list[Extension]:
@@ -60,7 +63,7 @@ def kernel_extensions() -> list[Extension]:
             Extension(
                 name,
                 [f"{name.replace('.', '/')}.py"],
-                extra_compile_args=ARITHMETIC if name in HOT else [],
+                extra_compile_args=[*FLAGS, *(ARITHMETIC if name in HOT else [])],
             )
             for name in KERNEL
         ],

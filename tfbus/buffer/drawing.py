@@ -4,7 +4,6 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 from tfbus.buffer.formats import as_svg, as_text
 from tfbus.buffer.info import FrameInfo
@@ -33,6 +32,8 @@ class Drawing:
         drawn = f'<div style="overflow-x:auto">{as_svg(self.frames, self.path)}</div>'
         if self.answer is None:
             return drawn
+        from html import escape  # slow to import, and few draw
+
         return f"{drawn}<pre>{escape(said(self.answer))}</pre>"
 
 

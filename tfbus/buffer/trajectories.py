@@ -1,12 +1,19 @@
 """Trajectories into a buffer and out of it."""
 
-import numpy as np
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from tfbus.core.held import Held
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.trajectory.trajectory import Trajectory, of_checked
 from tfbus.wording import duration
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 def samples_of(frame: str, held: Held, parent: str | None) -> Trajectory:

@@ -1,9 +1,14 @@
 """All that a buffer holds of one frame, as values."""
 
-from dataclasses import dataclass
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 
 Pose = tuple[float, float, float, float, float, float, float]
 

@@ -10,16 +10,22 @@ A pose is seven numbers x y z qx qy qz qw, a plain tuple (compiled: a struct), a
 a child frame into its parent.
 """
 
+from __future__ import annotations
+
 import math
 from array import array
 from collections.abc import MutableSequence, Sequence
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from tfbus.core import packed
 from tfbus.core.held import Held
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.core.sampling import Sampling
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    from tfbus.core import lazy_numpy as np
 
 try:
     import cython

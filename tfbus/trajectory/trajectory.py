@@ -1,11 +1,10 @@
 """A trajectory: where one frame was in another, at many times."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Iterator
-from typing import Any, overload
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING, Any, overload
 
 from tfbus.core.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.errors import InvalidArgumentException
@@ -13,7 +12,14 @@ from tfbus.geometry.transform import Transform, TransformStamped, check_frame_id
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.wording import counted, stamp_text
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+else:
+    from tfbus.core import lazy_numpy as np
+
 
 FilePath = str | os.PathLike[str]
 

@@ -124,9 +124,10 @@ class Lookup:
         self._check_arguments()
         with self._store.lock:
             answers = self._answers(self._questions, self._fresh)
-            reason = None if answers is not None else self._reason()
+            reason = self._reason() if answers is None else None
         if reason is not None:
             raise self._explained(reason)
+        assert answers is not None
         if self._store.tree.unreported:
             self._store.report_questions()
         return answers

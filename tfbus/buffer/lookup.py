@@ -143,6 +143,7 @@ class Lookup:
             reason = None if answers is not None else self._reason(now_ns)
         if reason is not None:
             raise self._explained(reason)
+        assert answers is not None
         if self._store.tree.unreported:
             self._store.report_questions()
         return answers

@@ -249,7 +249,7 @@ class Buffer:
             return
         with self._store.lock:
             for frame in frames:
-                self._store.tree.remove_sent(frame, authority)
+                self._store.tree.remove_sent(_text(frame, "frame"), authority)
         self._store.waiters.wake_all()
         self._store.notify()
 

@@ -175,3 +175,29 @@ def test_a_bell_rung_twice_rings_once():
     other.start()
     bell.wait(None)
     other.join()
+
+
+def test_one_thread_stores_while_others_look_up_many():
+    """The lock is passed on between the parts of a long lookup."""
+    program = """
+    import threading
+    import numpy as np
+    from tfbus.buffer.buffer import COMPILED
+
+    stamps = np.random.default_rng(1).integers(0, 2 * S, 20_000 if COMPILED else 2_000)
+    done = []
+
+    def look():
+        for _ in range(10):
+            done.append(buffer.lookup_transforms("world", "robot", stamps))
+
+    threads = [threading.Thread(target=look) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    step = 0
+    while any(thread.is_alive() for thread in threads):
+        step += 1
+        buffer.set_transform(moved(2 * S + step, "world", "robot"))
+    print(len(done))
+    """
+    assert run(program) == "20\n"

@@ -295,7 +295,7 @@ class Buffer:
         while some := list(islice(left, _REMOVED_AT_A_TIME)):
             with self._store.lock:
                 for frame in some:
-                    self._store.tree.remove_sent(frame, authority)
+                    self._store.tree.remove_sent(_text(frame, "frame"), authority)
             # Other threads run meanwhile, even where no listener is called.
             with cython.nogil:
                 pass

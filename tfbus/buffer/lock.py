@@ -153,7 +153,8 @@ class Lock:
             self._leave_disturbed()
             self.enter()
         elif self._queue:
-            self._queue[0].passed = True
+            gate = self._queue[0]
+            gate.passed = True
             self._owner = _PASSED
             self._wake()
             self._wait()

@@ -200,7 +200,4 @@ def test_one_thread_stores_while_others_look_up_many():
         buffer.set_transform(moved(2 * S + step, "world", "robot"))
     print(len(done))
     """
-
-        "import threading", "import threading\n    import tfbus.buffer.buffer as tfbus", 1
-    )
     assert run(program) == "20\n"

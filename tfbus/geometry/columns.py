@@ -52,6 +52,13 @@ class Columns:
         return columns
 
     @staticmethod
+    def of_bytes(frames: tuple[str, ...], edges: bytes, stamps: bytes, poses: bytes) -> Columns:
+        """Columns of these bytes, from their beginning; as many rows as there are stamps."""
+        columns = Columns(frames, len(stamps) // STAMP_SIZE)
+        columns.edges, columns.stamps, columns.poses = edges, stamps, poses
+        return columns
+
+    @staticmethod
     def of_transforms(transforms: Iterable[TransformStamped]) -> "Columns":
         """The transforms in the same order, each frame named once."""
         return _of_list(stamped_list(transforms))

@@ -103,14 +103,13 @@ def decode_transforms(payload: bytes) -> TransformMessage:
     edges = _column(columns, "edges", EDGE_SIZE, _EDGES)
     stamps = _column(columns, "stamps", STAMP_SIZE, _STAMPS)
     poses = _column(columns, "poses", POSE_SIZE, _POSES)
-    rows = Columns(tuple(frames), len(stamps) // STAMP_SIZE)
+    rows = Columns.of_bytes(tuple(frames), edges, stamps, poses)
     for name, column, size in (("edges", edges, EDGE_SIZE), ("poses", poses, POSE_SIZE)):
         if len(column) != size * rows.count:
             raise DecodeError(
                 f"{name!r} has {counted(len(column) // size, 'row')}, 'stamps' {rows.count}: each "
                 "transform has one in both"
             )
-    rows.edges, rows.stamps, rows.poses = edges, stamps, poses
     highest = max(memoryview(edges).cast("I"), default=-1)
     if highest >= len(frames):
         raise DecodeError(f"an edge names frame {highest}, but there are only {len(frames)} frames")

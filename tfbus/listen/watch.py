@@ -32,6 +32,7 @@ _PATIENCE = 4
 # An epoch that is disputed is confirmed soon, or never; and anybody can dispute.
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
+_CLAIMS_APART_S = 1.0
 
 # Of so many tokens the descriptions are asked for at a time. Where further ones wait, one that has
 # been asked for five times gives way, and waits again.
@@ -220,6 +221,8 @@ class StreamWatch:
         is_own = bool(sender) and sender == description.session
         if former.owner and not is_own:
             self._reject(former.name, "it is not from the session that publishes the stream")
+            # Unless it is: one that cannot sign what it sends signs its answers.
+            self._ask_for_epoch(former.name, description.epoch)
             return
         if former.owner and former.alive and sender != former.owner and former.description:
             is_later = description.epoch > former.description.epoch
@@ -256,8 +259,11 @@ class StreamWatch:
                 is_confirmed |= description.epoch == epoch_ns
                 self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
 
-        def on_over() -> None:
+        def forget() -> None:
             self._claims.pop(key, None)
+
+        def on_over() -> None:
+            self._executor.after(_CLAIMS_APART_S, forget)
             if not is_confirmed and not self._closed:
                 self._once.warning(
                     ("epoch", name),

@@ -39,6 +39,9 @@ _CLAIMS_APART_S = 1.0
 _MOST_ASKED = 200
 _TURNS = 5
 
+# One that comes by itself and is not signed is taken; one that is may come for so many turns.
+_TURNS_TO_SIGN = 2
+
 # A question has one answer, or a few where several processes publish the stream.
 _MOST_ANSWERS = 16
 
@@ -327,7 +330,8 @@ class StreamWatch:
         def is_settled() -> bool:
             if self._closed:
                 return True
-            if self._state(key).description is not known:
+            state = self._state(key)
+            if state.description is not known and (state.confirmed or asked >= _TURNS_TO_SIGN):
                 # One that has come by itself in the meantime is at least as new.
                 return True
             readable = [(answer, sender) for sender, answer in list(answers.items()) if answer]

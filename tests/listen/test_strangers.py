@@ -9,6 +9,7 @@ from tests.builders import S, at, description, payload, x_of
 from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
 from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.codec import encode_message
@@ -155,4 +156,29 @@ def test_a_name_that_cannot_be_shown_is_ignored_wherever_it_stands(scene: Scene)
     assert infos["other"].frames == (("world", "fine", True),)
     assert "ghost" not in scene.buffer.frames()
     assert all(line.isprintable() for line in scene.log.lines)
+    token.close()
+
+
+def test_a_publisher_that_cannot_sign_what_it_sends_is_asked(bus: Bus) -> None:
+    """Its plain descriptions are taken by its answers, which Zenoh signs."""
+    session, key = bus.node("plain").session, "@tfbus/stream/plain"
+    told = [encode_message(description([], session=session.id))]
+
+    def answer(query: Query) -> None:
+        query.answer(key, told[-1])
+        query.close()
+
+    session.queryable(f"{key}/@adv/pub/**", answer)
+    token = session.token(key)
+    with TransformListener(Buffer(), bus.node("listener")) as listener:
+        for child in ("a", "b"):
+            row = ("world", child, False)
+            told.append(encode_message(description([row], session=session.id)))
+
+            def is_known(row: tuple[str, str, bool] = row) -> bool:
+                session.publisher(key).put(told[-1])
+                return any(row in info.frames for info in listener.streams())
+
+            eventually(is_known)
+            eventually(lambda: listener._watch.streams()["plain"].confirmed)
     token.close()

@@ -126,9 +126,9 @@ def test_tokens_without_end_are_asked_about_in_turns(
         questions.token(key, True)
     questions.asked_keys.clear()
     questions.run(1.0)
-    assert set(questions.asked_keys) == set(keys[:10])
+    assert set(questions.asked_keys) <= {KEY, *keys[:10]}
     questions.run(1000.0)
-    assert set(questions.asked_keys) == set(keys)
+    assert set(questions.asked_keys) >= set(keys)
     # Those that are gone are not asked about.
     for key in keys:
         questions.token(key, False)

@@ -105,6 +105,7 @@ class Registry:
         if stream is not None:
             for key in list(stream.keys):
                 self.receptions.pop(key, None)
+            stream.reception.forget_statics()
         return stream
 
     def forget_removed(self, described: StreamState) -> None:

@@ -32,11 +32,15 @@ _PATIENCE = 4
 # An epoch that is disputed is confirmed soon, or never; and anybody can dispute.
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
+_CLAIMS_APART_S = 1.0
 
 # Of so many tokens the descriptions are asked for at a time. Where further ones wait, one that has
 # been asked for five times gives way, and waits again.
 _MOST_ASKED = 200
 _TURNS = 5
+
+# One that comes by itself and is not signed is taken; one that is may come for so many turns.
+_TURNS_TO_SIGN = 2
 
 # A question has one answer, or a few where several processes publish the stream.
 _MOST_ANSWERS = 16
@@ -220,6 +224,8 @@ class StreamWatch:
         is_own = bool(sender) and sender == description.session
         if former.owner and not is_own:
             self._reject(former.name, "it is not from the session that publishes the stream")
+            # Unless it is: one that cannot sign what it sends signs its answers.
+            self._ask_for_epoch(former.name, description.epoch)
             return
         if former.owner and former.alive and sender != former.owner and former.description:
             is_later = description.epoch > former.description.epoch
@@ -256,8 +262,11 @@ class StreamWatch:
                 is_confirmed |= description.epoch == epoch_ns
                 self._take_description(key, description, answer.sender, asked_epoch_ns=epoch_ns)
 
-        def on_over() -> None:
+        def forget() -> None:
             self._claims.pop(key, None)
+
+        def on_over() -> None:
+            self._executor.after(_CLAIMS_APART_S, forget)
             if not is_confirmed and not self._closed:
                 self._once.warning(
                     ("epoch", name),
@@ -321,7 +330,8 @@ class StreamWatch:
         def is_settled() -> bool:
             if self._closed:
                 return True
-            if self._state(key).description is not known:
+            state = self._state(key)
+            if state.description is not known and (state.confirmed or asked >= _TURNS_TO_SIGN):
                 # One that has come by itself in the meantime is at least as new.
                 return True
             readable = [(answer, sender) for sender, answer in list(answers.items()) if answer]

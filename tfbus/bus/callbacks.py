@@ -106,12 +106,11 @@ class Callbacks:
         """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
         the sample is from, "" where it does not say. Retained samples do.
         """
-
         most = self._limits.of(kind_of(key))
         drop = self._dropper(key)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            size = len(sample.payload)  # type: ignore[arg-type]  # not in Zenoh's stubs
+            size = len(sample.payload)
             if size > most:
                 drop(sample, size)
                 return

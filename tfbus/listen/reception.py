@@ -342,6 +342,7 @@ class StreamReception:
         """The static transforms are no longer read."""
         with self.lock:
             self.statics.clear()
+        self._refused_statics.clear()
 
     def apply_statics(self, children: Collection[str] | None) -> None:
         """Put the static transforms of these children, None for all, into the buffer, as they were
@@ -354,7 +355,7 @@ class StreamReception:
                 self._insert_statics(rows)
             applied = batch
 
-    def _insert_statics(self, rows: TransformBatch) -> None:
+    def _insert_statics(self, rows: Columns) -> None:
         epoch_ns = self.statics.epoch_ns or 0
         for _ in range(_STATIC_ATTEMPTS):
             if self.insert(rows, epoch_ns, static=True):

@@ -7,7 +7,7 @@ from contextlib import suppress
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.errors import TransformException
-from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
 
 
 class RefusedStatics:
@@ -23,13 +23,13 @@ class RefusedStatics:
         self._blocking: frozenset[str] = frozenset()
         self._end_watch: Callable[[], None] | None = None
 
-    def watch(self, batch: TransformBatch) -> None:
+    def watch(self, batch: Columns) -> None:
         """Some of these transforms were refused: watch the frames that would make a loop with them,
         in the place of those of before.
         """
         blocking = frozenset(
             frame
-            for parent, child in batch.edges.tolist()
+            for parent, child in batch.pairs()
             for frame in self._between(batch.frames[parent], batch.frames[child])
         )
         self._set(blocking)

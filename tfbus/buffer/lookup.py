@@ -64,11 +64,11 @@ class Lookup:
         """The answers, as soon as there are some. Raises why there are none: at once where waiting
         does not help, and TimeoutException after `timeout_s`.
         """
+        if timeout_s != 0.0:
+            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         answers = self._answers_now() if timeout_s <= 0.0 else self.answers()
         if answers is not None:
             return answers
-        if timeout_s != 0.0:
-            check_seconds(timeout_s, "timeout_s", least=-math.inf)
         if self._store.lock.is_mine():
             # A thread that holds the lock would wait for itself.
             raise self.error()

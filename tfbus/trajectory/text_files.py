@@ -3,14 +3,16 @@
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.runtime.whole_file import replacing
 from tfbus.trajectory.lines import decimal_stamp, finite, lines_of, pose_of, whole_stamp
-from tfbus.trajectory.trajectory import FilePath, Floats, Trajectory, in_order
+from tfbus.trajectory.trajectory import FilePath, Trajectory, in_order
 from tfbus.wording import counted, stamp_text
+
+Floats = NDArray[np.float64]
 
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _EUROC = ("timestamp", "x", "y", "z", "qw", "qx", "qy", "qz")

@@ -70,19 +70,23 @@ window.tfbusCopy = (id) => {
         """Call `handler(event)` for each event of this kind."""
         self._handlers[do] = handler
 
-    def receive(self, text: str) -> None:
-        """Take an event as it was typed; ignores text that is no event."""
+    def receive(self, text: str, client: int | None = None) -> None:
+        """Take an event as a client typed it; ignores text that is no event.
+
+        The handler finds the number of the client as `event["client"]`.
+        """
         try:
             event = json.loads(text)
         except ValueError:
             return
         if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
-            handler(event)
+            handler({**event, "client": client})
 
-    def html(self, style: str = "", script: str = "") -> str:
-        """The element before the text field, with the page's style and script, and these."""
+    def html(self, style: str = "", script: str = "", title: str = "tfbus") -> str:
+        """The element before the text field, with the page's style, script and title."""
         # A script element in HTML that is set later does not run; the handler of an error does.
-        run = f'<img hidden alt="" src="data:," onerror="{escape(self.SCRIPT + script)}">'
+        whole = f"document.title = {json.dumps(title)};{self.SCRIPT}{script}"
+        run = f'<img hidden alt="" src="data:," onerror="{escape(whole)}">'
         return f'<div class="tfbus-channel"><style>{STYLE}{style}</style>{run}</div>'
 
 

@@ -66,7 +66,7 @@ def test_all_is_shown_from_where_cameras_start() -> None:
 
 
 def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
-    """A point in the picture has the same place in it afterwards; later browsers start there too."""
+    """They look at the same point, from as far; so do browsers that are opened later."""
     server = Server(camera((8.0, 0.0, 2.0), (8.0, 4.0, 1.0)))
     cameras = Cameras(server)
     cameras.aim(ARM, False, 3)

@@ -14,7 +14,8 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.view import Region
 from tfbus.view.model.placement import Placed
 from tfbus.view.model.selections import Selections
-from tfbus.view.scene.camera import Cameras, region_of
+from tfbus.view.panels.markup import unless_it_left
+from tfbus.view.scene.camera import Cameras, around, region_of
 
 ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)
 
@@ -96,6 +97,24 @@ def test_the_region_of_frames_is_around_all_of_them() -> None:
     assert region_of(placed).radius_m == 8.5
     assert region_of(placed.without(("b",))).radius_m == 0.85
     assert region_of(placed.without(("a", "b"))).radius_m == 0.85
+
+
+def test_a_ball_around_two_holds_both_and_no_more() -> None:
+    """One inside another adds nothing."""
+    small = Region(np.array((5.0, 0.0, 0.0)), 1.0)
+    both = around(Region(np.zeros(3), 2.0), small)
+    assert (both.middle.tolist(), both.radius_m) == ([2.0, 0.0, 0.0], 4.0)
+    large = Region(np.zeros(3), 7.0)
+    assert around(large, small) is around(small, large) is large
+
+
+def test_a_browser_that_leaves_is_no_error() -> None:
+    """viser refuses to change its elements; an error of one that stays is raised."""
+    server: Any = Server(camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+    with unless_it_left(server, 1):
+        raise RuntimeError("removed")
+    with pytest.raises(RuntimeError, match="removed"), unless_it_left(server, 0):
+        raise RuntimeError("removed")
 
 
 def test_each_browser_has_a_selection_of_its_own() -> None:

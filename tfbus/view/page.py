@@ -22,7 +22,7 @@ from tfbus.view.model.view_state import ViewState
 from tfbus.view.origin import names_to_open
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
-from tfbus.view.scene.camera import Cameras, region_of
+from tfbus.view.scene.camera import Cameras, around, region_of
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
 from tfbus.view.scene.marks import SelectedMarks
@@ -265,8 +265,11 @@ class Page:
 
     def _show_all(self, client: int) -> None:
         """Show all frames that are drawn, and what a guest shows."""
-        region = self._guests_region() if len(self._placed.names) < 2 else None
-        self._cameras.show(client, region or region_of(self._placed))
+        region = self._guests_region()
+        if self._placed.names or region is None:
+            frames = region_of(self._placed)
+            region = around(frames, region) if region else frames
+        self._cameras.show(client, region)
 
     def _focus(self, client: int) -> str:
         """Look at the frame that is selected in this browser; why not, or "" if it does."""

@@ -4,9 +4,12 @@ Whatever comes from the bus goes through `escape`: a frame may have any name.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from html import escape
 from typing import Any, Protocol
+
+import viser
 
 from tfbus.frames.state import State
 
@@ -39,6 +42,16 @@ class Html:
         if content != self._content:
             self._content = content
             self._handle.content = content
+
+
+@contextmanager
+def unless_it_left(server: viser.ViserServer, client: int) -> Iterator[None]:
+    """Ignores viser's error for elements of a browser that leaves at this moment."""
+    try:
+        yield
+    except RuntimeError:
+        if client in server.get_clients():
+            raise
 
 
 class Channel:

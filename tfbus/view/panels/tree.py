@@ -15,7 +15,7 @@ from tfbus.view.model.shown_frames import Frames, ViewFrame
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.frame_dropdown import FrameDropdown
-from tfbus.view.panels.markup import Channel, Html, event, sign
+from tfbus.view.panels.markup import Channel, Html, event, sign, unless_it_left
 from tfbus.wording import and_more
 
 # More rows are slow to show; the filter narrows them.
@@ -78,17 +78,20 @@ class TreePanel:
         self._fixed.show(sorted(frames.by_name), settings.fixed_frame, automatic)
         rows = self._rows(frames, placed, settings)
         self._meet()
+        stamp_ns = self._view.playback.stamp_ns
         for number, browser in self._browsers.items():
             name = self._selections.of(number)
-            browser.tree.show(f'<div class="tf" role="tree">{"".join(_marked(rows, name))}</div>')
             selected = frames.by_name.get(name)
             if selected is None:
-                browser.actions.show("")
-                browser.facts.show(_nothing_selected(name) if len(frames) else "")
-                continue
-            browser.actions.show(_actions(selected, settings))
-            stamp_ns = self._view.playback.stamp_ns
-            browser.facts.show(_details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns))
+                actions, facts = "", _nothing_selected(name) if len(frames) else ""
+            else:
+                actions = _actions(selected, settings)
+                facts = _details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns)
+            with unless_it_left(self._server, number):
+                tree = "".join(_marked(rows, name))
+                browser.tree.show(f'<div class="tf" role="tree">{tree}</div>')
+                browser.actions.show(actions)
+                browser.facts.show(facts)
 
     def _meet(self) -> None:
         """Add the elements of new browsers, and forget those of browsers that have left."""

@@ -89,6 +89,18 @@ def region_of(placed: Placed) -> Region:
     return Region(middle, 0.85 * max(placed.extent_m(), 1.0))
 
 
+def around(one: Region, other: Region) -> Region:
+    """The smallest ball around two."""
+    apart_m = float(np.linalg.norm(other.middle - one.middle))
+    if apart_m + other.radius_m <= one.radius_m:
+        return one
+    if apart_m + one.radius_m <= other.radius_m:
+        return other
+    radius_m = (apart_m + one.radius_m + other.radius_m) / 2.0
+    part = (radius_m - one.radius_m) / apart_m
+    return Region(one.middle + part * (other.middle - one.middle), radius_m)
+
+
 class Cameras:
     """The cameras of all browsers.
 

@@ -4,6 +4,7 @@ Try it: tfbus launch turtle view:=true
 """
 
 import signal
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -135,7 +136,9 @@ def main(
 
     from .turtle.view.guest import TurtleGuest
 
-    serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"))
+    # Of several tabs, each names its robot.
+    title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
+    serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"), title)
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     with _join(settings) as node:
         buffer = Buffer(history_s)

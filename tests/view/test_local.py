@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from io import BytesIO
 from typing import Any
 
@@ -172,10 +173,16 @@ def red_pixels(page: Page) -> int:
     return int(np.count_nonzero((r > 120) & (g < 60) & (b < 60)))
 
 
+def look_at_of_one(view: View) -> Any:
+    """The point that the camera of the only browser looks at."""
+    (client,) = view._page._server.get_clients().values()
+    return client.camera.look_at
+
+
 def test_a_browser_shows_a_recording_and_what_is_drawn(
     buffer: Buffer, view: View, pages: Any
 ) -> None:
-    """An old recording is not stale, the page follows the buffer, and a ball is seen."""
+    """An old recording is not stale, a ball is seen, and the camera goes where it is sent."""
     page = Page(pages.new_page(), view.url)
     page.headline("2 frames, seen from map")
     page.wait_for_status("base", "dynamic")
@@ -186,4 +193,17 @@ def test_a_browser_shows_a_recording_and_what_is_drawn(
     eventually(lambda: red_pixels(page) > before + 500, within_s=PATIENCE_S)
     view.clear()
     eventually(lambda: red_pixels(page) < before + 500, within_s=PATIENCE_S)
+    assert page.page.title() == "tfbus"
+
+    looks_at = partial(look_at_of_one, view)
+    page.page.keyboard.press("f")
+    page.page.get_by_text("Click on a frame first").wait_for()
+    page.select("tool")
+    page.page.keyboard.press("f")
+    eventually(lambda: looks_at() == pytest.approx((2.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
+    page.page.get_by_role("button", name="see from here").click()
+    page.headline("seen from tool")
+    eventually(lambda: looks_at() == pytest.approx((0.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
+    page.button("All (H)")
+    eventually(lambda: looks_at() == pytest.approx((-1.0, 0.0, 0.0), abs=0.01), within_s=PATIENCE_S)
     assert page.errors == []

@@ -1,5 +1,8 @@
 """What `tfbus view` shows, tested without a page: states, poses, trails, filters, time."""
 
+import re
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -278,6 +281,37 @@ def test_the_headline_says_what_the_page_waits_for() -> None:
         "&#x27;", "'"
     )
     assert "2 frames, seen from <b>map</b>" in text.headline(look(buffer), "map", Playback())
+
+
+def shown_text(stamp_ns: int, now_ns: int) -> str:
+    """A clock time without its tooltip."""
+    return re.sub("<[^>]*>", "", text.clock_time(stamp_ns, now_ns))
+
+
+@pytest.fixture
+def two_hours_east() -> Iterator[None]:
+    """Local times are two hours ahead of UTC."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TZ", "UTC-2")
+        time.tzset()
+        yield
+    time.tzset()
+
+
+@pytest.mark.usefixtures("two_hours_east")
+def test_stamps_are_clock_times() -> None:
+    """With the date on another day; the tooltip has the stamp, and simulated time is seconds."""
+    noon_ns = 1_649_160_000 * S
+    assert shown_text(noon_ns + 661_570_822, noon_ns) == "14:00:00.661"
+    assert shown_text(noon_ns, noon_ns + 86_400 * S) == "2022-04-05 14:00:00.000"
+    assert shown_text(12_345_000_000, 13 * S) == "12.345 s"
+    assert shown_text(2**63 - 1, noon_ns).startswith("2262-04-1")
+    assert 'title="1649160000.000000000"' in text.clock_time(noon_ns, noon_ns)
+    buffer = Buffer()
+    send(buffer, "map", "base", at_ns=noon_ns)
+    assert "14:00:00.000" in text.facts(look(buffer)["base"], noon_ns)
+    paused = text.headline(look(buffer), "map", Playback(noon_ns), now_ns=noon_ns + 90 * S)
+    assert re.search("paused</b> at <.*>14:00:00.000</span>, 90.0 s ago", paused)
 
 
 def test_no_name_of_a_frame_becomes_markup() -> None:

@@ -15,6 +15,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
     view.headline("Waiting for transforms")
+    eventually(lambda: re.match("tfbus · .*", view.page.title()), within_s=PATIENCE_S)
 
     arm = bus.node("arm")
     Arm(arm)
@@ -35,6 +36,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
 
     other = View(pages.new_page(), address)
+    other.select("tool")
     view.page.get_by_label("show tool").uncheck()
     eventually(lambda: not other.page.get_by_label("show tool").is_checked(), within_s=PATIENCE_S)
 
@@ -44,6 +46,8 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     view.page.reload()
     view.wait_for_status("lamp", "gone")
     assert not view.page.get_by_label("show tool").is_checked()
+    assert other.page.locator("[data-row='tool'].tf-selected").is_visible()
+    assert view.page.get_by_role("tab", name="Turtles").count() == 0
     assert view.errors == other.errors == []
 
 

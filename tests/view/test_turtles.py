@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.live_bus import Bus, eventually
+from tests.live_bus import Bus, Process, eventually
 from tests.view.pages import PATIENCE_S, View, start_view
 from tfbus import Node
 from tfbus.messages import Field, Pose
@@ -17,7 +17,8 @@ from tfbus.messages import Field, Pose
 class Witness:
     """The turtles as seen on the bus."""
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, simulator: Process) -> None:
+        self.simulator = simulator
         self._node = node
         self._poses: dict[str, Pose] = {}
         self._field = node.create_client(Field, "field")
@@ -49,8 +50,8 @@ class Witness:
 @pytest.fixture
 def witness(bus: Bus) -> Witness:
     """A running simulator, and a node that follows its turtles."""
-    bus.start("simulator", "--headless")
-    witness = Witness(bus.node("witness"))
+    simulator = bus.start("simulator", "--headless")
+    witness = Witness(bus.node("witness"), simulator)
     eventually(lambda: witness.knows("turtle1"), within_s=PATIENCE_S)
     return witness
 
@@ -61,7 +62,6 @@ def view(bus: Bus, pages: Any, witness: Witness) -> View:
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
     view.tab("Turtles")
-    view.page.get_by_text("No simulator is on this bus").wait_for(state="detached")
     return view
 
 
@@ -163,7 +163,10 @@ def test_turtles_are_spawned_teleported_and_killed(witness: Witness, view: View)
 
 
 def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
-    """Clear removes the ink; a reset puts the turtle back into the middle."""
+    """Clear removes the ink; a reset puts the turtle back into the middle.
+
+    The tab ends with the simulator.
+    """
     view.page.get_by_label("drive forward").click()
     eventually(witness.has_ink, within_s=PATIENCE_S)
     view.button("Clear")
@@ -176,6 +179,8 @@ def test_the_field_is_cleared_and_reset(witness: Witness, view: View) -> None:
     reply(view, "reset the field")
     eventually(lambda: witness.pose().x < moved_m, within_s=PATIENCE_S)
     assert witness.pose().x == pytest.approx(5.544, abs=1e-3)
+    witness.simulator.stop()
+    view.page.get_by_role("tab", name="Turtles").wait_for(state="detached")
     assert view.errors == []
 
 

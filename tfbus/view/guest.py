@@ -24,21 +24,23 @@ class Guest(Protocol):
     """A tab with controls, and shapes in the scene.
 
     `title` is the name of the tab; `style` and `script` are CSS and JavaScript for its controls.
-    The page calls `join` once, and then `refresh` and `draw` again and again, on one thread.
+    The page calls `join` once, and then `draw` again and again, on one thread. The tab is there
+    while `is_present`: the page calls `add_controls` each time it appears, and then `refresh`.
     """
 
     title: str
     style: str
     script: str
 
-    def join(
-        self,
-        gui: viser.GuiApi,
-        scene: viser.SceneApi,
-        channel: Channel,
-        is_watched: Callable[[], bool],
-    ) -> None:
-        """Add the controls, inside the tab, and the shapes; `is_watched` is for any thread."""
+    def join(self, scene: viser.SceneApi, is_watched: Callable[[], bool]) -> None:
+        """Add the shapes; `is_watched` is for any thread."""
+
+    @property
+    def is_present(self) -> bool:
+        """Whether the tab is of any use now."""
+
+    def add_controls(self, gui: viser.GuiApi, channel: Channel) -> None:
+        """Add the controls, inside a new tab; those of a former tab are gone."""
 
     def refresh(self) -> None:
         """Bring the controls up to date."""

@@ -12,27 +12,34 @@ import viser
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
 from tfbus.runtime.clock import SYSTEM_CLOCK
-from tfbus.view.guest import Guest
+from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
+from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.urdf import Visual
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.origin import names_to_open
+from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
-from tfbus.view.scene.camera import FirstLook
+from tfbus.view.scene.camera import Cameras, around, region_of
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
+from tfbus.view.scene.marks import SelectedMarks
 from tfbus.view.scene.robot import RobotScene
 from tfbus.view.scene.scene import Scene
 from tfbus.view.server import serve
 from tfbus.view.source import Host, Publishers
+from tfbus.wording import printable
 
 # The panel is for reading, and looking at all frames costs more than moving them.
 _REFRESH_S = 0.25
 _REFRESH_UNWATCHED_S = 1.0
 # With thousands of frames a look takes long: the pause after it is at least this many times longer.
 _RESTS_PER_LOOK = 8.0
+
+# The ball around a frame that a camera looks at, in lengths of its axes.
+_FOCUS = 4.0
 
 _BY_DEFAULT = ViewSettings()
 
@@ -41,7 +48,8 @@ _BY_DEFAULT = ViewSettings()
 class Serving:
     """Where the page is served, how often it moves, and its first settings.
 
-    The settings are saved to `path`. The slider goes back `history_s` seconds.
+    The settings are saved to `path`. The slider goes back `history_s` seconds. `title` is that of
+    the browser's tab.
     """
 
     host: str = "127.0.0.1"
@@ -50,6 +58,7 @@ class Serving:
     history_s: float = 30.0
     settings: ViewSettings = _BY_DEFAULT
     path: Path = Path("view.yaml")
+    title: str = "tfbus"
 
 
 @dataclass(frozen=True)
@@ -83,23 +92,30 @@ class Page:
         self._serving = serving
         self._guests = guests
         self.view = ViewState(serving.settings)
-        self._server = serve(serving.host, serving.port)
+        self._selections = Selections(serving.settings.selected)
+        self._server = serve(serving.host, serving.port, serving.title)
         self._frames = Frames()
         self._choice = _Choice(serving.settings)
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
-        self._first_look = FirstLook(self._server)
-        self._names = Names(self._server)
+        self._placed = place(buffer, "", (), None)
+        self._seen_from = ""
+        self._cameras = Cameras(self._server)
+        self._names = Names(self._server, self._selections)
+        self._selected_marks = SelectedMarks(self._server, self._selections)
         self._robot_scene = RobotScene(self._server.scene, robot, node.log)
         self.drawn = Drawn(self._server.scene)
         self._panel = Panel(
             self._server,
             self.view,
+            self._selections,
+            CameraActions(self._show_all, self._focus),
             guests,
             lambda: self.is_watched,
             serving.history_s,
             serving.path,
+            serving.title,
             self._robot_scene.mistakes,
         )
         self._scene = Scene(self._server.scene, self._select)
@@ -161,9 +177,12 @@ class Page:
             return
         choice, stamp_ns = self._choice, playback.stamp_ns
         around = place(self._buffer, choice.fixed_frame, choice.names, stamp_ns)
-        placed = around.without(choice.unseen)
+        self._placed = placed = around.without(choice.unseen)
+        self._selections.keep(self._server.get_clients())
         with self._server.atomic():
             self._draw(placed, around, choice, stamp_ns)
+            self._keep_sight(choice.fixed_frame, stamp_ns)
+            self._selected_marks.draw(self._frames, placed, self._scene.size_m)
             if is_due:
                 self._look_first(placed)
                 now_ns = self._node.now_ns()
@@ -218,17 +237,52 @@ class Page:
         around_m = max((region.radius_m for region in regions if region), default=0.0)
         self._scene.draw(self._frames, placed, trails, settings, around_m)
 
-    def _look_first(self, placed: Placed) -> None:
-        region = next((found for guest in self._guests if (found := guest.region)), None)
-        if region:
-            middle, radius_m = region.middle, region.radius_m
-        elif len(placed.names) >= 2:
-            middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
-            radius_m = 0.85 * max(placed.extent_m(), 1.0)
-        else:
-            return
-        self._first_look.aim(middle, radius_m, region is not None, len(placed.names))
+    # The cameras
 
-    def _select(self, name: str) -> None:
+    def _look_first(self, placed: Placed) -> None:
+        region = self._guests_region()
+        if region or len(placed.names) >= 2:
+            has_guest = region is not None
+            self._cameras.aim(region or region_of(placed), has_guest, len(placed.names))
+
+    def _guests_region(self) -> Region | None:
+        return next((found for guest in self._guests if (found := guest.region)), None)
+
+    def _keep_sight(self, fixed_frame: str, stamp_ns: int | None) -> None:
+        """Let browsers see what they saw, after a change of the fixed frame."""
+        before = self._seen_from
+        # A fixed frame that does not exist yet shows nothing.
+        if before == fixed_frame or not self._placed.names:
+            return
+        self._seen_from = fixed_frame
+        if not before:
+            return
+        found = place(self._buffer, fixed_frame, (before,), stamp_ns)
+        if found.names:
+            self._cameras.carry(found.pose(0))
+        else:
+            self._cameras.refit(region_of(self._placed))
+
+    def _show_all(self, client: int) -> None:
+        """Show all frames that are drawn, and what a guest shows."""
+        region = self._guests_region()
+        if self._placed.names or region is None:
+            frames = region_of(self._placed)
+            region = around(frames, region) if region else frames
+        self._cameras.show(client, region)
+
+    def _focus(self, client: int) -> str:
+        """Look at the frame that is selected in this browser; why not, or "" if it does."""
+        name = self._selections.of(client)
+        if not name:
+            return "Click on a frame first, in the tree or in the scene."
+        fixed_frame, stamp_ns = self._choice.fixed_frame, self.view.playback.stamp_ns
+        found = place(self._buffer, fixed_frame, (name,), stamp_ns)
+        if not found.names:
+            return f"{printable(name)} has no place: {printable(found.missing[name])}"
+        self._cameras.focus(client, Region(found.xyz[0], _FOCUS * self._scene.size_m))
+        return ""
+
+    def _select(self, client: int, name: str) -> None:
         if name:
-            self.view.change(selected=name)
+            self._selections.select(client, name)

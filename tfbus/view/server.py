@@ -15,8 +15,8 @@ class ServeError(TfbusError):
     """The page cannot be served; the message says why."""
 
 
-def serve(host: str, port: int) -> viser.ViserServer:
-    """A server of viser; it takes the next free port from this one on.
+def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
+    """A server of viser; it takes the next free port from this one on, and has a title.
 
     Raises ServeError if it cannot listen, or would accept any web page.
     """
@@ -32,7 +32,7 @@ def serve(host: str, port: int) -> viser.ViserServer:
     # Browsers open connections in advance and close them again: not worth a log line.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     with guarding(host) as guard, contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=host, port=port, label="tfbus view", verbose=False)
+        server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not guard.stands:
         server.stop()
         raise ServeError(

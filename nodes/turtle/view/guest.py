@@ -22,17 +22,19 @@ class TurtleGuest:
     def __init__(self, node: Node) -> None:
         self._node = node
 
-    def join(
-        self,
-        gui: viser.GuiApi,
-        scene: viser.SceneApi,
-        channel: Channel,
-        is_watched: Callable[[], bool],
-    ) -> None:
-        """Add the controls, inside the tab, and the field."""
+    def join(self, scene: viser.SceneApi, is_watched: Callable[[], bool]) -> None:
+        """Add the field, and look for a simulator."""
         self._turtles = Turtles(self._node, is_watched)
-        self._panel = TurtlePanel(gui, self._turtles, channel)
         self._scene = TurtleScene(scene, self._turtles)
+
+    @property
+    def is_present(self) -> bool:
+        """Whether a simulator is on the bus and has answered."""
+        return self._turtles.are_known
+
+    def add_controls(self, gui: viser.GuiApi, channel: Channel) -> None:
+        """Add the controls of the turtles."""
+        self._panel = TurtlePanel(gui, self._turtles, channel)
 
     def refresh(self) -> None:
         """Bring the controls up to date."""

@@ -70,7 +70,6 @@ class TurtlePanel:
 
     def __init__(self, gui: viser.GuiApi, turtles: Turtles, channel: Channel) -> None:
         self._turtles = turtles
-        self._state = Html(gui.add_html(""))
         self._turtle = gui.add_dropdown("Turtle", ("turtle1",))
         self._pad = Html(gui.add_html(_pad()))
         self._reply = Html(gui.add_html(""))
@@ -110,12 +109,6 @@ class TurtlePanel:
         names = self._turtles.names or ("turtle1",)
         if self._turtle.options != names:
             self._turtle.options = names
-        self._state.show(
-            ""
-            if self._turtles.are_there
-            else '<div class="tf tf-dim">No simulator on this bus: start one with '
-            "<code>tfbus simulator</code></div>"
-        )
         reply = escape(self._turtles.reply) or "&nbsp;"
         self._reply.show(f'<div class="tf" role="log" aria-label="reply">{reply}</div>')
 

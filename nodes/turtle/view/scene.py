@@ -93,17 +93,12 @@ class TurtleScene:
         """The turtle's pose in the world: by its frame at the time shown, else its last pose."""
         row = placed.index.get(name)
         if row is not None and at_world is not None:
-            return _pose(placed, at_world).inverse() @ _pose(placed, row)
+            return placed.pose(at_world).inverse() @ placed.pose(row)
         pose = self._turtles.pose(name)
         if pose is None:
             return None
         xyz = (pose.x - field.MIDDLE_M, pose.y - field.MIDDLE_M, 0.0)
         return Transform.from_rpy(0.0, 0.0, pose.theta, xyz)
-
-
-def _pose(placed: Placed, row: int) -> Transform:
-    w, x, y, z = placed.quat_wxyz[row]
-    return Transform(placed.xyz[row], (x, y, z, w))
 
 
 def _linear(color: Rgb) -> tuple[int, int, int, int]:

@@ -58,6 +58,7 @@ class Turtles:
         self._node = node
         self._is_watched = is_watched
         self._names: tuple[str, ...] = ()
+        self._are_known = False
         self._drivers: dict[str, _Driver] = {}
         self._field = node.create_client(Field, "field")
         self._clients = {
@@ -72,6 +73,11 @@ class Turtles:
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._look_again, name="field", daemon=True)
         self._thread.start()
+
+    @property
+    def are_known(self) -> bool:
+        """Whether there is a simulator that has said which turtles it has, maybe none."""
+        return self._field.served and self._are_known
 
     @property
     def are_there(self) -> bool:
@@ -160,12 +166,14 @@ class Turtles:
                     failing = True
                     self._node.wait(_SEARCH_EVERY_S, clock=clock)
             elif not self._field.served:
+                self._are_known = False
                 self._follow(())
 
     def _look(self) -> None:
         known = self.picture.version if self.picture else ""
         seen = self._field.call(Field.Request(known), timeout_s=2.0)
         self._follow(tuple(seen.turtles))
+        self._are_known = True
         if seen.version != known:
             self.picture = Picture(seen.version, _pixels(seen.ink, seen.size, seen.background))
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import TransformException
+from tfbus.geometry.transform import Transform
 from tfbus.geometry.transform_array import TransformArray
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,11 @@ class Placed:
         rows = [row for row, name in enumerate(self.names) if name not in names]
         kept = tuple(self.names[row] for row in rows)
         return Placed(kept, self.xyz[rows], self.quat_wxyz[rows], self.missing)
+
+    def pose(self, row: int) -> Transform:
+        """The pose of one frame in the fixed frame."""
+        w, x, y, z = self.quat_wxyz[row].tolist()
+        return Transform(self.xyz[row], (x, y, z, w))
 
     def extent_m(self) -> float:
         """The longest side of the box around all origins; 0 for fewer than two."""

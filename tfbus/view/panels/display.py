@@ -1,6 +1,7 @@
 """How frames are drawn, which of them, and where these choices are saved."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import viser
 
 from tfbus.errors import SettingsError
 from tfbus.view.model.filter import NameFilter, PatternError
+from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import RANGES, save_settings
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels.markup import Html
@@ -30,9 +32,12 @@ _PATTERNS = {
 class DisplayPanel:
     """Controls of the settings; the save button writes them to `path`."""
 
-    def __init__(self, gui: viser.GuiApi, view: ViewState, path: Path) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, view: ViewState, selections: Selections, path: Path
+    ) -> None:
         self._gui = gui
         self._view = view
+        self._selections = selections
         self._path = path
         self._is_dark: bool | None = None
         self._controls: dict[str, Any] = {}
@@ -94,7 +99,8 @@ class DisplayPanel:
 
     def _save(self, event: Any) -> None:
         try:
-            save_settings(self._view.settings, self._path)
+            selected = self._selections.of(event.client_id)
+            save_settings(replace(self._view.settings, selected=selected), self._path)
         except SettingsError as error:
             self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
         else:

@@ -34,6 +34,11 @@ class FrameDropdown:
                 value = self._dropdown.value
                 on_choice("" if value == self._nothing else value)
 
+    @property
+    def order(self) -> float:
+        """Its place in the tab: higher ones are below."""
+        return float(self._dropdown.order)
+
     def show(self, names: Sequence[str], chosen: str, nothing: str | None = None) -> None:
         """Offer these frames, with this one chosen; `nothing` renames the first entry."""
         if nothing is not None:

@@ -4,9 +4,12 @@ Whatever comes from the bus goes through `escape`: a frame may have any name.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from html import escape
 from typing import Any, Protocol
+
+import viser
 
 from tfbus.frames.state import State
 
@@ -41,6 +44,16 @@ class Html:
             self._handle.content = content
 
 
+@contextmanager
+def unless_it_left(server: viser.ViserServer, client: int) -> Iterator[None]:
+    """Ignores viser's error for elements of a browser that leaves at this moment."""
+    try:
+        yield
+    except RuntimeError:
+        if client in server.get_clients():
+            raise
+
+
 class Channel:
     """Carries events from our HTML to Python: `tfbus({do: 'show', frame: 'base'})`.
 
@@ -70,19 +83,23 @@ window.tfbusCopy = (id) => {
         """Call `handler(event)` for each event of this kind."""
         self._handlers[do] = handler
 
-    def receive(self, text: str) -> None:
-        """Take an event as it was typed; ignores text that is no event."""
+    def receive(self, text: str, client: int | None = None) -> None:
+        """Take an event as a client typed it; ignores text that is no event.
+
+        The handler finds the number of the client as `event["client"]`.
+        """
         try:
             event = json.loads(text)
         except ValueError:
             return
         if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
-            handler(event)
+            handler({**event, "client": client})
 
-    def html(self, style: str = "", script: str = "") -> str:
-        """The element before the text field, with the page's style and script, and these."""
+    def html(self, style: str = "", script: str = "", title: str = "tfbus") -> str:
+        """The element before the text field, with the page's style, script and title."""
         # A script element in HTML that is set later does not run; the handler of an error does.
-        run = f'<img hidden alt="" src="data:," onerror="{escape(self.SCRIPT + script)}">'
+        whole = f"document.title = {json.dumps(title)};{self.SCRIPT}{script}"
+        run = f'<img hidden alt="" src="data:," onerror="{escape(whole)}">'
         return f'<div class="tfbus-channel"><style>{STYLE}{style}</style>{run}</div>'
 
 

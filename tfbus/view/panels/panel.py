@@ -8,9 +8,11 @@ import viser
 from tfbus.buffer.buffer import Buffer
 from tfbus.view.guest import Guest
 from tfbus.view.model.placement import Placed, newest_common_ns
+from tfbus.view.model.selections import Selections
 from tfbus.view.model.shown_frames import Frames
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
+from tfbus.view.panels.camera import CameraActions, add_camera_commands
 from tfbus.view.panels.display import DisplayPanel
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.measure import MeasurePanel
@@ -29,36 +31,41 @@ class Panel:
         self,
         server: viser.ViserServer,
         view: ViewState,
+        selections: Selections,
+        camera: CameraActions,
         guests: Sequence[Guest],
         is_watched: Callable[[], bool],
         history_s: float,
         path: Path,
+        title: str,
         mistakes: Sequence[str] = (),
     ) -> None:
+        self._server = server
         self._view = view
         self._guests = guests
         self.newest_ns = 0
         gui = server.gui
-        channel = Channel()
+        self._channel = channel = Channel()
         style = "".join(guest.style for guest in guests)
         script = "".join(guest.script for guest in guests)
-        gui.add_html(channel.html(style, script))
+        gui.add_html(channel.html(style, script, title))
         typed = gui.add_text("events", "")
-        typed.on_update(lambda event: channel.receive(typed.value))
+        typed.on_update(lambda event: channel.receive(typed.value, event.client_id))
         self._headline = Html(gui.add_html(""))
         self._time = TimePanel(gui, view, history_s, lambda: self.newest_ns)
-        tabs = gui.add_tab_group()
-        with tabs.add_tab("Frames"):
-            self._tree = TreePanel(gui, view, channel)
+        add_camera_commands(gui, camera)
+        self._tabs = tabs = gui.add_tab_group()
+        with tabs.add_tab("Frames") as tab:
+            self._tree = TreePanel(server, tab, view, selections, channel)
             if mistakes:
                 gui.add_html(text.mistakes(mistakes))
         with tabs.add_tab("Measure"):
             self._measure = MeasurePanel(gui, view)
-        for guest in guests:
-            with tabs.add_tab(guest.title):
-                guest.join(gui, server.scene, channel, is_watched)
         with tabs.add_tab("View"):
-            self._display = DisplayPanel(gui, view, path)
+            self._display = DisplayPanel(gui, view, selections, path)
+        for guest in guests:
+            guest.join(server.scene, is_watched)
+        self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
 
     def refresh(
         self, frames: Frames, placed: Placed, fixed_frame: str, buffer: Buffer, now_ns: int
@@ -68,13 +75,25 @@ class Panel:
         self.newest_ns = now_ns if newest_ns is None else newest_ns
         playback = self._view.playback
         missing = len(placed.missing)
-        self._headline.show(text.headline(frames, fixed_frame, playback, missing))
+        self._headline.show(text.headline(frames, fixed_frame, playback, missing, now_ns))
         self._time.refresh()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
         self._measure.refresh(frames, buffer)
         for guest in self._guests:
-            guest.refresh()
+            self._refresh_guest(guest)
         self._display.refresh()
+
+    def _refresh_guest(self, guest: Guest) -> None:
+        """Show the guest's tab, the last one, while the guest is present."""
+        if not guest.is_present:
+            if tab := self._tab_of.pop(guest, None):
+                tab.remove()
+            return
+        if guest not in self._tab_of:
+            self._tab_of[guest] = tab = self._tabs.add_tab(guest.title)
+            with tab:
+                guest.add_controls(self._server.gui, self._channel)
+        guest.refresh()
 
 
 def _not_faded(frames: Frames, placed: Placed) -> list[str]:

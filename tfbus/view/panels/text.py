@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from html import escape
 
 from tfbus.buffer.buffer import Buffer
@@ -17,11 +18,17 @@ _MOST_MISTAKES = 5
 _MOST_ROOTS = 5
 _MOST_CHILDREN = 20
 
+# Stamps before 1980 are not dates: simulated time begins at 0. Those after 9999 have none.
+_LEAST_DATE_NS = 315_532_800 * 1_000_000_000
+_MOST_DATE_S = 253_402_000_000
+
 _DIGITS = Numbers(precision=3)
 
 
-def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0) -> str:
-    """What the page shows, or what it waits for.
+def headline(
+    frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0, now_ns: int = 0
+) -> str:
+    """What the page shows, or what it waits for; `now_ns` is the time to judge a pause by.
 
     `missing` frames have no place at the time shown, besides those of other trees.
     """
@@ -47,8 +54,31 @@ def headline(frames: Frames, fixed_frame: str, playback: Playback, missing: int 
         notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
     parts = [f"{counted(len(frames), 'frame')}, seen from <b>{escape(fixed_frame)}</b>", *notes]
     if playback.stamp_ns is not None:
-        parts.append(f"<b>paused</b> at {stamp_text(playback.stamp_ns)}")
+        ago_s = (now_ns - playback.stamp_ns) / 1e9
+        ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""
+        parts.append(f"<b>paused</b> at {clock_time(playback.stamp_ns, now_ns)}{ago}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def clock_time(stamp_ns: int, now_ns: int) -> str:
+    """A stamp as a local time, with the date if that is another day than now; as HTML.
+
+    Simulated time, which begins at 0, stays in seconds. A tooltip has the whole stamp.
+    """
+    if stamp_ns < _LEAST_DATE_NS:
+        text = f"{stamp_ns / 1e9:.3f} s"
+    else:
+        # In whole milliseconds, cut, as clocks show them.
+        at, now = (_local(ns) for ns in (stamp_ns, now_ns))
+        day = "" if at.date() == now.date() else f"{at:%Y-%m-%d} "
+        text = f"{day}{at:%H:%M:%S}.{stamp_ns // 1_000_000 % 1000:03}"
+    return f'<span class="tf-note-whole" title="{stamp_text(stamp_ns)}">{text}</span>'
+
+
+def _local(stamp_ns: int) -> datetime:
+    """The local time, to the second; the last that a datetime can hold for those after it."""
+    seconds = min(stamp_ns // 1_000_000_000, _MOST_DATE_S)
+    return datetime.fromtimestamp(seconds, UTC).astimezone()
 
 
 def mistakes(found: Sequence[str]) -> str:
@@ -80,6 +110,7 @@ def facts(frame: ViewFrame, now_ns: int) -> str:
         rows.append(("Rate", "static" if info.static else rate_text(info.rate_hz)))
     if info.newest_ns is not None and not info.static:
         rows.append(("Age", duration((now_ns - info.newest_ns) / 1e9)))
+        rows.append(("Newest", clock_time(info.newest_ns, now_ns)))
     if info.children:
         rows.append(("Children", escape(listed(info.children, most=_MOST_CHILDREN))))
     cells = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)

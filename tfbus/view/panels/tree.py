@@ -1,5 +1,7 @@
 """The tree of frames, one row each with its box and badge, and the facts of the selected one."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from html import escape
 
 import viser
@@ -7,12 +9,13 @@ import viser
 from tfbus.buffer.buffer import Buffer
 from tfbus.view.model.filter import NameFilter
 from tfbus.view.model.placement import Placed
+from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, ViewFrame
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels import text
 from tfbus.view.panels.frame_dropdown import FrameDropdown
-from tfbus.view.panels.markup import Channel, Html, event, sign
+from tfbus.view.panels.markup import Channel, Html, event, sign, unless_it_left
 from tfbus.wording import and_more
 
 # More rows are slow to show; the filter narrows them.
@@ -22,24 +25,41 @@ MOST_ROWS = 150
 _RATE_TOLERANCE = 0.15
 
 
-class TreePanel:
-    """The fixed frame, the tree, and the facts of the selected frame."""
+@dataclass(frozen=True)
+class _Browser:
+    """What one browser sees of the tree: with the frame that it has selected."""
 
-    def __init__(self, gui: viser.GuiApi, view: ViewState, channel: Channel) -> None:
+    tree: Html
+    actions: Html
+    facts: Html
+
+
+class TreePanel:
+    """The fixed frame, the tree, and the facts of the frame that each browser has selected."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        tab: viser.GuiTabHandle,
+        view: ViewState,
+        selections: Selections,
+        channel: Channel,
+    ) -> None:
+        self._server = server
+        self._tab = tab
         self._view = view
+        self._selections = selections
+        self._browsers: dict[int, _Browser] = {}
         self._rates: dict[str, float] = {}
         self._listed: tuple[str, ...] = ()
         self._fixed = FrameDropdown(
-            gui,
+            server.gui,
             "Fixed frame",
             "automatic",
             lambda name: view.change(fixed_frame=name),
             hint="The frame that everything is seen from.",
         )
-        self._tree = Html(gui.add_html(""))
-        self._actions = Html(gui.add_html(""))
-        self._facts = Html(gui.add_html(""))
-        channel.on("select", lambda e: view.change(selected=str(e.get("frame", ""))))
+        channel.on("select", lambda e: selections.select(e["client"], str(e.get("frame", ""))))
         channel.on("show", lambda e: view.tick("hidden", str(e.get("frame", "")), not e.get("on")))
         channel.on(
             "trail", lambda e: view.tick("trails", str(e.get("frame", "")), bool(e.get("on")))
@@ -56,43 +76,66 @@ class TreePanel:
         natural = frames.natural_fixed_frame()
         automatic = f"automatic ({natural})" if natural else "automatic"
         self._fixed.show(sorted(frames.by_name), settings.fixed_frame, automatic)
-        self._tree.show(self._rows(frames, placed, settings))
-        selected = frames.by_name.get(settings.selected)
-        if selected is None:
-            self._actions.show("")
-            self._facts.show(_nothing_selected(settings.selected) if len(frames) else "")
-            return
-        self._actions.show(_actions(selected, settings))
+        rows = self._rows(frames, placed, settings)
+        self._meet()
         stamp_ns = self._view.playback.stamp_ns
-        self._facts.show(_details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns))
+        for number, browser in self._browsers.items():
+            name = self._selections.of(number)
+            selected = frames.by_name.get(name)
+            if selected is None:
+                actions, facts = "", _nothing_selected(name) if len(frames) else ""
+            else:
+                actions = _actions(selected, settings)
+                facts = _details(selected, placed, fixed_frame, buffer, stamp_ns, now_ns)
+            with unless_it_left(self._server, number):
+                tree = "".join(_marked(rows, name))
+                browser.tree.show(f'<div class="tf" role="tree">{tree}</div>')
+                browser.actions.show(actions)
+                browser.facts.show(facts)
 
-    def _rows(self, frames: Frames, placed: Placed, settings: ViewSettings) -> str:
+    def _meet(self) -> None:
+        """Add the elements of new browsers, and forget those of browsers that have left."""
+        clients = self._server.get_clients()
+        self._browsers = {
+            number: self._browsers.get(number) or self._add(client)
+            for number, client in clients.items()
+        }
+
+    def _add(self, client: viser.ClientHandle) -> _Browser:
+        def html(place: int) -> Html:
+            # Right below the fixed frame, whatever comes further down.
+            return Html(client.gui.add_html("", order=self._fixed.order + 0.1 * place))
+
+        with self._tab:
+            return _Browser(html(1), html(2), html(3))
+
+    def _rows(self, frames: Frames, placed: Placed, settings: ViewSettings) -> dict[str, str]:
+        """The rows, by their frames; other lines have keys that no frame can have."""
         names = settings.filter
         taken = [frame for frame in frames if names.takes(frame.name)]
         self._listed = tuple(frame.name for frame in taken)
-        rows = [_ALL_OR_NONE] if len(frames) else []
+        rows = {"/head": _ALL_OR_NONE} if len(frames) else {}
         for frame in taken[:MOST_ROWS]:
-            rows.append(self._row(frame, settings))
+            rows[frame.name] = self._row(frame, settings)
             why = frame.unplaced if frame.depth == 0 else placed.missing.get(frame.name, "")
             if why:
-                rows.append(f'<div class="tf-why tf-alarm">{escape(why)}</div>')
+                rows[f"/why/{frame.name}"] = f'<div class="tf-why tf-alarm">{escape(why)}</div>'
         if more := and_more(len(taken), MOST_ROWS):
-            rows.append(
+            rows["/more"] = (
                 f'<div class="tf-dim">{more}: narrow them with <i>Only</i> in the tab View</div>'
             )
         if len(taken) < len(frames):
-            rows.append(_filtered(len(frames) - len(taken), names))
-        return f'<div class="tf" role="tree">{"".join(rows)}</div>'
+            rows["/filtered"] = _filtered(len(frames) - len(taken), names)
+        return rows
 
     def _row(self, frame: ViewFrame, settings: ViewSettings) -> str:
         name = escape(frame.name)
         box = event("show", frame="this.dataset.frame", on="this.checked")
         select = event("select", frame="this.dataset.frame")
         checked = "" if frame.name in settings.hidden else "checked"
-        selected = " tf-selected" if frame.name == settings.selected else ""
         dim = " tf-dim" if frame.unplaced else ""
         return (
-            f'<div class="tf-row{selected}" role="treeitem" data-status="{frame.state}" '
+            f'{_ROW} role="treeitem" data-status="{frame.state}" '
             f'data-row="{name}">'
             f'<input type="checkbox" {checked} aria-label="show {name}" data-frame="{name}" '
             f'onclick="{box}">'
@@ -114,6 +157,19 @@ class TreePanel:
         if abs(rate_hz - written) > _RATE_TOLERANCE * written:
             self._rates[frame.name] = rate_hz
         return text.rate_text(self._rates[frame.name])
+
+
+# How a row begins, and how the selected one does.
+_ROW = '<div class="tf-row"'
+_SELECTED_ROW = '<div class="tf-row tf-selected" aria-selected="true"'
+
+
+def _marked(rows: Mapping[str, str], name: str) -> Iterable[str]:
+    """The rows, that of one frame marked as selected."""
+    row = rows.get(name)
+    if row is None:
+        return rows.values()
+    return {**rows, name: row.replace(_ROW, _SELECTED_ROW, 1)}.values()
 
 
 _ALL_OR_NONE = (

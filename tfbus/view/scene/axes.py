@@ -21,9 +21,9 @@ NO_POSITIONS = np.zeros((1, 3))
 
 
 class Axes:
-    """Axes of many frames; a click calls `on_click(name)`."""
+    """Axes of many frames; a click calls `on_click(client, name)`."""
 
-    def __init__(self, scene: viser.SceneApi, on_click: Callable[[str], object]) -> None:
+    def __init__(self, scene: viser.SceneApi, on_click: Callable[[int, str], object]) -> None:
         self._bright: tuple[str, ...] = ()
         self._faded: tuple[str, ...] = ()
         self._axes = scene.add_batched_axes(
@@ -51,7 +51,7 @@ class Axes:
             for axis, color in enumerate(_COLORS)
         ]
         for handle in (self._axes, *self._arms):
-            handle.on_click(lambda event: on_click(self._clicked(event)))
+            handle.on_click(lambda event: on_click(event.client_id, self._clicked(event)))
 
     def draw(
         self, names: Sequence[str], xyz: Floats, quat_wxyz: Floats, opacity: Floats, size: float

@@ -10,7 +10,8 @@ import viser
 from numpy.typing import NDArray
 
 from tfbus.geometry.transform import Transform
-from tfbus.view.model.placement import Floats
+from tfbus.view.guest import Region
+from tfbus.view.model.placement import Floats, Placed
 
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
@@ -62,28 +63,58 @@ class Window:
         return seen
 
 
-def overview(middle: Floats, radius_m: float, aspect: float = 1.0) -> tuple[Floats, Floats]:
-    """Where to look from, and at which point, to see a ball whole.
+def overview(
+    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats = _FROM
+) -> tuple[Floats, Floats]:
+    """Where to look from, and at which point, to see a ball whole; `toward` points to the camera.
 
     In a window much higher than wide the ball is in the upper half, above the panel.
     """
     distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
-    up = np.array((0.0, 0.0, 1.0)) - _FROM[2] * _FROM
-    below_m = 0.5 * distance_m * math.tan(_FOV_RAD / 2.0) if aspect < _NARROW else 0.0
-    look_at = middle - up / np.linalg.norm(up) * below_m
-    return look_at + distance_m * _FROM, look_at
+    if aspect >= _NARROW:
+        return middle + distance_m * toward, middle
+    # Upwards in the picture; from straight above, along y.
+    up = np.array((0.0, 0.0, 1.0)) - toward[2] * toward
+    size = float(np.linalg.norm(up))
+    up = up / size if size > 1e-6 else np.array((0.0, 1.0, 0.0))
+    look_at = middle - up * (0.5 * distance_m * math.tan(_FOV_RAD / 2.0))
+    return look_at + distance_m * toward, look_at
 
 
-class FirstLook:
-    """Starts browsers where they see everything; later leaves their cameras alone."""
+def region_of(placed: Placed) -> Region:
+    """The ball around frames, at least 0.85 m large; that around the origin without any."""
+    if not len(placed.names):
+        return Region(np.zeros(3), 0.85)
+    middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
+    return Region(middle, 0.85 * max(placed.extent_m(), 1.0))
+
+
+def around(one: Region, other: Region) -> Region:
+    """The smallest ball around two."""
+    apart_m = float(np.linalg.norm(other.middle - one.middle))
+    if apart_m + other.radius_m <= one.radius_m:
+        return one
+    if apart_m + one.radius_m <= other.radius_m:
+        return other
+    radius_m = (apart_m + one.radius_m + other.radius_m) / 2.0
+    part = (radius_m - one.radius_m) / apart_m
+    return Region(one.middle + part * (other.middle - one.middle), radius_m)
+
+
+class Cameras:
+    """The cameras of all browsers.
+
+    They start where they see everything, and later move only on request or with the fixed frame.
+    """
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._seen = (False, 0)
         self._settled_at_s = 0.0
         self._placed: set[int] = set()
+        self._start = Region(np.zeros(3), 1.0)
 
-    def aim(self, middle: Floats, radius_m: float, has_guest: bool, frames: int) -> None:
+    def aim(self, region: Region, has_guest: bool, frames: int) -> None:
         """Take the ball around all that is shown now.
 
         Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
@@ -96,10 +127,57 @@ class FirstLook:
         is_new = what > before and now_s < self._settled_at_s
         self._seen = max(what, before)
         if is_new or not clients:
-            camera: Any = self._server.initial_camera
-            camera.position, camera.look_at = overview(middle, radius_m)
+            self._start_at(region)
         for number, client in clients.items():
             camera = client.camera
             if is_new or (number not in self._placed and camera.aspect < _NARROW):
-                camera.position, camera.look_at = overview(middle, radius_m, camera.aspect)
+                _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
         self._placed = set(clients)
+
+    def show(self, client: int, region: Region) -> None:
+        """Let one browser see this ball whole, from where cameras start."""
+        if handle := self._server.get_clients().get(client):
+            camera = handle.camera
+            _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
+
+    def focus(self, client: int, region: Region) -> None:
+        """Let one browser look at the middle of this ball, from the side where its camera is.
+
+        The camera comes near enough for the ball to fill the picture; a nearer one stays so.
+        """
+        handle = self._server.get_clients().get(client)
+        if handle is None:
+            return
+        camera = handle.camera
+        away = np.asarray(camera.position - camera.look_at, np.float64)
+        distance_m = float(np.linalg.norm(away))
+        near_m = distance_m * math.sin(_FOV_RAD / 2.0) * min(1.0, camera.aspect)
+        radius_m = min(region.radius_m, near_m)
+        _move(camera, *overview(region.middle, radius_m, camera.aspect, away / distance_m))
+
+    def carry(self, moved: Transform) -> None:
+        """Keep what all browsers see, when the fixed frame has another place in the scene.
+
+        `moved` is the pose of the former fixed frame in the new one.
+        """
+        for client in self._server.get_clients().values():
+            camera = client.camera
+            _move(camera, moved.apply(camera.position), moved.apply(camera.look_at))
+        self._start_at(Region(moved.apply(self._start.middle), self._start.radius_m))
+
+    def refit(self, region: Region) -> None:
+        """Let all browsers see this ball whole: it has nothing to do with what they saw before."""
+        for client in self._server.get_clients():
+            self.show(client, region)
+        self._start_at(region)
+
+    def _start_at(self, region: Region) -> None:
+        """Where browsers start that are opened later, and where viser's Reset View leads."""
+        self._start = region
+        initial: Any = self._server.initial_camera
+        initial.position, initial.look_at = overview(region.middle, region.radius_m)
+
+
+def _move(camera: Any, position: Floats, look_at: Floats) -> None:
+    # In this order: viser moves what a camera looks at with its position.
+    camera.position, camera.look_at = position, look_at

@@ -4,13 +4,14 @@ Each name is an object of its own, so there are few.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import viser
 
 from tfbus.view.model.placement import Floats, Placed
+from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import FAULTS, ViewFrame
 from tfbus.view.scene.camera import Window
@@ -39,8 +40,9 @@ _LONGEST = 32
 class Names:
     """The names in the scenes of all browsers, each by its own camera."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, selections: Selections) -> None:
         self._server = server
+        self._selections = selections
         self._labels: dict[int, Labels] = {}
 
     def draw(
@@ -61,7 +63,8 @@ class Names:
                 labels.move(placed, size)
             else:
                 window = Window.of(clients[number].camera)
-                labels.choose(frames, placed, settings, size, window)
+                own = replace(settings, selected=self._selections.of(number))
+                labels.choose(frames, placed, own, size, window)
 
 
 class Labels:

@@ -10,13 +10,10 @@ import viser
 from tfbus.view.model.placement import Floats, Placed, arrow_points
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames
-from tfbus.view.scene.axes import NO_POSITIONS, NO_QUATERNIONS, Axes, place
+from tfbus.view.scene.axes import NO_QUATERNIONS, Axes, place
 from tfbus.view.scene.lines import Arrows, Trails
-from tfbus.view.scene.shapes import octahedron
-from tfbus.view.scene.styling import SELECTED, Styling
-
-# The radius of a mark, in parts of an axis.
-_MARK = 0.14
+from tfbus.view.scene.marks import add_marks
+from tfbus.view.scene.styling import Styling
 
 # Below anything that lies on the ground.
 _GRID_Z_M = -0.02
@@ -32,12 +29,12 @@ _CELLS = 60.0
 
 
 class Scene:
-    """Draws placed frames; a click on a frame calls `on_select(name)`.
+    """Draws placed frames; a click on a frame calls `on_select(client, name)`.
 
     `size_m` is the length of the axes.
     """
 
-    def __init__(self, scene: viser.SceneApi, on_select: Callable[[str], object]) -> None:
+    def __init__(self, scene: viser.SceneApi, on_select: Callable[[int, str], object]) -> None:
         self._scene = scene
         self._size = 0.0
         self.size_m = 0.0
@@ -50,17 +47,7 @@ class Scene:
             infinite_grid=True,
             position=(0.0, 0.0, _GRID_Z_M),
         )
-        self._marks = scene.add_batched_meshes_simple(
-            "/frames/marks",
-            *octahedron(_MARK),
-            NO_QUATERNIONS,
-            NO_POSITIONS,
-            batched_scales=np.ones(1),
-            batched_colors=SELECTED,
-            cast_shadow=False,
-            receive_shadow=False,
-            visible=False,
-        )
+        self._marks = add_marks(scene, "/frames/marks")
         self._styling = Styling(Frames(), (), ViewSettings())
         self._is_dark: bool | None = None
 

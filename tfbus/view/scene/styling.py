@@ -7,7 +7,7 @@ import numpy as np
 from tfbus.frames.state import State
 from tfbus.view.model.placement import arrow_rows
 from tfbus.view.model.settings import ViewSettings
-from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
+from tfbus.view.model.shown_frames import FAULTS, Frames
 
 Rgb = tuple[int, int, int]
 
@@ -20,7 +20,6 @@ COLORS: dict[State, Rgb] = {
     "conflict": (200, 60, 190),
     "root": (140, 140, 140),
 }
-SELECTED = (255, 150, 0)
 
 
 class Styling:
@@ -30,9 +29,9 @@ class Styling:
         self.frames, self.names, self.settings = frames, names, settings
         shown = [frames[name] for name in names]
         self.opacity = settings.opacity * np.array([frame.opacity for frame in shown])
-        rows = [row for row, frame in enumerate(shown) if _is_marked(frame, settings)]
+        rows = [row for row, frame in enumerate(shown) if frame.state in FAULTS]
         self.marked = np.array(rows, np.intp)
-        self.mark_colors = np.array([_mark_color(shown[row]) for row in rows], np.uint8)
+        self.mark_colors = np.array([COLORS[shown[row].state] for row in rows], np.uint8)
         parents = {frame.name: frame.info.parent for frame in shown}
         self.children, self.parents = arrow_rows(names, parents)
         colors = np.array([COLORS[frame.state] for frame in shown], np.uint8).reshape(-1, 3)
@@ -41,11 +40,3 @@ class Styling:
     def is_of(self, frames: Frames, names: Sequence[str], settings: ViewSettings) -> bool:
         """Whether it still holds for these frames and settings."""
         return frames is self.frames and settings is self.settings and names == self.names
-
-
-def _is_marked(frame: ViewFrame, settings: ViewSettings) -> bool:
-    return frame.state in FAULTS or frame.name == settings.selected
-
-
-def _mark_color(frame: ViewFrame) -> Rgb:
-    return COLORS[frame.state] if frame.state in FAULTS else SELECTED

@@ -1,0 +1,127 @@
+"""Where the cameras of the page look, and which frame each browser has selected."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tfbus import Transform
+
+pytest.importorskip("viser", reason="needs viser: the extra view")
+
+from tfbus.view import Region
+from tfbus.view.model.placement import Placed
+from tfbus.view.model.selections import Selections
+from tfbus.view.panels.markup import unless_it_left
+from tfbus.view.scene.camera import Cameras, around, region_of
+
+ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)
+
+
+def camera(position: tuple[float, float, float], look_at: tuple[float, float, float]) -> Any:
+    """A browser's camera in a square window."""
+    return SimpleNamespace(position=np.array(position), look_at=np.array(look_at), aspect=1.0)
+
+
+class Server:
+    """The clients of a server of viser, with their cameras, by number."""
+
+    def __init__(self, *cameras: Any) -> None:
+        self.clients = {at: SimpleNamespace(camera=camera) for at, camera in enumerate(cameras)}
+        self.initial_camera = camera((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
+
+    def get_clients(self) -> dict[int, Any]:
+        """As viser's."""
+        return dict(self.clients)
+
+
+def distance_m(seen: Any) -> float:
+    """From a camera to what it looks at."""
+    return float(np.linalg.norm(seen.position - seen.look_at))
+
+
+def test_a_focus_moves_the_camera_of_one_browser_to_the_frame() -> None:
+    """From the side where it is, and near enough; one that is nearer stays so."""
+    far, other = camera((0.0, -50.0, 0.0), (0.0, 0.0, 0.0)), camera((9.0, 9.0, 9.0), (0, 0, 0))
+    cameras = Cameras(Server(far, other))
+    cameras.focus(0, ARM)
+    assert far.look_at.tolist() == [8.0, 4.0, 1.0]
+    assert far.position == pytest.approx((8.0, 4.0 - 0.5 / math.sin(math.radians(37.5)), 1.0))
+    assert other.look_at.tolist() == [0, 0, 0]
+
+    far.position = np.array((8.0, 3.9, 1.0))
+    cameras.focus(0, ARM)
+    assert distance_m(far) == pytest.approx(0.1)
+    cameras.focus(7, ARM)
+
+
+def test_all_is_shown_from_where_cameras_start() -> None:
+    """Wherever the camera has been, and in this browser alone."""
+    lost, other = camera((0.0, 0.0, -900.0), (0.0, 0.0, -1000.0)), camera((9, 9, 9), (0, 0, 0))
+    Cameras(Server(lost, other)).show(0, ARM)
+    assert lost.look_at.tolist() == [8.0, 4.0, 1.0]
+    assert lost.position[2] > 1.0
+    assert other.position.tolist() == [9, 9, 9]
+
+
+def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
+    """They look at the same point, from as far; so do browsers that are opened later."""
+    server = Server(camera((8.0, 0.0, 2.0), (8.0, 4.0, 1.0)))
+    cameras = Cameras(server)
+    cameras.aim(ARM, False, 3)
+    seen = server.clients[0].camera
+    before_m = distance_m(seen)
+    moved = Transform.from_rpy(0.3, 0.2, 1.0, xyz=(5.0, -4.0, 3.0))
+    cameras.carry(moved)
+    assert seen.look_at == pytest.approx(moved.apply(ARM.middle))
+    assert distance_m(seen) == pytest.approx(before_m)
+    assert server.initial_camera.look_at == pytest.approx(moved.apply(ARM.middle))
+
+
+def test_frames_that_have_nothing_in_common_with_the_former_ones_are_shown_whole() -> None:
+    """In all browsers, and in those that are opened later."""
+    server = Server(camera((0.0, -50.0, 0.0), (0.0, 0.0, 0.0)))
+    Cameras(server).refit(ARM)
+    assert server.clients[0].camera.look_at.tolist() == [8.0, 4.0, 1.0]
+    assert server.initial_camera.look_at.tolist() == [8.0, 4.0, 1.0]
+
+
+def test_the_region_of_frames_is_around_all_of_them() -> None:
+    """It is never so small that a single frame fills the picture."""
+    xyz = np.array([(0.0, 0.0, 0.0), (10.0, 2.0, 0.0)])
+    quat_wxyz = np.array([(1.0, 0.0, 0.0, 0.0)] * 2)
+    placed = Placed(("a", "b"), xyz, quat_wxyz, {})
+    assert region_of(placed).middle.tolist() == [5.0, 1.0, 0.0]
+    assert region_of(placed).radius_m == 8.5
+    assert region_of(placed.without(("b",))).radius_m == 0.85
+    assert region_of(placed.without(("a", "b"))).radius_m == 0.85
+
+
+def test_a_ball_around_two_holds_both_and_no_more() -> None:
+    """One inside another adds nothing."""
+    small = Region(np.array((5.0, 0.0, 0.0)), 1.0)
+    both = around(Region(np.zeros(3), 2.0), small)
+    assert (both.middle.tolist(), both.radius_m) == ([2.0, 0.0, 0.0], 4.0)
+    large = Region(np.zeros(3), 7.0)
+    assert around(large, small) is around(small, large) is large
+
+
+def test_a_browser_that_leaves_is_no_error() -> None:
+    """viser refuses to change its elements; an error of one that stays is raised."""
+    server: Any = Server(camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+    with unless_it_left(server, 1):
+        raise RuntimeError("removed")
+    with pytest.raises(RuntimeError, match="removed"), unless_it_left(server, 0):
+        raise RuntimeError("removed")
+
+
+def test_each_browser_has_a_selection_of_its_own() -> None:
+    """A new one starts with the last one of all, so that a reload keeps it."""
+    selections = Selections("base")
+    selections.keep([1, 2])
+    selections.select(1, "tool")
+    assert [selections.of(1), selections.of(2)] == ["tool", "base"]
+    selections.keep([2, 3])
+    assert [selections.of(2), selections.of(3)] == ["base", "tool"]

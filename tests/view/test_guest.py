@@ -1,0 +1,81 @@
+"""The tab of a guest on the page: it is there while the guest is."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.builders import S, moved
+from tests.live_bus import free_port
+from tfbus import Buffer
+
+pytest.importorskip("viser", reason="needs viser: the extra view")
+
+from tfbus.view import Channel, Page, Placed, Serving
+from tfbus.view.local import _Program
+
+
+class Lamps:
+    """A guest that comes and goes."""
+
+    title = "Lamps"
+    style = script = ""
+    frames = ()
+    region = None
+    is_present = False
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def join(self, scene: Any, is_watched: Callable[[], bool]) -> None:
+        """Note it."""
+        self.calls.append("join")
+
+    def add_controls(self, gui: Any, channel: Channel) -> None:
+        """Note it, and add one."""
+        self.calls.append("add")
+        gui.add_button("Light")
+
+    def refresh(self) -> None:
+        """Note it."""
+        self.calls.append("refresh")
+
+    def draw(self, placed: Placed, fixed_frame: str) -> None:
+        """Draw nothing."""
+
+
+@pytest.fixture
+def lamps() -> Lamps:
+    """A guest that is not there yet."""
+    return Lamps()
+
+
+@pytest.fixture
+def refresh(lamps: Lamps) -> Iterator[Callable[[], tuple[str, ...]]]:
+    """Bring a page with this guest up to date; the titles of its tabs."""
+    buffer = Buffer()
+    buffer.set_transform(moved(1 * S, "map", "base", 1.0))
+    program = _Program(buffer)
+    page = Page(program, buffer, program, Serving(port=free_port()), guests=(lamps,))
+
+    def tabs() -> tuple[str, ...]:
+        page._refresh_at_s = 0.0
+        page.step()
+        return tuple(page._panel._tabs._tab_labels)
+
+    yield tabs
+    page.close()
+
+
+def test_a_guest_has_a_tab_while_it_is_present(
+    lamps: Lamps, refresh: Callable[[], tuple[str, ...]]
+) -> None:
+    """Its controls are made each time that it comes, and left alone while it is away."""
+    assert refresh() == ("Frames", "Measure", "View")
+    lamps.is_present = True
+    assert refresh() == refresh() == ("Frames", "Measure", "View", "Lamps")
+    lamps.is_present = False
+    assert refresh() == ("Frames", "Measure", "View")
+    lamps.is_present = True
+    assert refresh() == ("Frames", "Measure", "View", "Lamps")
+    assert lamps.calls == ["join", "add", "refresh", "refresh", "add", "refresh"]

@@ -215,12 +215,15 @@ class Tree:
     ) -> list[tuple[History, Pose, int]]:
         """The frame and those above it at that time, each with the pose of the first in it, and how
         far that was extrapolated.
+
+        Parents of different times may form a loop. It ends at the first frame of that: along the
+        others, two frames would have two answers.
         """
         pose = IDENTITY
         beyond = 0
         walked = [(history, pose, beyond)]
-        # Parents of different times could form a loop, but no path is longer than all frames.
-        while history.parent is not None and len(walked) <= len(self.frames):
+        places = {history.name: 0}
+        while history.parent is not None:
             if not seek_as(history, stamp_ns, sampling):
                 break
             pose = compose(history.pose(sampling.interpolation == "screw"), pose)
@@ -228,7 +231,10 @@ class Tree:
             above = history.parent_here()
             if above is None:
                 break
+            if above.name in places:
+                return walked[: places[above.name] + 1]
             history = above
+            places[history.name] = len(walked)
             walked.append((history, pose, beyond))
         return walked
 

@@ -71,7 +71,7 @@ def test_the_buffer_works_alone(bus: Bus) -> None:
     """buffer_alone.py interpolates, answers many stamps, refuses, and extrapolates."""
     at, track, refused, beyond = run(bus, "buffer_alone.py")
     assert at == "at 2.25 s: [2.45 0.   0.5 ]"
-    assert track == "track: (1001, 3) from [0.2 0.  0.5] to [10.2  0.   0.5]"
+    assert track == "track: 1001 poses from [0.2 0.  0.5] to [10.2  0.   0.5]"
     assert refused.startswith("FutureExtrapolationException: ")
     assert beyond == "extrapolated: [10.3  0.   0.5]"
 

@@ -110,7 +110,7 @@ setup(
         "tfbus.configs",
     ],
     ext_modules=kernel_extensions(),
-    # A compiler for each processor, instead of one file after the other.
     cmdclass={"build_ext": AllOrNothing},
+    # A compiler for each processor, instead of one file after the other.
     options={"build_ext": {"parallel": os.cpu_count()}},
 )

@@ -249,14 +249,20 @@ class Bus:
         )
         os.close(slave)
         shown = ""
-        with suppress(OSError):  # the terminal's end
-            while data := os.read(master, 65536):
-                shown += data.decode(errors="replace")
-                if until and until in shown:
-                    process.send_signal(SIGINT)
-                    until = ""
-        process.wait(DEADLINE_S)
-        os.close(master)
+        deadline = threading.Timer(DEADLINE_S * 3, process.kill)
+        deadline.start()
+        try:
+            with suppress(OSError):  # the terminal's end
+                while data := os.read(master, 65536):
+                    shown += data.decode(errors="replace")
+                    if until and until in shown:
+                        process.send_signal(SIGINT)
+                        until = ""
+            process.wait(DEADLINE_S)
+        finally:
+            deadline.cancel()
+            os.close(master)
+        assert not until and process.returncode != -SIGKILL, f"{until!r} is not in {shown!r}"
         return shown.replace("\r\n", "\n")
 
     def close(self) -> None:

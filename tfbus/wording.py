@@ -24,7 +24,7 @@ def and_more(count: int, most: int) -> str:
 
 
 def printable(text: str, most: int = 200) -> str:
-    """Text that somebody else wrote, safe in a log, a table and a terminal.
+    """Text that another program wrote, safe in a log, a table and a terminal.
 
     Control characters, marks of direction and lone surrogates come as escapes (`\\x1b`), and the
     end of a text of more than `most` letters as an ellipsis. `repr` of a text escapes the same, but
@@ -45,7 +45,7 @@ def columns(text: str) -> int:
 
 
 def cut(text: str, most: int) -> str:
-    """The text in at most so many columns of a terminal, its end as an ellipsis where it is cut."""
+    """The text in at most `most` columns of a terminal; where it is cut, it ends in an ellipsis."""
     if columns(text) <= most:
         return text
     kept, room = [], most - 1

@@ -220,7 +220,7 @@ def test_names_are_texts(wrong: Any):
 
 
 def test_points_come_first():
-    """Who puts the frames first is told the order."""
+    """Frames before the points raise an error that names the order."""
     wrong: Any = "world"
     with pytest.raises(InvalidArgumentException, match="the points come first"):
         filled().transform_points(wrong, "robot", np.zeros((1, 3)))

@@ -64,7 +64,7 @@ def wrong_way_round(authority: str, *, static: bool) -> Buffer:
 
 @pytest.mark.parametrize("static", [True, False])
 def test_an_edge_whose_publisher_is_gone_yields_to_one_that_would_close_a_loop(static) -> None:
-    """The living publisher's edge is taken, and the change is told; before, it is refused."""
+    """The living publisher's edge is taken, and the change is reported; before, it is refused."""
     buffer = wrong_way_round("wrong", static=static)
     changes: list[Change] = []
     buffer.on_change(changes.append)

@@ -275,7 +275,7 @@ class TreeMachine(RuleBasedStateMachine):
 
     @rule(authority=authorities)
     def restart(self, authority):
-        """An authority begins anew."""
+        """An authority has restarted."""
         self.buffer.forget(authority)
         for frame in self.model.sent_by(authority).values():
             frame.clear()

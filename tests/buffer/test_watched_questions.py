@@ -56,8 +56,8 @@ def test_every_kind_of_question_is_told() -> None:
     ]
 
 
-def test_a_pair_that_is_answered_is_told_with_the_next_insert() -> None:
-    """A lookup that has its answer does not stop to tell anybody; the next insert does."""
+def test_a_pair_that_is_answered_is_reported_with_the_next_insert() -> None:
+    """A lookup that has its answer does not stop to report it; the next insert does."""
     buffer = Buffer()
     buffer.set_transform(moved(1, "map", "base"))
     buffer.lookup_transform("map", "base")

@@ -45,7 +45,7 @@ def test_a_large_message_is_dropped_named_and_counted(
 
 
 def test_a_large_message_cannot_be_sent(bus: Bus) -> None:
-    """The sender learns that nobody would read it."""
+    """The sender learns that no node would read it."""
     publisher = small(bus, "sender").create_raw_publisher("image")
     publisher.publish(b"x" * 1000)
     with pytest.raises(BusError, match=r"could not publish image: .* set TFBUS_LIMITS=topic=2kB"):

@@ -159,6 +159,6 @@ def test_a_terminal_gets_only_our_own_styles(stranger: Bus) -> None:
     for line in ("node info /liar", "param describe /liar p", "topic info chat -v"):
         shown = stranger.run_in_terminal(*line.split())
         assert "red" in shown and "\x1b[31m" not in shown
-        for style in ("0", "1", "2", "32", "36"):
+        for style in ("0", "1", "2", "32", "33", "36"):
             shown = shown.replace(f"\x1b[{style}m", "")
         assert_harmless(shown.replace("\r\n", "\n"))

@@ -193,7 +193,7 @@ def test_what_is_no_list_of_points_names_apply(shape):
 
 
 def test_points_come_second():
-    """An array or a list on the left is told so; it does not become a matrix product."""
+    """An array or a list on the left is an error that says so, not a matrix product."""
     for points in (np.ones(3), np.ones((2, 3)), np.eye(4), [1.0, 2.0, 3.0]):
         with pytest.raises(InvalidArgumentException, match="the points come second: T @ points"):
             points @ Transform()

@@ -46,7 +46,7 @@ ROUND = 500
 # After this many the publisher restarts, on a host with another clock.
 REAPPEARS = 5
 
-# And after so many messages comes a description.
+# A description comes once in this many messages.
 _DESCRIBED_EVERY = 10
 
 # Bytes that mean something to MessagePack, or stand at the ends of ranges.

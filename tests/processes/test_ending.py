@@ -37,15 +37,18 @@ with tfbus.Node("waits") as node:
     client.wait_for_service()
 """
 
+# The words come from another thread, once a signal can no longer strike outside of the wait.
 TWO_LOOPS = """
-import tfbus
+import threading, time, tfbus
 with tfbus.Node("loops") as node:
-    print("first", flush=True)
-    while node.wait(0.01):
-        pass
-    print("second", flush=True)
-    while node.wait(0.01):
-        pass
+    def say_while_it_waits(word: str) -> None:
+        while not node._signals._is_held:
+            time.sleep(0.001)
+        print(word, flush=True)
+    for word in ("first", "second"):
+        threading.Thread(target=say_while_it_waits, args=(word,)).start()
+        while node.wait(60.0):
+            pass
     print("its end", flush=True)
 """
 

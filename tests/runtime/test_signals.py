@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM, in a script and in an interactive session."""
 
+import math
 import os
 import signal
 import sys
@@ -14,8 +15,9 @@ from tfbus.runtime.signals import StopSignals
 
 
 @pytest.fixture
-def signals() -> Iterator[StopSignals]:
-    """Signals of the process of the test; by default it is a script."""
+def signals(monkeypatch: pytest.MonkeyPatch) -> Iterator[StopSignals]:
+    """Signals of the process of the test, which got none before; by default it is a script."""
+    monkeypatch.setattr("tfbus.runtime.signals._interrupted_s", -math.inf)
     installed = StopSignals()
     yield installed
     installed.uninstall()

@@ -15,7 +15,8 @@ from tests.builders import S, moved
 from tests.live_bus import DEADLINE_S, eventually, free_port
 from tests.view.pages import PATIENCE_S
 from tests.view.pages import View as Page
-from tfbus import Buffer, InvalidArgumentException, TfbusError, Transform
+from tfbus import Buffer, InvalidArgumentException, Transform
+from tfbus.command import install_command
 from tfbus.view import View, show
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)
@@ -129,19 +130,52 @@ def test_what_cannot_be_drawn_is_refused(
     assert not drawn(view)
 
 
+def test_a_shape_that_cannot_be_made_changes_nothing(view: View) -> None:
+    """The shape of that name stays; a new one leaves nothing behind in the scene."""
+
+    def fail(path: str) -> Any:
+        raise ValueError(path)
+
+    def nodes() -> set[str]:
+        names = list(view._page._server.scene._handle_from_node_name)
+        return {name for name in names if name.startswith("/drawn/")}
+
+    view.add_sphere("ball", "base", 0.1)
+    before, nodes_before = drawn(view)["ball"], nodes()
+    for name in ("ball", "new"):
+        with pytest.raises(ValueError, match="/shape"):
+            view._page.drawn.add(name, "tool", fail)
+    assert drawn(view) == {"ball": before}
+    assert nodes() == nodes_before
+
+
 def test_a_notebook_shows_the_page(view: View) -> None:
     """In a frame below the cell, with a link."""
     assert f'<iframe src="{view.url}"' in view._repr_html_()
 
 
-def test_without_viser_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The extra is named as pip takes it."""
-    for module in [name for name in sys.modules if name.startswith("tfbus.view.")]:
-        if module != "tfbus.view.local":
-            monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(TfbusError, match=r"tfbus\[view\]"):
-        show(Buffer())
+_WITHOUT_VISER = """
+import sys
+sys.modules["viser"] = None
+import tfbus, tfbus.view
+try:
+    tfbus.view.show(tfbus.Buffer())
+except tfbus.TfbusError as error:
+    print(error)
+"""
+
+
+def test_without_viser_the_remedy_is_named() -> None:
+    """The command installs the extra's requirements, not tfbus, which no index may have."""
+    ended = subprocess.run(
+        [sys.executable, "-c", _WITHOUT_VISER],
+        capture_output=True,
+        text=True,
+        timeout=6 * DEADLINE_S,
+    )
+    assert ended.stdout.startswith("viser is not installed")
+    assert ended.stdout.rstrip().endswith(install_command("view"))
+    assert "tfbus[" not in ended.stdout
 
 
 def test_a_second_view_takes_the_next_port(buffer: Buffer, view: View) -> None:

@@ -20,7 +20,7 @@ from tfbus.wire.descriptions import read_description
     ],
 )
 def test_a_frame_with_a_name_that_none_can_have_is_left_out(name: str, mistake: str) -> None:
-    """The others of the stream stay, and the first mistake is told."""
+    """The others of the stream stay, and the first mistake is reported."""
     rows = [("world", "robot", False), ("world", name, True), (name, "arm", False)]
     found, told = read_description(encode_message(description(rows, host="h")))
     assert found == description(rows[:1], host="h")

@@ -148,7 +148,7 @@ class Tree:
             self.topology += 1
 
     def forget_paths(self) -> None:
-        """Find every path anew: some may have been found in the middle of a change."""
+        """Find every path again: some may have been found in the middle of a change."""
         self.topology += 1
 
     def _find_path(self, target: History, source: History) -> Path | None:

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-# A description follows its stream's new epoch within a second. Anybody can send such messages, so
+# A description follows its stream's new epoch within a second. Any peer can send such messages, so
 # the listener keeps few of them, of all streams together.
 MOST_BYTES = 4 * 2**20
 _OVERHEAD_BYTES = 300

@@ -33,12 +33,12 @@ from tfbus.wording import stamp_text
 # Messages of a disputed epoch ask at most this often for the publisher's word.
 _DISPUTES_APART_S = 1.0
 
-# Lines that a stream could cause without end come again after this time, with their number; and of
-# so many streams in that time.
+# Lines that a stream could cause without end come again after this time, with their number; in that
+# time of at most this many streams.
 _LINES_APART_S = 60.0
 _MOST_LINES = 50
 
-# A message may bring new frames: after so many transforms a stream is weighed again.
+# A message may bring new frames: after this many transforms a stream is weighed again.
 _GROWS_AFTER = 1000
 
 
@@ -102,7 +102,7 @@ class StreamReception:
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
         self._disputed_s = -math.inf
-        # Where so many transforms have been counted it may have grown.
+        # At this count of transforms it may have grown.
         self.grows_at = _GROWS_AFTER
 
     @property

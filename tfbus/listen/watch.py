@@ -29,17 +29,17 @@ _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
 # the other: about 1.5 s, or 12 s where each takes 2 s. Questions that overlap count as one.
 _PATIENCE = 4
 
-# An epoch that is disputed is confirmed soon, or never; and anybody can dispute.
+# An epoch that is disputed is confirmed soon, or never; and any peer can dispute.
 _CLAIM_PAUSES = Pauses((0.1, 0.4, 1.0), lost_after_s=0.5)
 _MOST_CLAIMS = 100
 _CLAIMS_APART_S = 1.0
 
-# Of so many tokens the descriptions are asked for at a time. Where further ones wait, one that has
-# been asked for five times gives way, and waits again.
+# The descriptions of at most this many tokens are asked for at a time. Where further ones wait, one
+# that has been asked for five times gives way, and waits again.
 _MOST_ASKED = 200
 _TURNS = 5
 
-# One that comes by itself and is not signed is taken; one that is may come for so many turns.
+# One that comes by itself and is not signed is taken; one that is may come for this many turns.
 _TURNS_TO_SIGN = 2
 
 # A question has one answer, or a few where several processes publish the stream.
@@ -162,7 +162,7 @@ class StreamWatch:
             self._do(self._open_letter)
 
     def _open_letter(self) -> None:
-        """Read one letter: what comes meanwhile, such as a token, waits for no more."""
+        """Read one letter: what comes meanwhile, such as a token, waits only for this one."""
         letter = self._mailbox.take()
         if letter is None:
             return

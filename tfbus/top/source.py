@@ -23,7 +23,7 @@ _LOOKS = 120
 _MOST_PASTS = 2000
 _ASK_WITHIN_S = 0.8
 
-# A topic's rate is the mean of this time, over at most so many messages.
+# A topic's rate is the mean of this time, over at most `_MOST_MESSAGES`.
 _MEAN_OF_S = 10.0
 _MOST_MESSAGES = 10_000
 

@@ -402,7 +402,9 @@ def show(
         from tfbus.view.model.settings import ViewSettings
         from tfbus.view.page import Page, Serving
     except ImportError as error:
-        raise TfbusError(f"viser is not installed ({error}): pip install 'tfbus[view]'") from error
+        from tfbus.command import install_command
+
+        raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
     program = _Program(buffer)
     settings = ViewSettings(fixed_frame=fixed_frame)
     serving = Serving(host, port, rate_hz, history_s or _history_s(buffer), settings)

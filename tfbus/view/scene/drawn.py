@@ -49,7 +49,7 @@ class Drawn:
     def add(self, name: str, frame: str, make: Callable[[str], Any]) -> None:
         """Add the shape that `make(path)` adds to the scene; it replaces one of the same name."""
         with self._lock:
-            former = self._shapes.pop(name, None)
+            former = self._shapes.get(name)
             # Not by its name, which may have slashes: viser makes trees of them. At the place of
             # the former, which viser replaces without a flicker.
             if former is None:
@@ -59,9 +59,15 @@ class Drawn:
                 )
             else:
                 node = former.node
-                if former.frame != frame:
-                    node.visible = False
-            self._shapes[name] = _Shape(frame, node, make(f"{node.name}/shape"))
+            try:
+                handle = make(f"{node.name}/shape")
+            except BaseException:
+                if former is None:
+                    node.remove()
+                raise
+            if former is not None and former.frame != frame:
+                node.visible = False
+            self._shapes[name] = _Shape(frame, node, handle)
 
     def remove(self, name: str) -> bool:
         """Remove a shape; whether there was one."""

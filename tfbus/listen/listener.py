@@ -99,6 +99,9 @@ class TransformListener:
         self._log = node.log
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
+        # Kinds with names of streams may crowd each other out, so these have logs of their own.
+        self._refusals = LogOnce(node.log)
+        self._once_of_strangers = LogOnce(node.log)
         self._once = LogOnce(node.log)
         self._lines = lines_of(node.log)
         self._held = Held()
@@ -191,7 +194,7 @@ class TransformListener:
     @property
     def dropped(self) -> int:
         """How many messages came on keys beyond the limit of 200,000."""
-        return self._once.counts["dropped"]
+        return self._refusals.counts["dropped"]
 
     def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
@@ -217,7 +220,7 @@ class TransformListener:
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
         if not is_static(key):
             if self._registry.is_full and not self._makes_room(stream_of(key)):
-                self._once.warning(
+                self._refusals.warning(
                     "dropped",
                     "Dropped a message on %r: transforms come on more than %d keys, the limit. Do "
                     "not split streams of many frames",
@@ -228,7 +231,7 @@ class TransformListener:
             self._history.meet(stream_of(key))
         name = stream_of(key)
         if not is_printable(name):
-            self._once.warning(
+            self._refusals.warning(
                 "name", "Dropped a message: the name %r of its stream cannot be shown", name[:300]
             )
             return None
@@ -307,6 +310,7 @@ class TransformListener:
             on_growth=self._weigh,
             held=self._held,
             once=self._once,
+            once_of_strangers=self._once_of_strangers,
             lines=self._lines,
         )
 

@@ -60,6 +60,9 @@ class StreamReception:
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
     a publisher that has just got priority. `on_takeover(name, epoch_ns)` is called where two
     processes publish the stream, one fell silent, and the messages of the other count from now on.
+
+    `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_strangers`
+    what is wrong with others: any process can make up their names, and so fill its log.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class StreamReception:
         on_growth: Callable[[str], None] = lambda name: None,
         held: Held | None = None,
         once: LogOnce | None = None,
+        once_of_strangers: LogOnce | None = None,
         lines: LogOnce | None = None,
     ) -> None:
         self.name = name
@@ -99,6 +103,7 @@ class StreamReception:
         self._held = held or Held()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
         self._once = once or LogOnce(log)
+        self._once_of_strangers = once_of_strangers or self._once
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
         self._disputed_s = -math.inf
@@ -164,8 +169,8 @@ class StreamReception:
             self.on_dispute(self.name, epoch_ns)
 
     def _warn_future(self, epoch_ns: int) -> None:
-        self._once.warning(
-            ("future", self.name),
+        self._warn_once(
+            "future",
             "Dropped a message of stream %r: its epoch %s is in the future. The clock of its "
             "publisher is wrong, or another process sends on its key",
             self.name,
@@ -229,15 +234,19 @@ class StreamReception:
         """Count a message that cannot be read; log the first."""
         with self.lock:
             self.counts.rejected += 1
-        self._once.warning(
-            ("rejected", self.name), "Dropped a message of stream %r: %s", self.name, error
-        )
+        self._warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
 
     def _warn_refused(self) -> None:
         refused = self.buffer.rejected.last
-        self._once.warning(
-            ("refused", self.name), "Refused a transform of stream %r: %s", self.name, refused
-        )
+        self._warn_once("refused", "Refused a transform of stream %r: %s", self.name, refused)
+
+    def _warn_once(self, kind: str, text: str, *values: object) -> None:
+        """Log the first of a kind of this stream."""
+        of_stream = kind, self.name
+        logs = self._once, self._once_of_strangers
+        of_now = logs[0] if self.epochs.confirmed_ns is not None else logs[1]
+        once = next((log for log in logs if of_stream in log.counts), of_now)
+        once.warning(of_stream, text, *values)
 
     def _warn_of_two(self) -> None:
         if not self._has_warned_of_two:

@@ -15,7 +15,7 @@ from tfbus.listen.budget import FRAME_BYTES, KEY_BYTES, ROW_BYTES, STREAM_BYTES,
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
-from tfbus.listen.held import Held
+from tfbus.listen.held import DisputedMessages
 from tfbus.listen.history import AskedHistory
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
@@ -104,7 +104,7 @@ class TransformListener:
         self._once_of_strangers = LogOnce(node.log)
         self._once = LogOnce(node.log)
         self._lines = lines_of(node.log)
-        self._held = Held()
+        self._held = DisputedMessages()
         self._budget = Budget()
         self._registry = Registry(self._make_reception, self._forget_strangers, self._on_forgotten)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
@@ -148,6 +148,8 @@ class TransformListener:
             self._forget_close()
             self._watch.close()
             self._reading.close()
+            for stream in self._registry.streams().values():
+                stream.reception.close()
             self._recovery.close()
             self._history.close()
             self._executor.close()

@@ -22,7 +22,7 @@ from tfbus.listen.claims import Resolution
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
-from tfbus.listen.held import Held
+from tfbus.listen.held import DisputedMessages
 from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
@@ -78,7 +78,7 @@ class StreamReception:
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
-        held: Held | None = None,
+        held: DisputedMessages | None = None,
         once: LogOnce | None = None,
         once_of_strangers: LogOnce | None = None,
         lines: LogOnce | None = None,
@@ -100,7 +100,7 @@ class StreamReception:
         self.excluded: frozenset[str] = frozenset()
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
-        self._held = held or Held()
+        self._held = held or DisputedMessages()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
         self._once = once or LogOnce(log)
         self._once_of_strangers = once_of_strangers or self._once
@@ -152,6 +152,10 @@ class StreamReception:
         if verdict is Verdict.DISPUTED:
             if receive is not None:
                 self._held.keep(self.name, epoch_ns, receive, payload)
+                if epoch_ns == self.epochs.present_ns:
+                    # Confirmed in between, perhaps before the message was kept.
+                    self._held.release(self.name, epoch_ns)
+                    return False
             self._dispute(epoch_ns)
         if verdict in (Verdict.RESTART, Verdict.TAKEOVER):
             self._restart(epoch_ns, verdict)
@@ -353,12 +357,18 @@ class StreamReception:
             self.statics.clear()
         self._refused_statics.clear()
 
+    def close(self) -> None:
+        """Put nothing into the buffer by itself from now on."""
+        self._refused_statics.close()
+
     def apply_statics(self, children: Collection[str] | None) -> None:
         """Put the static transforms of these children, None for all, into the buffer, as they were
         last received.
         """
         applied = None
         while (batch := self.statics.batch) is not applied and batch is not None:
+            if children is None:
+                self._refused_statics.keep_only(children_of(batch))
             rows = batch if children is None else batch.only(children)
             if len(rows):
                 self._insert_statics(rows)
@@ -368,7 +378,7 @@ class StreamReception:
         epoch_ns = self.statics.epoch_ns or 0
         for _ in range(_STATIC_ATTEMPTS):
             if self.insert(rows, epoch_ns, static=True):
-                self._refused_statics.clear()
+                self._refused_statics.forget(children_of(rows))
                 return
         self._refused_statics.watch(rows)
 

@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.live_bus import Bus, eventually
-from tfbus import NodeSettings
+from tfbus import BusError, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
@@ -127,3 +127,21 @@ def test_a_second_session_is_another_on_free_ports(tmp_path: Path) -> None:
         "router": ["tcp/h:0"],
     }
     assert json.loads(config.get_json("id")) != "a1"
+
+
+def test_a_second_session_that_opens_while_the_first_closes_is_closed(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first ends its own before it knows of the second, which must not live on."""
+    session = bus.node("sim", namespace="robot7").session
+    opened: list[Session] = []
+
+    def open_late(*args: Any, **kwargs: Any) -> Session:
+        opened.append(Session(*args, **kwargs))
+        session.close()
+        return opened[-1]
+
+    monkeypatch.setattr("tfbus.bus.session.Session", open_late)
+    with pytest.raises(BusError, match="the session is closed"):
+        session.placed("/elsewhere/tf/sim")
+    assert opened[0].zenoh.is_closed()

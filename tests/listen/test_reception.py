@@ -1,10 +1,16 @@
 """Receiving one stream: epochs, misses, removals and marks, message by message."""
 
+import logging
+
 import pytest
 
 from tests.builders import S, at, payload
 from tests.listen.received import Received
+from tfbus import Buffer
 from tfbus.listen.claims import Resolution
+from tfbus.listen.reception import StreamReception
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.transforms import TransformReader
 
 
 @pytest.fixture
@@ -334,6 +340,36 @@ def test_a_bad_message_is_counted_and_harms_nothing(received: Received) -> None:
     received.stream.receive_kept(b"")
     assert received.stream.counts.rejected == 3
     assert received.buffer.frames() == []
+
+
+def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """They fill the log of strangers; a stream that its publisher has confirmed has another."""
+    log = logging.getLogger("test")
+    once, of_strangers = LogOnce(log, most=10), LogOnce(log, most=10)
+
+    def stream(name: str) -> StreamReception:
+        return StreamReception(
+            name,
+            Buffer(),
+            log,
+            lambda: 9 * S,
+            TransformReader(),
+            once=once,
+            once_of_strangers=of_strangers,
+        )
+
+    for number in range(1000):
+        stream(f"made_up_{number}").receive_kept(b"bad")
+    assert len(caplog.messages) == 11
+    honest = stream("sim")
+    honest.describe(1, frozenset({"robot"}), publisher=("/sim", 7, "ab12"), confirmed=True)
+    honest.receive_kept(b"bad")
+    honest.vanish()
+    honest.receive_kept(b"bad")
+    (line,) = caplog.messages[11:]
+    assert line.startswith("Dropped a message of stream 'sim'")
 
 
 def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> None:

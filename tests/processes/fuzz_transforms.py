@@ -32,7 +32,7 @@ from tfbus.listen.watch import StreamState
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import stream_key
-from tfbus.wire.scan import scan_message
+from tfbus.wire.scan import NameTables, scan_message
 from tfbus.wire.transforms import (
     TransformMessage,
     TransformReader,
@@ -293,7 +293,7 @@ class Target:
 
     def _reason(self, payload: bytes) -> str | None:
         """Why it is refused, None where it is read; and the fast way agrees."""
-        found = scan_message(payload, {})
+        found = scan_message(payload, NameTables())
         try:
             message = decode_transforms(payload)
         except DecodeError as error:

@@ -70,3 +70,19 @@ def test_many_kinds_at_once_end_in_one_line(caplog: pytest.LogCaptureFixture) ->
     lines.warning("later", "Stream %r is gone", "later")
     assert caplog.messages[-1] == "Stream 'later' is gone"
     assert len(lines.counts) == 10
+
+
+def test_kinds_that_are_logged_once_make_room_too(caplog: pytest.LogCaptureFixture) -> None:
+    """After more kinds than are kept one line says so, and 10 minutes later new ones are logged."""
+    clock = Clock()
+    once = LogOnce(logging.getLogger("test"), most=10, clock=clock)
+    for number in range(1000):
+        once.warning(number, "Rejected stream %r", number)
+    assert len(caplog.messages) == 11
+    assert caplog.messages[-1] == (
+        "More than 10 lines like the last ones within 600 s: the rest is left out"
+    )
+    clock.now_ns = 601
+    once.warning("honest", "Rejected stream %r", "honest")
+    assert caplog.messages[-1].startswith("Rejected stream 'honest'")
+    assert len(once.counts) == 10

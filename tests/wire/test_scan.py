@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.builders import EPOCH_NS, SAMPLE, at, messages, poses, rows_of
 from tfbus import Buffer, DecodeError, Transform, TransformBatch, TransformStamped
 from tfbus.geometry.columns import Columns
-from tfbus.wire.scan import scan_message
+from tfbus.wire.scan import NameTables, scan_message
 from tfbus.wire.transforms import (
     TransformMessage,
     TransformReader,
@@ -51,7 +51,7 @@ def packed(**changed: Any) -> bytes:
 def test_what_tfbus_writes_is_found(message: TransformMessage) -> None:
     """Every message that tfbus writes is read the fast way, to the same bits."""
     payload = encode_transforms(message)
-    found = scan_message(payload, {})
+    found = scan_message(payload, NameTables())
     assert found is not None
     assert contents(found) == decoded(payload)
     assert rows_of(found.batch) == rows_of(message.batch)
@@ -72,7 +72,7 @@ def test_what_is_found_in_spoilt_bytes_is_what_they_say(
             data.draw(st.binary(max_size=12) | st.just(bytes(spoilt[at : at + length]) * 2))
             or b"\x00"
         )
-    found = scan_message(bytes(spoilt), {})
+    found = scan_message(bytes(spoilt), NameTables())
     if found is not None:
         assert contents(found) == decoded(bytes(spoilt))
 
@@ -80,13 +80,13 @@ def test_what_is_found_in_spoilt_bytes_is_what_they_say(
 @given(st.binary(max_size=200))
 def test_random_bytes_are_found_nothing_in(payload: bytes) -> None:
     """Random bytes are no message by the fast way, unless the other way reads it too."""
-    message = scan_message(payload, {})
+    message = scan_message(payload, NameTables())
     assert message is None or contents(message) == decoded(payload)
 
 
 def test_a_message_that_was_cut_off_is_left_to_the_other_way() -> None:
     """A message that ends too early is not found, wherever it ends."""
-    assert not any(scan_message(SAMPLE[:length], {}) for length in range(len(SAMPLE)))
+    assert not any(scan_message(SAMPLE[:length], NameTables()) for length in range(len(SAMPLE)))
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_message_that_was_cut_off_is_left_to_the_other_way() -> None:
 )
 def test_what_is_unusual_is_left_to_the_other_way(payload: bytes) -> None:
     """A message with anything unusual in it is not found; the other way reads or refuses it."""
-    assert scan_message(payload, {}) is None
+    assert scan_message(payload, NameTables()) is None
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_what_is_unusual_is_left_to_the_other_way(payload: bytes) -> None:
 )
 def test_lengths_of_every_size_are_read(payload: bytes) -> None:
     """Texts, lists and columns of any length are found."""
-    message = scan_message(payload, {})
+    message = scan_message(payload, NameTables())
     assert message is not None
     assert contents(message) == decoded(payload)
 
@@ -146,33 +146,44 @@ def test_lengths_of_every_size_are_read(payload: bytes) -> None:
 def test_the_order_of_keys_means_nothing() -> None:
     """A message with its keys in another order is found as well."""
     payload = msgpack.packb(dict(reversed(msgpack.unpackb(SAMPLE).items())))
-    message = scan_message(payload, {})
+    message = scan_message(payload, NameTables())
     assert message is not None
     assert contents(message) == decoded(SAMPLE)
 
 
 def test_the_same_names_are_kept_within_bounds() -> None:
     """The names of frames are kept from one message to the next, up to a limit."""
-    tables: dict[bytes, tuple[str, ...]] = {}
+    tables = NameTables()
     for number in range(5_000):
         message = scan_message(packed(frames=["world", f"turtle{number}", "drone"]), tables)
         assert message is not None
         assert message.rows.frames[1] == f"turtle{number}"
-    assert len(tables) < 2_000
+    assert len(tables.names) <= 1024
     again = scan_message(packed(frames=["world", "turtle4999", "drone"]), tables)
     assert again is not None
     assert again.rows.frames is message.rows.frames
     scan_message(packed(frames=["world", "turtle1", "d" * 70_000]), tables)
-    assert max(map(len, tables)) < 20_000
+    assert max(map(len, tables.names)) < 20_000
+
+
+@pytest.mark.parametrize(("table", "names"), [(b"", 1), (b"", 1_000), (b"x" * 16_000, 1)])
+def test_the_oldest_names_go_first(table: bytes, names: int) -> None:
+    """Whichever limit is reached: lists, names or bytes; a new list does not clear the others."""
+    tables = NameTables()
+    keys = [b"%4d" % number + table for number in range(2_000)]
+    for key in keys:
+        tables.keep(key, ("a",) * names)
+    assert list(tables.names) == keys[-len(tables.names) :]
+    assert len(tables.names) == {(0, 1): 1024, (0, 1_000): 100, (16_000, 1): 262}[len(table), names]
 
 
 def test_names_that_are_no_text_are_not_kept() -> None:
     """What is refused once is refused again."""
-    tables: dict[bytes, tuple[str, ...]] = {}
+    tables = NameTables()
     spoilt = SAMPLE.replace(b"world", b"worl\xff")
     assert scan_message(spoilt, tables) is None
     assert scan_message(spoilt, tables) is None
-    assert not tables
+    assert not tables.names
 
 
 def test_a_reader_refuses_as_decoding_does() -> None:
@@ -238,7 +249,7 @@ def test_columns_are_chosen_by_their_children() -> None:
     """`only` and `without` divide the rows, in order and also where they stand in a payload."""
     transforms = [at(float(row), name) for row, name in enumerate("abac")]
     whole = Columns.of_transforms(transforms)
-    scanned = scan_message(encode_transforms(TransformMessage(whole, 7, 3)), {})
+    scanned = scan_message(encode_transforms(TransformMessage(whole, 7, 3)), NameTables())
     assert scanned is not None
     for rows in (whole, scanned.rows):
         assert list(rows.only({"a"})) == [transforms[0], transforms[2]]

@@ -148,6 +148,10 @@ class Session:
                     replace(self.settings, namespace=""), self._log, is_second=True
                 )
                 self._ending.append(self._outside.close)
+                if self._closed:
+                    # Closed in between, perhaps before it could know of the second session.
+                    self._outside.close()
+                    raise BusError("the session is closed")
             return self._outside
 
     def at_close(self, end: Callable[[], None]) -> Callable[[], None]:

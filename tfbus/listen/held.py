@@ -12,7 +12,7 @@ _OVERHEAD_BYTES = 300
 Receive = Callable[[bytes], None]
 
 
-class Held:
+class DisputedMessages:
     """Messages of disputed epochs, at most `most_bytes` of all streams; safe from any thread.
 
     The oldest go first.

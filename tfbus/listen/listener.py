@@ -15,7 +15,7 @@ from tfbus.listen.budget import FRAME_BYTES, KEY_BYTES, ROW_BYTES, STREAM_BYTES,
 from tfbus.listen.claims import Claimant, Rule, name_some
 from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
-from tfbus.listen.held import Held
+from tfbus.listen.held import DisputedMessages
 from tfbus.listen.history import AskedHistory
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
@@ -99,9 +99,12 @@ class TransformListener:
         self._log = node.log
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
+        # Kinds with names of streams may crowd each other out, so these have logs of their own.
+        self._refusals = LogOnce(node.log)
+        self._once_of_strangers = LogOnce(node.log)
         self._once = LogOnce(node.log)
         self._lines = lines_of(node.log)
-        self._held = Held()
+        self._held = DisputedMessages()
         self._budget = Budget()
         self._registry = Registry(self._make_reception, self._forget_strangers, self._on_forgotten)
         self._conflicts = Conflicts(conflicts, buffer, self._registry.reception, node.log)
@@ -145,6 +148,8 @@ class TransformListener:
             self._forget_close()
             self._watch.close()
             self._reading.close()
+            for stream in self._registry.streams().values():
+                stream.reception.close()
             self._recovery.close()
             self._history.close()
             self._executor.close()
@@ -191,7 +196,7 @@ class TransformListener:
     @property
     def dropped(self) -> int:
         """How many messages came on keys beyond the limit of 200,000."""
-        return self._once.counts["dropped"]
+        return self._refusals.counts["dropped"]
 
     def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
@@ -217,7 +222,7 @@ class TransformListener:
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
         if not is_static(key):
             if self._registry.is_full and not self._makes_room(stream_of(key)):
-                self._once.warning(
+                self._refusals.warning(
                     "dropped",
                     "Dropped a message on %r: transforms come on more than %d keys, the limit. Do "
                     "not split streams of many frames",
@@ -228,7 +233,7 @@ class TransformListener:
             self._history.meet(stream_of(key))
         name = stream_of(key)
         if not is_printable(name):
-            self._once.warning(
+            self._refusals.warning(
                 "name", "Dropped a message: the name %r of its stream cannot be shown", name[:300]
             )
             return None
@@ -307,6 +312,7 @@ class TransformListener:
             on_growth=self._weigh,
             held=self._held,
             once=self._once,
+            once_of_strangers=self._once_of_strangers,
             lines=self._lines,
         )
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from tfbus.listen.watch import StreamState
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of
+from tfbus.wire.scan import NameTables
 from tfbus.wire.transforms import TransformReader
 
 # Namespaces come from the bus: the names of at most this many are remembered.
@@ -20,7 +21,7 @@ class StreamNames:
         self._fleet = fleet
         self._names: dict[str, FrameNames] = {}
         self._readers: dict[str, TransformReader] = {}
-        self._tables: dict[bytes, tuple[str, ...]] = {}
+        self._tables = NameTables()
 
     def at(self, key: str) -> FrameNames | None:
         """How the frames of a key's stream are called here; None: by their own names."""

@@ -22,7 +22,7 @@ from tfbus.listen.claims import Resolution
 from tfbus.listen.counts import Counts
 from tfbus.listen.epochs import Epochs, Verdict
 from tfbus.listen.gone_marks import Marks
-from tfbus.listen.held import Held
+from tfbus.listen.held import DisputedMessages
 from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
@@ -60,6 +60,9 @@ class StreamReception:
     `on_overlap(name, frames)` is called where transforms of these frames came to lie over those of
     a publisher that has just got priority. `on_takeover(name, epoch_ns)` is called where two
     processes publish the stream, one fell silent, and the messages of the other count from now on.
+
+    `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_strangers`
+    what is wrong with others: any process can make up their names, and so fill its log.
     """
 
     def __init__(
@@ -75,8 +78,9 @@ class StreamReception:
         *,
         on_dispute: Callable[[str, int], None] = lambda name, epoch_ns: None,
         on_growth: Callable[[str], None] = lambda name: None,
-        held: Held | None = None,
+        held: DisputedMessages | None = None,
         once: LogOnce | None = None,
+        once_of_strangers: LogOnce | None = None,
         lines: LogOnce | None = None,
     ) -> None:
         self.name = name
@@ -96,9 +100,10 @@ class StreamReception:
         self.excluded: frozenset[str] = frozenset()
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
-        self._held = held or Held()
+        self._held = held or DisputedMessages()
         self._refused_statics = RefusedStatics(buffer, self._retry_statics)
         self._once = once or LogOnce(log)
+        self._once_of_strangers = once_of_strangers or self._once
         self._lines = lines or lines_of(log)
         self._has_warned_of_two = False
         self._disputed_s = -math.inf
@@ -147,6 +152,10 @@ class StreamReception:
         if verdict is Verdict.DISPUTED:
             if receive is not None:
                 self._held.keep(self.name, epoch_ns, receive, payload)
+                if epoch_ns == self.epochs.present_ns:
+                    # Confirmed in between, perhaps before the message was kept.
+                    self._held.release(self.name, epoch_ns)
+                    return False
             self._dispute(epoch_ns)
         if verdict in (Verdict.RESTART, Verdict.TAKEOVER):
             self._restart(epoch_ns, verdict)
@@ -164,8 +173,8 @@ class StreamReception:
             self.on_dispute(self.name, epoch_ns)
 
     def _warn_future(self, epoch_ns: int) -> None:
-        self._once.warning(
-            ("future", self.name),
+        self._warn_once(
+            "future",
             "Dropped a message of stream %r: its epoch %s is in the future. The clock of its "
             "publisher is wrong, or another process sends on its key",
             self.name,
@@ -229,15 +238,19 @@ class StreamReception:
         """Count a message that cannot be read; log the first."""
         with self.lock:
             self.counts.rejected += 1
-        self._once.warning(
-            ("rejected", self.name), "Dropped a message of stream %r: %s", self.name, error
-        )
+        self._warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
 
     def _warn_refused(self) -> None:
         refused = self.buffer.rejected.last
-        self._once.warning(
-            ("refused", self.name), "Refused a transform of stream %r: %s", self.name, refused
-        )
+        self._warn_once("refused", "Refused a transform of stream %r: %s", self.name, refused)
+
+    def _warn_once(self, kind: str, text: str, *values: object) -> None:
+        """Log the first of a kind of this stream."""
+        of_stream = kind, self.name
+        logs = self._once, self._once_of_strangers
+        of_now = logs[0] if self.epochs.confirmed_ns is not None else logs[1]
+        once = next((log for log in logs if of_stream in log.counts), of_now)
+        once.warning(of_stream, text, *values)
 
     def _warn_of_two(self) -> None:
         if not self._has_warned_of_two:
@@ -344,12 +357,18 @@ class StreamReception:
             self.statics.clear()
         self._refused_statics.clear()
 
+    def close(self) -> None:
+        """Put nothing into the buffer by itself from now on."""
+        self._refused_statics.close()
+
     def apply_statics(self, children: Collection[str] | None) -> None:
         """Put the static transforms of these children, None for all, into the buffer, as they were
         last received.
         """
         applied = None
         while (batch := self.statics.batch) is not applied and batch is not None:
+            if children is None:
+                self._refused_statics.keep_only(children_of(batch))
             rows = batch if children is None else batch.only(children)
             if len(rows):
                 self._insert_statics(rows)
@@ -359,7 +378,7 @@ class StreamReception:
         epoch_ns = self.statics.epoch_ns or 0
         for _ in range(_STATIC_ATTEMPTS):
             if self.insert(rows, epoch_ns, static=True):
-                self._refused_statics.clear()
+                self._refused_statics.forget(children_of(rows))
                 return
         self._refused_statics.watch(rows)
 

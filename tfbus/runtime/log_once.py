@@ -7,8 +7,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Hashable
 
-# Kinds may hold names from the bus: further kinds are neither logged nor counted.
+# Kinds may hold names from the bus: where there are this many, the oldest makes room once its line
+# is as old as this. Until then further kinds are neither logged nor counted.
 _MOST_KINDS = 1000
+_MAKES_ROOM_AFTER_S = 600.0
 _FURTHER = ". Further ones are counted, not logged"
 
 
@@ -16,8 +18,8 @@ class LogOnce:
     """Logs the first event of each kind; `counts` has how many there were.
 
     With `again_s` an event of the same kind is logged again where the last line is that old, with
-    the number of those in between; and of `most` kinds in that time the rest is left out, which
-    one line says. Safe from any thread.
+    the number of those in between. Of more than `most` kinds in that time, or in 10 minutes, the
+    rest is left out, which one line says. Safe from any thread.
     """
 
     def __init__(
@@ -31,6 +33,7 @@ class LogOnce:
         self.counts: Counter[Hashable] = Counter()
         self._log = log
         self._again_s = again_s
+        self._makes_room_after_s = min(again_s, _MAKES_ROOM_AFTER_S)
         self._most = most
         self._clock = clock
         self._lock = threading.Lock()
@@ -70,7 +73,7 @@ class LogOnce:
             self._log.warning(
                 "More than %d lines like the last ones within %g s: the rest is left out",
                 self._most,
-                self._again_s,
+                self._makes_room_after_s,
             )
 
     def _count(self, kind: Hashable) -> int | None:
@@ -91,16 +94,16 @@ class LogOnce:
         if len(self._logged) < self._most:
             return True
         oldest = next(iter(self._logged))
-        if now_s < self._logged[oldest][0] + self._again_s:
+        if now_s < self._logged[oldest][0] + self._makes_room_after_s:
             return False
         del self._logged[oldest], self.counts[oldest]
         return True
 
     def _is_crowded_since_now(self, kind: Hashable) -> bool:
         now_s = self._clock()
-        if kind in self._logged or self._again_s == math.inf or now_s < self._crowded_until_s:
+        if kind in self._logged or now_s < self._crowded_until_s:
             return False
-        self._crowded_until_s = now_s + self._again_s
+        self._crowded_until_s = now_s + self._makes_room_after_s
         return True
 
     def _ending(self, since: int) -> str:

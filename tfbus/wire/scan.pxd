@@ -13,6 +13,12 @@ cdef class TransformMessage:
     cdef readonly object epoch_ns, seq
 
 @cython.final
+cdef class NameTables:
+    cdef readonly dict names
+    cdef Py_ssize_t _count, _bytes
+    cdef object _lock
+
+@cython.final
 cdef class _Cursor:
     cdef bytes payload
     cdef octets_t data
@@ -39,11 +45,11 @@ cdef class _Cursor:
 
 @cython.locals(cursor=_Cursor, columns=Columns, message=TransformMessage, edges_size=Py_ssize_t, stamps_size=Py_ssize_t,
                poses_size=Py_ssize_t, count=Py_ssize_t, seen=cython.int, key=cython.int)
-cpdef TransformMessage scan_message(bytes payload, dict tables)
+cpdef TransformMessage scan_message(bytes payload, NameTables tables)
 @cython.locals(size=Py_ssize_t, at=Py_ssize_t)
 cdef int _key(_Cursor cursor) noexcept
 @cython.locals(start=Py_ssize_t, count=Py_ssize_t, table=bytes, names=tuple)
-cdef tuple _names(_Cursor cursor, dict tables)
+cdef tuple _names(_Cursor cursor, NameTables tables)
 @cython.locals(size=Py_ssize_t, texts=list)
 cdef tuple _texts(_Cursor cursor, Py_ssize_t start)
 @cython.locals(i=Py_ssize_t, known=Py_ssize_t, parent=Py_ssize_t, child=Py_ssize_t,

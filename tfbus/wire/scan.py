@@ -4,6 +4,7 @@ Compiled where there is a C compiler (`scan.pxd` has the C types).
 """
 
 import sys
+import threading
 
 from tfbus.core import packed
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
@@ -22,7 +23,7 @@ FAST: bool = cython.compiled and sys.byteorder == "little"
 VERSION = 1
 
 # A publisher mostly sends the same frames again: at most 1024 lists of names are kept, each of at
-# most 16 KiB, of at most 100,000 names and 4 MiB in all, which take 15 MB.
+# most 16 KiB, of at most 100,000 names and 4 MiB in all, which take 15 MB. The oldest go first.
 _MOST_TABLES = 1024
 _LARGEST_TABLE = 16 * 1024
 _MOST_NAMES = 100_000
@@ -59,6 +60,36 @@ class TransformMessage:
     def with_frames(self, frames: tuple[str, ...]) -> "TransformMessage":
         """The same message with other names for its frames. Raises as `Columns.with_frames`."""
         return TransformMessage(self.rows.with_frames(frames), self.epoch_ns, self.seq)
+
+
+class NameTables:
+    """Lists of names by the bytes that they were read from; safe from any thread.
+
+    Only `keep` changes `names`.
+    """
+
+    def __init__(self) -> None:
+        self.names: dict[bytes, tuple[str, ...]] = {}
+        self._count = 0
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    def keep(self, table: bytes, names: tuple[str, ...]) -> None:
+        """Keep a list of names; where there are too many, the oldest lists are forgotten."""
+        with self._lock:
+            if len(table) > _LARGEST_TABLE or table in self.names:
+                return
+            self.names[table] = names
+            self._bytes += len(table)
+            self._count += len(names)
+            while (
+                len(self.names) > _MOST_TABLES
+                or self._bytes > _MOST_BYTES
+                or self._count > _MOST_NAMES
+            ):
+                oldest = next(iter(self.names))
+                self._bytes -= len(oldest)
+                self._count -= len(self.names.pop(oldest))
 
 
 class _Cursor:
@@ -130,7 +161,7 @@ class _Cursor:
         return 0
 
 
-def scan_message(payload: bytes, tables: dict[bytes, tuple[str, ...]]) -> TransformMessage | None:
+def scan_message(payload: bytes, tables: NameTables) -> TransformMessage | None:
     """The message in a payload that is as tfbus writes it.
 
     None for any other, which `transforms.decode_transforms` reads, or refuses. `tables` keeps the
@@ -202,7 +233,7 @@ def _key(cursor: _Cursor) -> int:
     return _V if size == 1 and packed.is_at(cursor.data, at, b"v", 1) else 0
 
 
-def _names(cursor: _Cursor, tables: dict[bytes, tuple[str, ...]]) -> tuple[str, ...]:
+def _names(cursor: _Cursor, tables: NameTables) -> tuple[str, ...]:
     """The names that follow."""
     start = cursor.at
     count = cursor.array_length()
@@ -211,23 +242,12 @@ def _names(cursor: _Cursor, tables: dict[bytes, tuple[str, ...]]) -> tuple[str, 
         if cursor.failed:
             return ()
     table = cursor.payload[start : cursor.at]
-    names = tables.get(table)
+    names = tables.names.get(table)
     if names is None:
         names = _texts(cursor, start)
-        if len(table) <= _LARGEST_TABLE and not cursor.failed:
-            _make_room(tables)
-            tables[table] = names
+        if not cursor.failed:
+            tables.keep(table, names)
     return names
-
-
-def _make_room(tables: dict[bytes, tuple[str, ...]]) -> None:
-    """Forget all names where there are too many."""
-    if (
-        len(tables) >= _MOST_TABLES
-        or sum(map(len, tables)) > _MOST_BYTES
-        or sum(map(len, tables.values())) > _MOST_NAMES
-    ):
-        tables.clear()
 
 
 def _texts(cursor: _Cursor, start: int) -> tuple[str, ...]:

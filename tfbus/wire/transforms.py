@@ -16,7 +16,7 @@ from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.wire.codec import decode_map
 from tfbus.wire.fleet import FrameNames
-from tfbus.wire.scan import FAST, VERSION, scan_message
+from tfbus.wire.scan import FAST, VERSION, NameTables, scan_message
 from tfbus.wire.scan import TransformMessage as TransformMessage
 from tfbus.wording import counted
 
@@ -129,10 +129,10 @@ class TransformReader:
     def __init__(
         self,
         names: FrameNames | None = None,
-        tables: dict[bytes, tuple[str, ...]] | None = None,
+        tables: NameTables | None = None,
     ) -> None:
         self._names = names if names is not None and names.namespace else None
-        self._tables = {} if tables is None else tables
+        self._tables = NameTables() if tables is None else tables
 
     def read(self, payload: bytes) -> TransformMessage:
         """The message in a payload. Raises DecodeError as `decode_transforms`."""

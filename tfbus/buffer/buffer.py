@@ -783,8 +783,8 @@ class Buffer:
         contents = read(path)
         limit = contents.max_samples
         if limit is None:
-            counts = [len(held.stamps_ns) for held in contents.frames.values()]
-            limit = max([_default_max_samples(contents.cache_time_s), *counts])
+            most = max((len(held.stamps_ns) for held in contents.frames.values()), default=0)
+            limit = max(_default_max_samples(contents.cache_time_s), most)
         buffer = cls(contents.cache_time_s, sampling=contents.sampling, max_samples=limit)
         buffer._restore(contents.frames)
         return buffer

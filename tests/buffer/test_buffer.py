@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, moved
+from tests.fakes import InAThread
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.explain import unknown_frame
 from tfbus.buffer.info import Change
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
@@ -21,6 +23,7 @@ from tfbus.errors import (
     NoDataException,
     PastExtrapolationException,
     SingleSampleException,
+    TimeoutException,
 )
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.transform import Transform, TransformStamped
@@ -350,6 +353,33 @@ def test_an_unknown_frame_brings_the_nearest_names():
     assert (caught.value.frame, caught.value.nearest) == ("base_lnk", ("base_link",))
     with pytest.raises(LookupException, match="no frame is known"):
         Buffer().lookup_transform("a", "b")
+
+
+@pytest.mark.parametrize("name", ["", "x"])
+def test_among_many_frames_any_name_may_be_unknown(name):
+    """Also an empty one, which has no first letter to compare."""
+    buffer = Buffer()
+    for number in range(1001):
+        buffer.set_transform(moved(0, "world", f"frame{number}"), static=True)
+    for call in (buffer.remove, buffer.frame):
+        with pytest.raises(LookupException, match=f"there is no frame '{name}'; available: "):
+            call(name)
+
+
+def test_other_threads_use_the_buffer_while_names_are_compared(monkeypatch):
+    """To compare many names takes long, so it is done without the lock."""
+    buffer = filled(moved(1, "world", "robot", 1.0))
+    seen = []
+
+    def compare(frame, known):
+        seen.append(InAThread(buffer.frames).result())
+        return unknown_frame(frame, known)
+
+    monkeypatch.setattr("tfbus.buffer.lookup.unknown_frame", compare)
+    for timeout_s in (0.0, 1e-3):
+        with pytest.raises((LookupException, TimeoutException), match="'robot'"):
+            buffer.lookup_transform("world", "robt", timeout_s=timeout_s)
+    assert seen[0] == ["robot", "world"]
 
 
 def test_two_trees_are_not_connected():

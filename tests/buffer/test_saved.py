@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.builders import S, moved, transforms
-from tfbus import Buffer, DecodeError, Sampling, TransformException, TransformStamped
+from tfbus import Buffer, DecodeError, LoopException, Sampling, TransformException, TransformStamped
 
 FRAMES = ["map", "odom", "base", "tool"]
 
@@ -82,6 +82,64 @@ def test_a_loaded_buffer_goes_on_as_the_saved_one(tmp_path: Path) -> None:
         buffer.clear(after_ns=30 * S)
     assert after.all_frames() == before.all_frames()
     assert answers(after) == answers(before)
+
+
+def test_a_loaded_tree_refuses_a_loop(tmp_path: Path) -> None:
+    """It counts children as the saved one did, also where a parent is removed."""
+    before = Buffer()
+    before.set_transform(moved(S, "A", "B"), static=True)
+    after = saved(before, tmp_path / "a.npz")
+    with pytest.raises(LoopException):
+        after.set_transform(moved(S, "B", "A"), static=True)
+    after.remove("A")
+    assert after.frames() == ["A", "B"]
+
+
+def test_samples_below_a_removed_frame_stay_unconnected(tmp_path: Path) -> None:
+    """Also from a frame of the same name that comes later."""
+    before = Buffer()
+    before.set_transform(moved(S, "A", "C"))
+    before.set_transform(moved(2 * S, "B", "C"))
+    before.remove("A")
+    after = saved(before, tmp_path / "a.npz")
+    for buffer in (before, after):
+        buffer.set_transform(moved(3 * S, "B", "A"), static=True)
+        with pytest.raises(TransformException):
+            buffer.lookup_transform("A", "C", S)
+    assert after.all_frames() == before.all_frames()
+
+
+def test_the_limit_of_samples_stays(tmp_path: Path) -> None:
+    """And so does the count of those that were dropped."""
+    before = Buffer(max_samples=2)
+    for second in range(5):
+        before.set_transform(moved(second * S, "map", "base"))
+    after = saved(before, tmp_path / "a.npz")
+    assert after.frame("base").crowded_out == 3
+    after.set_transform(moved(6 * S, "map", "base"))
+    assert (after.frame("base").samples, after.frame("base").crowded_out) == (2, 4)
+
+
+def test_a_static_pose_of_a_former_epoch_yields_after_loading(tmp_path: Path) -> None:
+    """An edge the other way round replaces it."""
+    before = Buffer()
+    before.set_transform(moved(S, "A", "B"), static=True, authority="urdf")
+    before.forget("urdf")
+    after = saved(before, tmp_path / "a.npz")
+    after.set_transform(moved(S, "B", "A"), static=True, authority="urdf")
+    assert after.frame("A").parent == "B"
+
+
+def test_a_file_of_an_earlier_release_has_the_defaults(tmp_path: Path) -> None:
+    """It does not say the limit of samples, what ended, and what was dropped."""
+
+    def without(header: dict[str, Any]) -> None:
+        del header["max_samples"]
+        for frame in header["frames"]:
+            del frame["ended"], frame["crowded_out"]
+
+    changed(tmp_path / "a.npz", without)
+    assert Buffer.load(tmp_path / "a.npz").all_frames() == rich().all_frames()
 
 
 FRAME = st.sampled_from(FRAMES)
@@ -242,6 +300,10 @@ def _set(field: str, value: Any) -> Callable[[dict[str, Any]], None]:
         _set("static", 7),
         _set("mixed_until_ns", 2**64),
         _set("conflicts", "many"),
+        lambda header: header.update(max_samples=6),
+        lambda header: header.update(max_samples=0),
+        lambda header: header.update(max_samples="all"),
+        _set("crowded_out", -1),
         lambda header: header.update(cache_time_s=-1),
         lambda header: header.update(cache_time_s="long"),
         lambda header: header.update(sampling={"interpolation": "magic"}),

@@ -1,6 +1,8 @@
 """The tree in any order of changes, against a plain model that looks at everything each time."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import settings
@@ -214,6 +216,7 @@ class TreeMachine(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.buffer = Buffer(CACHE_NS / 1e9)
+        self.files = TemporaryDirectory()
         self.model = Model()
 
     @rule(
@@ -258,6 +261,17 @@ class TreeMachine(RuleBasedStateMachine):
         for name in names:
             if name in self.model.sent_by(authority):
                 self.model.remove(name)
+
+    @rule()
+    def save_and_load(self):
+        """The buffer goes on as it was."""
+        path = Path(self.files.name) / "buffer.npz"
+        self.buffer.save(path)
+        self.buffer = Buffer.load(path)
+
+    def teardown(self):
+        """Remove the files."""
+        self.files.cleanup()
 
     @rule()
     def clear(self):

@@ -768,7 +768,8 @@ class Buffer:
 
         with self._store.lock:
             held = self._store.tree.held()
-        write(Contents(self.cache_time_s, self.sampling, held), path)
+        limit = self._store.tree.max_samples
+        write(Contents(self.cache_time_s, limit, self.sampling, held), path)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Buffer":
@@ -780,7 +781,11 @@ class Buffer:
         from tfbus.buffer.saved import read
 
         contents = read(path)
-        buffer = cls(contents.cache_time_s, sampling=contents.sampling)
+        limit = contents.max_samples
+        if limit is None:
+            most = max((len(held.stamps_ns) for held in contents.frames.values()), default=0)
+            limit = max(_default_max_samples(contents.cache_time_s), most)
+        buffer = cls(contents.cache_time_s, sampling=contents.sampling, max_samples=limit)
         buffer._restore(contents.frames)
         return buffer
 

@@ -110,7 +110,7 @@ def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
         alike = (
             name
             for name in names
-            if abs(len(name) - len(frame)) < 3 and (name[0], name[-1]) == (frame[0], frame[-1])
+            if abs(len(name) - len(frame)) < 3 and (name[:1], name[-1:]) == (frame[:1], frame[-1:])
         )
         compared = list(islice(alike, _MOST_COMPARED))
     nearest = near_names(frame, compared)

@@ -31,6 +31,9 @@ from tfbus.errors import (
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
 from tfbus.runtime.clock import Limit, limit_by
 
+# A frame that is unknown, and the names of those that are known.
+_Unknown = tuple[str, list[str]]
+
 
 class Lookup:
     """Questions to a store that are answered from one state of it, all or none.
@@ -156,9 +159,13 @@ class Lookup:
             if stamp_ns is not None:
                 check_stamp(stamp_ns)
 
-    def _explained(self, reason: TransformException) -> TransformException:
-        """The reason, or the better one of a watcher; without the lock, as they may do anything."""
+    def _explained(self, reason: TransformException | _Unknown) -> TransformException:
+        """The reason as an error, or the better one of a watcher; without the lock, as watchers may
+        do anything, and the comparison of many names takes long.
+        """
         store = self._store
+        if isinstance(reason, tuple):
+            reason = unknown_frame(*reason)
         if store.tree.unreported:
             store.report_questions()
         store.expired_lookups.note(reason)
@@ -187,12 +194,12 @@ class Lookup:
             return None
         return answers
 
-    def _reason(self, now_ns: int) -> TransformException:
+    def _reason(self, now_ns: int) -> TransformException | _Unknown:
         """Why there are no answers."""
         # All names first, as tf2 does: a time is of no use to a frame that is unknown.
         for _, frame in self._names():
             if frame not in self._store.tree.frames:
-                return unknown_frame(frame, self._store.tree.frames)
+                return frame, list(self._store.tree.frames)
         for question in self._questions[:-1]:
             if self._answers((question,), None, now_ns) is None:
                 return self._why_not(question)

@@ -37,27 +37,33 @@ _ARRAYS = {
     "poses": ("<f8", (7,)),
 }
 
+# In place of the index of a sample's parent that was removed.
+_REMOVED = -1
+
 _LONGEST_AUTHORITY = 65_536
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a buffer is made of."""
+    """What a buffer is made of; `max_samples` is None in a file that does not say it."""
 
     cache_time_s: float
+    max_samples: int | None
     sampling: Sampling
     frames: dict[str, Held]
 
 
 def write(contents: Contents, path: str | os.PathLike[str]) -> None:
     """Write the file; it replaces a former one in one step. Raises OSError."""
-    index = {name: at for at, name in enumerate(contents.frames)}
+    index: dict[str | None, int] = {name: at for at, name in enumerate(contents.frames)}
+    index[None] = _REMOVED
     held = list(contents.frames.values())
     parents = [[index[name] for name in _parents(each)] for each in held]
     header = {
         "format": FORMAT,
         "version": VERSION,
         "cache_time_s": None if math.isinf(contents.cache_time_s) else contents.cache_time_s,
+        "max_samples": contents.max_samples,
         "sampling": asdict(contents.sampling),
         "frames": [_row(name, each) for name, each in contents.frames.items()],
     }
@@ -91,8 +97,10 @@ def _row(name: str, held: Held) -> dict[str, Any]:
         "parent": held.parent,
         "authority": held.authority,
         "gone": held.gone,
+        "ended": held.ended,
         "conflicts": held.conflicts,
         "refused": held.refused,
+        "crowded_out": held.crowded_out,
         "static": {"stamp_ns": held.static_stamp_ns, "pose": list(held.static_pose)}
         if held.is_static
         else None,
@@ -101,11 +109,11 @@ def _row(name: str, held: Held) -> dict[str, Any]:
     }
 
 
-def _parents(held: Held) -> Iterable[str]:
-    """The parent of each sample."""
+def _parents(held: Held) -> Iterable[str | None]:
+    """The parent of each sample; None where it was removed."""
     if held.parents is not None:
         return held.parents
-    return [held.parent or ""] * len(held.stamps_ns)
+    return [held.parent] * len(held.stamps_ns)
 
 
 def _joined(parts: Iterable[Any], dtype: str) -> NDArray[Any]:
@@ -161,6 +169,9 @@ def _contents(arrays: dict[str, NDArray[Any]]) -> Contents:
     try:
         cache_time_s = header["cache_time_s"]
         cache_time_s = math.inf if cache_time_s is None else _number(cache_time_s)
+        max_samples = header.get("max_samples")
+        if max_samples is not None:
+            _whole(max_samples, 1, LONGEST_NS)
         sampling = Sampling(**header["sampling"])
         rows = {_name(row["name"]): row for row in header["frames"]}
         if len(rows) != len(header["frames"]):
@@ -171,8 +182,12 @@ def _contents(arrays: dict[str, NDArray[Any]]) -> Contents:
         raise _Unusable(f"its header has a field that is wrong or missing ({said})") from error
     if not cache_time_s >= 0.0:
         raise _Unusable("its cache_time_s is not 0 or more")
+    if max_samples is not None and any(
+        len(held.stamps_ns) > max_samples for held in frames.values()
+    ):
+        raise _Unusable("a frame has more samples than max_samples")
     _check_loops({name: held.parent for name, held in frames.items()})
-    return Contents(cache_time_s, sampling, frames)
+    return Contents(cache_time_s, max_samples, sampling, frames)
 
 
 def _header(text: bytes) -> dict[str, Any]:
@@ -199,7 +214,7 @@ def _frames(
         raise _Unusable("the number of its samples is not that of its frames")
     _check_poses(poses)
     names = list(rows)
-    if len(parents) and not 0 <= int(parents.min()) <= int(parents.max()) < len(names):
+    if len(parents) and not _REMOVED <= int(parents.min()) <= int(parents.max()) < len(names):
         raise _Unusable("a sample has a parent that is not there")
     ends = np.cumsum([0, *counts]).tolist()
     for (name, row), (start, end) in zip(rows.items(), pairwise(ends), strict=True):
@@ -229,6 +244,8 @@ def _held(
         pose = (x, y, z, qx, qy, qz, qw)
         _check_poses(np.array([pose]))
     until = row["mixed_until_ns"]
+    if until is None and (parents == _REMOVED).any():
+        raise _Unusable("a sample has a parent that is not there")
     return Held(
         parent=None if row["parent"] is None else _name(row["parent"]),
         authority=_text(row["authority"]),
@@ -242,8 +259,13 @@ def _held(
         static_pose=pose,
         stamps_ns=stamps_ns,
         poses=poses,
-        parents=None if until is None else [names[at] for at in parents.tolist()],
+        parents=None
+        if until is None
+        else [None if at == _REMOVED else names[at] for at in parents.tolist()],
         mixed_until_ns=NO_DATA if until is None else _whole(until, NO_DATA, LONGEST_NS),
+        # Files of earlier releases do not have these two.
+        ended=row.get("ended") is True,
+        crowded_out=_whole(row.get("crowded_out", 0), 0, LONGEST_NS),
     )
 
 

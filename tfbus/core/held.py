@@ -18,8 +18,9 @@ class Held:
     """A frame, its static pose if it is static, and its samples, oldest first.
 
     `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` are those of the
-    samples, None where all have the `parent` of the frame; they may differ up to `mixed_until_ns`.
-    A static frame may hold samples from before it became static.
+    samples, None in it for one that was removed; it is None where all have the `parent` of the
+    frame. They may differ up to `mixed_until_ns`. A static frame may hold samples from before it
+    became static.
     """
 
     parent: str | None
@@ -32,5 +33,7 @@ class Held:
     static_pose: Pose
     stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
-    parents: list[str] | None
+    parents: list[str | None] | None
     mixed_until_ns: int
+    ended: bool
+    crowded_out: int

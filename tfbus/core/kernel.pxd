@@ -172,6 +172,8 @@ cdef class History:
     cdef _move(self, Py_ssize_t capacity, Py_ssize_t room)
     cdef _set_columns(self, long long[::1] stamps, double[::1] poses, Py_ssize_t capacity)
 
+cdef _name_of(History parent)
+
 @cython.final
 cdef class Path:
     cdef readonly History target, source

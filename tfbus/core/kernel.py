@@ -690,19 +690,20 @@ class History:
             static_pose=self.samples.static_pose,
             stamps_ns=np.asarray(self.stamps)[places] if count else np.zeros(0, dtype=np.int64),
             poses=np.asarray(self.poses).reshape(-1, 7)[places] if count else np.zeros((0, 7)),
-            parents=None
-            if self.parents is None
-            else [above.name for i in places if (above := self.parents[i]) is not None],
+            parents=None if self.parents is None else [_name_of(self.parents[i]) for i in places],
             mixed_until_ns=self.mixed_until,
+            ended=self.ended,
+            crowded_out=self.crowded_out,
         )
 
     # Writing
 
     def restore(self, held: Held, frames: "dict[str, History]") -> None:
         """Hold this, which was checked, and nothing else; `frames` has the parents."""
-        self.parent = None if held.parent is None else frames[held.parent]
-        self.authority, self.gone = held.authority, held.gone
+        self.set_parent(None if held.parent is None else frames[held.parent])
+        self.authority, self.gone, self.ended = held.authority, held.gone, held.ended
         self.conflicts, self.refused = held.conflicts, held.refused
+        self.crowded_out = held.crowded_out
         self.forget_samples()
         count = len(held.stamps_ns)
         if count:
@@ -715,7 +716,9 @@ class History:
         self.samples.static_pose = held.static_pose
         self.static_stamp = held.static_stamp_ns
         if held.parents is not None:
-            self._set_parents([frames[parent] for parent in held.parents])
+            self._set_parents(
+                [None if parent is None else frames[parent] for parent in held.parents]
+            )
             self.mixed_until = held.mixed_until_ns
         self._set_newest()
 
@@ -987,6 +990,11 @@ class History:
         else:
             self.samples.stamps = stamps
             self.samples.poses = poses
+
+
+def _name_of(parent: "History | None") -> str | None:
+    """The name of a sample's parent; None where it has been removed."""
+    return None if parent is None or parent.removed else parent.name
 
 
 # Path

@@ -13,7 +13,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.drawing import Drawing, display
-from tfbus.buffer.explain import Freshness, check_seconds
+from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
@@ -526,7 +526,8 @@ class Buffer:
         )
         if not known.all():
             first = int(stamps[np.argmin(known)])
-            raise Lookup(self._store, ((target_frame, source_frame, first),), sampling).error()
+            error = Lookup(self._store, ((target_frame, source_frame, first),), sampling).error()
+            raise without_timeout(error, many=True)
         return answers
 
     def lookup_known_transforms(
@@ -567,7 +568,8 @@ class Buffer:
         `stamps_ns` is one stamp, or one for each point (N,); None means the latest. With a
         `fixed_frame` all points are transformed into the target as it was at `target_stamp_ns`
         (None: the latest), which undistorts a lidar scan, where each point has its own stamp.
-        Raises as `lookup_transform`.
+        Raises as `lookup_transform`, and InvalidArgumentException for a `target_stamp_ns` without a
+        `fixed_frame`.
         """
         if isinstance(points, str):
             raise InvalidArgumentException(
@@ -582,21 +584,19 @@ class Buffer:
             ) from None
         if array.ndim != 2 or array.shape[1] != 3:
             raise InvalidArgumentException(f"points: expected shape (N, 3), got {array.shape}")
-        if fixed_frame is not None:
-            into = self.lookup_transform(
-                target_frame, fixed_frame, target_stamp_ns, sampling=sampling
+        if target_stamp_ns is not None and fixed_frame is None:
+            raise InvalidArgumentException(
+                "target_stamp_ns needs fixed_frame, the frame that does not move between the times "
+                "of the points and that of the target"
             )
+        if fixed_frame is not None:
+            into = self._lookup_at_once(target_frame, fixed_frame, target_stamp_ns, sampling)
             fixed = self.transform_points(
                 array, fixed_frame, source_frame, stamps_ns, sampling=sampling
             )
             return into.transform.apply(fixed)
         if stamps_ns is None or np.ndim(stamps_ns) == 0:
-            whole = self.lookup_transform(
-                target_frame,
-                source_frame,
-                None if stamps_ns is None else check_stamp(stamps_ns),
-                sampling=sampling,
-            )
+            whole = self._lookup_at_once(target_frame, source_frame, _stamp(stamps_ns), sampling)
             return whole.transform.apply(array)
         stamps = _stamps(stamps_ns)
         if len(stamps) != len(array):
@@ -606,6 +606,19 @@ class Buffer:
         return self.lookup_transforms(target_frame, source_frame, stamps, sampling=sampling).apply(
             array
         )
+
+    def _lookup_at_once(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        sampling: Sampling | None = None,
+    ) -> TransformStamped:
+        """As `lookup_transform`, for a caller without a timeout, which its errors do not name."""
+        try:
+            return self.lookup_transform(target_frame, source_frame, stamp_ns, sampling=sampling)
+        except ExtrapolationException as error:
+            raise without_timeout(error) from None
 
     def lookup_twist(
         self,
@@ -625,8 +638,8 @@ class Buffer:
         """
         check_seconds(window_s, "window_s", least=1e-9, most=LONGEST_NS / 1e9)
         observer = reference_frame if observation_frame is None else observation_frame
-        now = self.lookup_transform(reference_frame, frame, stamp_ns)
-        axes = self.lookup_transform(observer, reference_frame, now.stamp_ns).transform
+        now = self._lookup_at_once(reference_frame, frame, stamp_ns)
+        axes = self._lookup_at_once(observer, reference_frame, now.stamp_ns).transform
         with self._store.lock:
             path = self._store.tree.path(reference_frame, frame)
             dynamic = [] if path is None else [h for h in path.edges() if not h.static]
@@ -945,8 +958,14 @@ def _stamp(stamp_ns: int | None) -> int | None:
 def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or (stamps.size and stamps.dtype.kind not in "iu"):
+        hint = ""
+        if stamps.ndim == 0:
+            hint = "; for one stamp there is lookup_transform, or give a list of one"
+        elif stamps.dtype.kind in "fMO":
+            hint = "; tfbus.stamp_ns(...) converts seconds and datetimes"
         raise InvalidArgumentException(
-            f"stamps: expected integers of shape (N,), got {stamps.dtype} of {stamps.shape}"
+            "stamps: expected integers of shape (N,), nanoseconds since the Unix epoch, got "
+            f"{stamps.dtype} of {stamps.shape}{hint}"
         )
     if np.ma.is_masked(stamps_ns):
         raise InvalidArgumentException("stamps: some are masked; omit them (compressed())")

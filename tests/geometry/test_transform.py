@@ -423,3 +423,8 @@ def test_arguments_of_another_type_are_named(one, call, says):
     """Of a transform as of an array of them."""
     with pytest.raises(InvalidArgumentException, match=says):
         call(one)
+
+
+def test_a_zero_is_shown_without_a_sign():
+    """As the inverse of the identity has them."""
+    assert repr(~Transform()) == "Transform(xyz=(0, 0, 0), quat_xyzw=(0, 0, 0, 1))"

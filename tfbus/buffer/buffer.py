@@ -28,6 +28,7 @@ from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
+    LookupException,
     TransformException,
 )
 from tfbus.geometry.batch import TransformBatch
@@ -226,6 +227,7 @@ class Buffer:
         A frame whose parent has changed within the cache time, and that has samples later than
         `after_ns`, loses its earlier ones, too.
         """
+        after_ns = _stamp(after_ns)
         if self._store.lock.later(self.clear, after_ns=after_ns):
             return
         with self._store.lock:
@@ -316,6 +318,10 @@ class Buffer:
         It is called in the thread that inserts, without the lock, one change after another; it
         may use the buffer. What it raises is logged.
         """
+        if not callable(listener):
+            raise InvalidArgumentException(
+                f"listener must be a function of a tfbus.Change, not {type(listener).__name__}"
+            )
         return self._store.on_change(listener)
 
     def tell(self, change: Change) -> None:
@@ -596,7 +602,8 @@ class Buffer:
             )
             return into.transform.apply(fixed)
         if stamps_ns is None or np.ndim(stamps_ns) == 0:
-            whole = self._lookup_at_once(target_frame, source_frame, _stamp(stamps_ns), sampling)
+            stamp = None if stamps_ns is None else check_stamp(stamps_ns)
+            whole = self._lookup_at_once(target_frame, source_frame, stamp, sampling)
             return whole.transform.apply(array)
         stamps = _stamps(stamps_ns)
         if len(stamps) != len(array):
@@ -679,6 +686,9 @@ class Buffer:
 
         A static frame has one. Raises LookupException for an unknown frame.
         """
+        frame = _text(frame, "frame")
+        if parent is not None:
+            parent = _text(parent, "parent")
         with self._store.lock:
             history = self._store.tree.frames.get(frame)
             held = None if history is None else history.held()
@@ -729,6 +739,10 @@ class Buffer:
         Raises InvalidArgumentException, and stores nothing, if it is longer than the buffer keeps;
         `Buffer(cache_time_s=math.inf)` keeps all. Raises LoopException.
         """
+        if not isinstance(trajectory, Trajectory):
+            raise InvalidArgumentException(
+                f"trajectory: expected a tfbus.Trajectory, got a {type(trajectory).__name__}"
+            )
         with self._store.lock:
             history = self._store.tree.frames.get(trajectory.child_frame_id)
             span = None if history is None or history.static else history.stamp_span()
@@ -810,6 +824,7 @@ class Buffer:
 
     def frame(self, name: str) -> FrameInfo:
         """What the buffer knows of one frame. Raises LookupException where it is unknown."""
+        name = _text(name, "name")
         with self._store.lock:
             info = self._store.tree.info(name)
         if info is None:
@@ -854,9 +869,9 @@ class Buffer:
         """Show the trees: drawn in a notebook, printed elsewhere.
 
         With two frames the path between them is marked, and the transform of
-        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none.
-        Raises LookupException for an unknown frame. `tfbus.view.show(buffer)` opens a page with
-        all frames in three dimensions.
+        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none, as
+        of an unknown frame. `tfbus.view.show(buffer)` opens a page with all frames in three
+        dimensions.
         """
         display(self._drawing(target_frame, source_frame, stamp_ns))
 
@@ -869,7 +884,7 @@ class Buffer:
             raise InvalidArgumentException("name two frames, the target and the source, or none")
         try:
             names = self.path(target_frame, source_frame)
-        except ConnectivityException:
+        except (ConnectivityException, LookupException):
             names = [target_frame, source_frame]
         try:
             answer: TransformStamped | TransformException = self.lookup_transform(

@@ -450,7 +450,8 @@ class Transform:
         return make_transform, (self._pose,)
 
     def __repr__(self) -> str:
-        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self._pose)
+        # Adding 0.0 turns -0.0 into 0.0.
+        x, y, z, qx, qy, qz, qw = (f"{number + 0.0:.9g}" for number in self._pose)
         return f"Transform(xyz=({x}, {y}, {z}), quat_xyzw=({qx}, {qy}, {qz}, {qw}))"
 
 
@@ -755,7 +756,7 @@ def as_floats(values: ArrayLike, what: str) -> Floats:
 def as_number(value: Any, what: str) -> float:
     """The number. Raises InvalidArgumentException, which calls it `what`, for another type."""
     if type(value) is float:
-        return value  # type: ignore[no-any-return]  # judged just now
+        return value
     try:
         if isinstance(value, str | bytes):
             raise TypeError

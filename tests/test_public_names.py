@@ -107,6 +107,13 @@ def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
         tfbus.nonsense  # noqa: B018  # the access is the test
 
 
+def test_the_view_needs_no_import_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tfbus.view.show` is there after `import tfbus`."""
+    view = tfbus.view
+    monkeypatch.delattr(tfbus, "view")
+    assert tfbus.view is view and view.show.__module__ == "tfbus.view.local"
+
+
 def test_the_version_is_that_of_the_installed_package() -> None:
     """`tfbus.__version__` is there, as of any package, and read only when asked for."""
     assert tfbus.__version__ == importlib.metadata.version("tfbus")

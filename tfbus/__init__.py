@@ -12,6 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus import view as view
     from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
     from tfbus.broadcast.broadcaster import TransformBroadcaster as TransformBroadcaster
     from tfbus.buffer.buffer import Buffer as Buffer
@@ -122,6 +123,9 @@ __all__ = sorted(_MODULE_OF)
 def __getattr__(name: str) -> "Any":
     if name == "__version__":
         value = import_module("tfbus.runtime.version").installed_version()
+    elif name == "view":
+        # `import tfbus` is enough for `tfbus.view.show(buffer)`.
+        value = import_module("tfbus.view")
     elif name in _MODULE_OF:
         value = getattr(import_module(_MODULE_OF[name]), name)
     else:

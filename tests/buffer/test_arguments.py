@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.builders import S, moved
+from tfbus.broadcast.options import StreamOptions
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
 from tfbus.errors import InvalidArgumentException, LookupException
@@ -74,6 +75,31 @@ def test_only_transforms_are_between_others(wrong: Any):
     ):
         with pytest.raises(InvalidArgumentException, match=r"expected a tfbus\.Transform"):
             call()
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda buffer: buffer.frame(None), "name must be a str, not NoneType"),
+        (lambda buffer: buffer.samples(None), "frame must be a str, not NoneType"),
+        (lambda buffer: buffer.samples("robot", parent=[]), "parent must be a str, not list"),
+        (lambda buffer: buffer.set_trajectory(None), r"expected a tfbus\.Trajectory, got a None"),
+        (lambda buffer: buffer.set_trajectory([1]), r"expected a tfbus\.Trajectory, got a list"),
+        (lambda buffer: buffer.on_change(3), r"a function of a tfbus\.Change, not int"),
+        (lambda buffer: buffer.clear(after_ns=1.5), r"must be an integer, nanosec.*, not 1\.5"),
+        (lambda buffer: Sampling(extrapolation_s=ANY), "extrapolation_s must be a number"),
+        (lambda buffer: Sampling(extrapolation_s="1"), "extrapolation_s must be a number"),
+        (lambda buffer: StreamOptions(priority="high"), "must be a 32-bit integer, not 'high'"),
+        (lambda buffer: StreamOptions(priority=1.5), r"must be a 32-bit integer, not 1\.5"),
+        (lambda buffer: StreamOptions(history_s="1"), "history_s must be a number of seconds"),
+    ],
+)
+def test_an_argument_of_another_type_is_named(call: Any, says: str):
+    """In one sentence, and nothing has changed."""
+    buffer = filled()
+    with pytest.raises(InvalidArgumentException, match=says):
+        call(buffer)
+    assert buffer.frame("robot").samples == 4
 
 
 def test_a_subclass_may_forget_its_base():

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.builders import S, moved
-from tfbus import Buffer, InvalidArgumentException, LookupException
+from tfbus import Buffer, InvalidArgumentException
 
 
 def arm() -> Buffer:
@@ -58,10 +58,20 @@ def test_show_says_why_there_is_no_transform(capsys: pytest.CaptureFixture[str])
     assert "no data for 'base' -> 'arm'" in capsys.readouterr().out
 
 
-def test_show_of_wrong_frames_raises() -> None:
-    """An unknown frame, and one frame alone."""
-    with pytest.raises(LookupException):
-        arm().show("base", "toll")
+def test_show_says_that_a_frame_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
+    """Below the trees, with the name that is meant; also of a buffer without frames."""
+    arm().show("base", "toll")
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "base *" and shown[-1].startswith("there is no frame 'toll'; did you mean")
+    assert "there is no frame" in arm()._drawing("base", "toll", None)._repr_html_()
+    Buffer().show("base", "toll")
+    assert "there is no frame" in capsys.readouterr().out
+
+
+def test_show_of_one_frame_alone_raises() -> None:
+    """A path has two ends, and each has a name."""
+    with pytest.raises(InvalidArgumentException, match="must not be empty"):
+        arm().show("base", "")
     with pytest.raises(InvalidArgumentException, match="name two frames"):
         arm().show("base")
 

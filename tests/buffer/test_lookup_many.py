@@ -35,6 +35,44 @@ def arm(seconds: float = 2.0) -> Buffer:
     return buffer
 
 
+def test_a_call_without_a_timeout_does_not_advise_one():
+    """It says when to ask again, and of many stamps how to get those that are known."""
+    buffer = arm()
+    points, later = np.zeros((1, 3)), 3 * S
+    for call in (
+        lambda: buffer.lookup_transforms("world", "robot", [later]),
+        lambda: buffer.trajectory("world", "robot", [later]),
+        lambda: buffer.transform_points(points, "world", "robot", [later]),
+        lambda: buffer.transform_points(points, "world", "robot", later),
+        lambda: buffer.lookup_twist("robot", "world", later),
+    ):
+        with pytest.raises(FutureExtrapolationException, match="; ask again in about 1 s, or") as e:
+            call()
+        assert "timeout_s" not in str(e.value)
+    with pytest.raises(FutureExtrapolationException, match="lookup_known_transforms"):
+        buffer.lookup_transforms("world", "robot", [0, later])
+
+
+def test_a_time_of_the_target_needs_a_fixed_frame():
+    """Without one it would have no effect."""
+    with pytest.raises(InvalidArgumentException, match="target_stamp_ns needs fixed_frame"):
+        arm().transform_points([[0, 0, 0]], "world", "hand", S, target_stamp_ns=2 * S)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "says"),
+    [
+        ([1.5], r"got float64 of \(1,\); tfbus\.stamp_ns"),
+        (np.array(["2024-01-01"], "datetime64[ns]"), r"tfbus\.stamp_ns\(\.\.\.\) converts"),
+        (5, "for one stamp there is lookup_transform"),
+    ],
+)
+def test_stamps_of_another_form_are_told_of_the_call_that_takes_them(stamps, says):
+    """Seconds and times of the converter, one stamp of the lookup of one."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        arm().lookup_transforms("world", "hand", stamps)
+
+
 @pytest.mark.parametrize("ends", [("world", "hand"), ("hand", "world"), ("arm", "robot")])
 def test_many_lookups_are_the_lookups_one_by_one(ends):
     """Row i is what lookup_transform answers for stamp i, in any order of the stamps."""

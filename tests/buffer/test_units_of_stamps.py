@@ -41,6 +41,18 @@ def test_a_publisher_that_sends_seconds_is_named() -> None:
     assert says in why(seconds, NOW_NS, FutureExtrapolationException)
 
 
+def test_a_lookup_of_the_latest_names_the_publisher_that_sends_seconds() -> None:
+    """Where a path has an edge in nanoseconds and one in seconds, they have no common time."""
+    buffer = of(NOW_NS, NOW_NS + S)
+    buffer.set_transform(moved(1_700_000_001, "base", "gps"), authority="receiver")
+    says = (
+        "'gps', sent by 'receiver': its publisher's stamps seem wrong: the stamp 1700000001 looks"
+    )
+    with pytest.raises(ExtrapolationException, match=f"{says} like seconds") as caught:
+        buffer.lookup_transform("map", "gps")
+    assert "common time" not in str(caught.value)
+
+
 def test_small_stamps_are_of_simulated_time() -> None:
     """Where the samples are of simulated time, seconds after 0 are what they seem."""
     with pytest.raises(FutureExtrapolationException, match="wait about"):

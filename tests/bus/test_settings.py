@@ -89,6 +89,12 @@ def test_settings_do_not_change() -> None:
         settings.name = "x"  # type: ignore[misc]  # that is the test
 
 
+def test_one_endpoint_may_be_a_str() -> None:
+    """It is one, not one for each of its letters; a list is as good as a tuple."""
+    settings = NodeSettings("a", connect="tcp/1.2.3.4:7447", listen=["tcp/[::]:7447"])  # type: ignore[arg-type]  # as people write it
+    assert (settings.connect, settings.listen) == (("tcp/1.2.3.4:7447",), ("tcp/[::]:7447",))
+
+
 def test_settings_can_be_used_for_another_name() -> None:
     """The same settings serve a second node under a name of its own."""
     settings = NodeSettings("a", namespace="robot7", connect=("tcp/hub:7447",))
@@ -121,6 +127,12 @@ def test_settings_can_be_used_for_another_name() -> None:
             {"connect": ("tcp/hub:port",)},
             "endpoint 'tcp/hub:port' has no port: write tcp/hub:port:7447",
         ),
+        (
+            {"connect": 7447},
+            "connect must be an endpoint such as tcp/host:7447, or a list of them, not int",
+        ),
+        ({"listen": [7447]}, "listen: each endpoint must be a str such as tcp/host:7447, not int"),
+        ({"parameters": 3}, "parameters must be a dict, with a value for each name, not int"),
         ({"config": "/nowhere.json5"}, "there is no configuration file '/nowhere.json5'"),
     ],
 )

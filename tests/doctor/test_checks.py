@@ -349,6 +349,16 @@ def test_stamps_of_other_years_are_of_another_clock(
     assert CHECKS["rates"](seen).verdict == "ok"
 
 
+def test_stamps_in_seconds_are_named(healthy: Examination) -> None:
+    """Where they are seconds of this day, no simulated time is suspected."""
+    buffer = Buffer()
+    seconds = TransformStamped(NOW_NS // NS, "world", "base", Transform.identity())
+    buffer.set_transform(seconds, authority="sim")
+    seen = with_flow(delays_s=spread_of([1.67e9]))(with_tree(buffer, STREAM)(healthy))
+    (evidence,) = CHECKS["stamps"](seen).evidence
+    assert evidence.endswith("old: its stamps look like seconds: stamps are nanoseconds")
+
+
 def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
     """Two publishers of a frame are a conflict, not a trouble with its rate."""
     flows = (replace(FLOW, rate_hz=5.0), replace(FLOW, stream="other", rate_hz=5.0))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tests.builders import lengths, transforms, units
 from tfbus.errors import InvalidArgumentException
 from tfbus.geometry.transform import Transform, TransformStamped
+from tfbus.geometry.transform_array import TransformArray
 from tfbus.geometry.twist import TwistStamped
 
 TINY = 1e-12
@@ -396,3 +397,34 @@ def test_degrees_and_angles_are_scipys(axes, degrees):
     assert ours.is_close(Transform.from_scipy(theirs), 1e-9)
     assert Transform().angle(ours) == pytest.approx(theirs.magnitude(), abs=1e-9)
     assert np.allclose(ours.quat_wxyz, np.roll(ours.as_scipy_rotation().as_quat(), 1))
+
+
+@pytest.mark.parametrize("ratio", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("way", ["interpolate", "interpolate_screw"])
+def test_a_ratio_is_finite(way, ratio):
+    """Else the motion would be NaN, which no transform is."""
+    for first in (Transform(), TransformArray.of([Transform()] * 2)):
+        with pytest.raises(InvalidArgumentException, match=r"ratio.* finite"):
+            getattr(first, way)(Transform((1.0, 2.0, 3.0)), ratio)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda one: type(one).from_euler(None, np.zeros((2, 3))), "axes must be three of|angles"),
+        (lambda one: one.as_euler(None), "axes must be three of x, y, z"),
+        (lambda one: type(one).from_scipy(5), "rotation: expected a Rotation .* got int"),
+        (lambda one: one.is_close(one, "x"), "atol: expected a number, got str"),
+        (lambda one: one.interpolate(one, "x"), "ratio: expected an? .*number"),
+    ],
+)
+@pytest.mark.parametrize("one", [Transform(), TransformArray.of([Transform()] * 2)])
+def test_arguments_of_another_type_are_named(one, call, says):
+    """Of a transform as of an array of them."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        call(one)
+
+
+def test_a_zero_is_shown_without_a_sign():
+    """As the inverse of the identity has them."""
+    assert repr(~Transform()) == "Transform(xyz=(0, 0, 0), quat_xyzw=(0, 0, 0, 1))"

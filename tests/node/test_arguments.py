@@ -6,14 +6,17 @@ from typing import Any
 
 import pytest
 
+from tests.builders import at
 from tests.live_bus import Bus
 from tfbus import (
     Buffer,
+    BusError,
     InvalidArgumentException,
     InvalidNameError,
     Node,
     NodeSettings,
     ServiceError,
+    SettingsError,
     StaticTransformBroadcaster,
     TransformBroadcaster,
     TransformListener,
@@ -24,6 +27,27 @@ from tfbus.messages import Pose, RotateAbsolute, Spawn
 @pytest.fixture
 def node(bus: Bus) -> Node:
     return bus.node("node")
+
+
+def test_settings_of_another_type_are_refused() -> None:
+    """Before it joins the bus."""
+    wrong: Any = 5
+    with pytest.raises(SettingsError, match=r"settings: expected a tfbus\.NodeSettings, got int"):
+        Node("node", settings=wrong)
+
+
+def test_a_closed_node_says_so_by_its_name(node: Node) -> None:
+    """Whatever it is used for."""
+    static, dynamic = StaticTransformBroadcaster(node), TransformBroadcaster(node)
+    dynamic.send_transform(at())
+    node.close()
+    for call in (
+        lambda: static.send_transform(at()),
+        lambda: dynamic.send_transform(at()),
+        lambda: node.create_publisher(Pose, "pose"),
+    ):
+        with pytest.raises(BusError, match=r"could not publish .*: node 'node' is closed"):
+            call()
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,16 @@ def test_kitti_is_read_with_stamps_of_its_own(tmp_path: Path) -> None:
         Trajectory.read_kitti(tmp_path / "a.txt", [1], "map", "base")
 
 
+@pytest.mark.parametrize("stamp", ["1700000000.5", "1700000000.", "1.7e+09"])
+def test_a_table_with_seconds_is_asked_about(tmp_path: Path, stamp: str) -> None:
+    """As a TUM file with nanoseconds is."""
+    (tmp_path / "a.csv").write_text(
+        f"stamp_ns,frame_id,child_frame_id,x,y,z,qx,qy,qz,qw\n{stamp},map,base,0,0,0,0,0,0,1\n"
+    )
+    with pytest.raises(DecodeError, match=r"line 2: .* is it in seconds\?$"):
+        Trajectory.read_csv(tmp_path / "a.csv")
+
+
 def test_euroc_has_nanoseconds_and_w_first(tmp_path: Path) -> None:
     """Columns behind the quaternion, such as velocities, do not count."""
     (tmp_path / "data.csv").write_text(

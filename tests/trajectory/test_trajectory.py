@@ -35,6 +35,21 @@ def test_a_slice_and_a_mask_are_trajectories() -> None:
     assert (turned.frame_id, turned.child_frame_id, len(turned)) == ("map", "base", 1)
 
 
+def test_equality_is_of_frames_and_numbers() -> None:
+    """Two of the same values are equal; another frame, stamp or number makes a difference."""
+    whole = drive()
+    assert whole == drive() and whole != drive()[:2] and whole != list(drive())
+    others = [
+        Trajectory("odom", "base", whole.stamps_ns, whole.xyz, whole.quat_xyzw),
+        Trajectory("map", "base", whole.stamps_ns + 1, whole.xyz, whole.quat_xyzw),
+        Trajectory("map", "base", whole.stamps_ns, whole.xyz + 1e-9, whole.quat_xyzw),
+        Trajectory("map", "base", whole.stamps_ns, whole.xyz),
+    ]
+    assert all(whole != other for other in others)
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(whole)
+
+
 def test_it_says_in_a_line_what_it_is() -> None:
     """Its repr is short, however long it is."""
     assert repr(drive()) == "<Trajectory of 'base' in 'map', 3 poses over 3 s from 1.000000000 s>"

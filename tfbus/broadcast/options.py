@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import dataclass
+from operator import index
+from typing import SupportsFloat, SupportsIndex
 
 from tfbus.errors import InvalidArgumentException
 
@@ -21,14 +23,17 @@ class StreamOptions:
     history_s: float = 10.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.history_s < math.inf:
+        history_s: object = self.history_s
+        if not isinstance(history_s, SupportsFloat) or not 0.0 <= float(history_s) < math.inf:
             raise InvalidArgumentException(
                 f"history_s must be a number of seconds, 0 or more, not {self.history_s!r}"
             )
-        if not -(2**31) <= self.priority < 2**31:
+        priority: object = self.priority
+        if not isinstance(priority, SupportsIndex) or not -(2**31) <= index(priority) < 2**31:
             raise InvalidArgumentException(
                 f"priority must be a 32-bit integer, not {self.priority!r}"
             )
+        object.__setattr__(self, "priority", index(priority))
 
     def __str__(self) -> str:
         return f"split={self.split}, priority={self.priority}, history_s={self.history_s:g}"

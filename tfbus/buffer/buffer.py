@@ -13,7 +13,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.drawing import Drawing, display
-from tfbus.buffer.explain import Freshness, check_seconds
+from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
@@ -28,6 +28,7 @@ from tfbus.errors import (
     ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
+    LookupException,
     TransformException,
 )
 from tfbus.geometry.batch import TransformBatch
@@ -226,6 +227,7 @@ class Buffer:
         A frame whose parent has changed within the cache time, and that has samples later than
         `after_ns`, loses its earlier ones, too.
         """
+        after_ns = _stamp(after_ns)
         if self._store.lock.later(self.clear, after_ns=after_ns):
             return
         with self._store.lock:
@@ -316,6 +318,10 @@ class Buffer:
         It is called in the thread that inserts, without the lock, one change after another; it
         may use the buffer. What it raises is logged.
         """
+        if not callable(listener):
+            raise InvalidArgumentException(
+                f"listener must be a function of a tfbus.Change, not {type(listener).__name__}"
+            )
         return self._store.on_change(listener)
 
     def tell(self, change: Change) -> None:
@@ -526,7 +532,8 @@ class Buffer:
         )
         if not known.all():
             first = int(stamps[np.argmin(known)])
-            raise Lookup(self._store, ((target_frame, source_frame, first),), sampling).error()
+            error = Lookup(self._store, ((target_frame, source_frame, first),), sampling).error()
+            raise without_timeout(error, many=True)
         return answers
 
     def lookup_known_transforms(
@@ -567,7 +574,8 @@ class Buffer:
         `stamps_ns` is one stamp, or one for each point (N,); None means the latest. With a
         `fixed_frame` all points are transformed into the target as it was at `target_stamp_ns`
         (None: the latest), which undistorts a lidar scan, where each point has its own stamp.
-        Raises as `lookup_transform`.
+        Raises as `lookup_transform`, and InvalidArgumentException for a `target_stamp_ns` without a
+        `fixed_frame`.
         """
         if isinstance(points, str):
             raise InvalidArgumentException(
@@ -582,21 +590,20 @@ class Buffer:
             ) from None
         if array.ndim != 2 or array.shape[1] != 3:
             raise InvalidArgumentException(f"points: expected shape (N, 3), got {array.shape}")
-        if fixed_frame is not None:
-            into = self.lookup_transform(
-                target_frame, fixed_frame, target_stamp_ns, sampling=sampling
+        if target_stamp_ns is not None and fixed_frame is None:
+            raise InvalidArgumentException(
+                "target_stamp_ns needs fixed_frame, the frame that does not move between the times "
+                "of the points and that of the target"
             )
+        if fixed_frame is not None:
+            into = self._lookup_at_once(target_frame, fixed_frame, target_stamp_ns, sampling)
             fixed = self.transform_points(
                 array, fixed_frame, source_frame, stamps_ns, sampling=sampling
             )
             return into.transform.apply(fixed)
         if stamps_ns is None or np.ndim(stamps_ns) == 0:
-            whole = self.lookup_transform(
-                target_frame,
-                source_frame,
-                None if stamps_ns is None else check_stamp(stamps_ns),
-                sampling=sampling,
-            )
+            stamp = None if stamps_ns is None else check_stamp(stamps_ns)
+            whole = self._lookup_at_once(target_frame, source_frame, stamp, sampling)
             return whole.transform.apply(array)
         stamps = _stamps(stamps_ns)
         if len(stamps) != len(array):
@@ -606,6 +613,19 @@ class Buffer:
         return self.lookup_transforms(target_frame, source_frame, stamps, sampling=sampling).apply(
             array
         )
+
+    def _lookup_at_once(
+        self,
+        target_frame: str,
+        source_frame: str,
+        stamp_ns: int | None,
+        sampling: Sampling | None = None,
+    ) -> TransformStamped:
+        """As `lookup_transform`, for a caller without a timeout, which its errors do not name."""
+        try:
+            return self.lookup_transform(target_frame, source_frame, stamp_ns, sampling=sampling)
+        except ExtrapolationException as error:
+            raise without_timeout(error) from None
 
     def lookup_twist(
         self,
@@ -625,8 +645,8 @@ class Buffer:
         """
         check_seconds(window_s, "window_s", least=1e-9, most=LONGEST_NS / 1e9)
         observer = reference_frame if observation_frame is None else observation_frame
-        now = self.lookup_transform(reference_frame, frame, stamp_ns)
-        axes = self.lookup_transform(observer, reference_frame, now.stamp_ns).transform
+        now = self._lookup_at_once(reference_frame, frame, stamp_ns)
+        axes = self._lookup_at_once(observer, reference_frame, now.stamp_ns).transform
         with self._store.lock:
             path = self._store.tree.path(reference_frame, frame)
             dynamic = [] if path is None else [h for h in path.edges() if not h.static]
@@ -666,6 +686,9 @@ class Buffer:
 
         A static frame has one. Raises LookupException for an unknown frame.
         """
+        frame = _text(frame, "frame")
+        if parent is not None:
+            parent = _text(parent, "parent")
         with self._store.lock:
             history = self._store.tree.frames.get(frame)
             held = None if history is None else history.held()
@@ -716,6 +739,10 @@ class Buffer:
         Raises InvalidArgumentException, and stores nothing, if it is longer than the buffer keeps;
         `Buffer(cache_time_s=math.inf)` keeps all. Raises LoopException.
         """
+        if not isinstance(trajectory, Trajectory):
+            raise InvalidArgumentException(
+                f"trajectory: expected a tfbus.Trajectory, got a {type(trajectory).__name__}"
+            )
         with self._store.lock:
             history = self._store.tree.frames.get(trajectory.child_frame_id)
             span = None if history is None or history.static else history.stamp_span()
@@ -802,6 +829,7 @@ class Buffer:
 
     def frame(self, name: str) -> FrameInfo:
         """What the buffer knows of one frame. Raises LookupException where it is unknown."""
+        name = _text(name, "name")
         with self._store.lock:
             info = self._store.tree.info(name)
         if info is None:
@@ -846,9 +874,9 @@ class Buffer:
         """Show the trees: drawn in a notebook, printed elsewhere.
 
         With two frames the path between them is marked, and the transform of
-        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none.
-        Raises LookupException for an unknown frame. `tfbus.view.show(buffer)` opens a page with
-        all frames in three dimensions.
+        `lookup_transform(target_frame, source_frame, stamp_ns)` is shown, or why there is none, as
+        of an unknown frame. `tfbus.view.show(buffer)` opens a page with all frames in three
+        dimensions.
         """
         display(self._drawing(target_frame, source_frame, stamp_ns))
 
@@ -861,7 +889,7 @@ class Buffer:
             raise InvalidArgumentException("name two frames, the target and the source, or none")
         try:
             names = self.path(target_frame, source_frame)
-        except ConnectivityException:
+        except (ConnectivityException, LookupException):
             names = [target_frame, source_frame]
         try:
             answer: TransformStamped | TransformException = self.lookup_transform(
@@ -950,8 +978,14 @@ def _stamp(stamp_ns: int | None) -> int | None:
 def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     stamps = np.asarray(stamps_ns)
     if stamps.ndim != 1 or (stamps.size and stamps.dtype.kind not in "iu"):
+        hint = ""
+        if stamps.ndim == 0:
+            hint = "; for one stamp there is lookup_transform, or give a list of one"
+        elif stamps.dtype.kind in "fMO":
+            hint = "; tfbus.stamp_ns(...) converts seconds and datetimes"
         raise InvalidArgumentException(
-            f"stamps: expected integers of shape (N,), got {stamps.dtype} of {stamps.shape}"
+            "stamps: expected integers of shape (N,), nanoseconds since the Unix epoch, got "
+            f"{stamps.dtype} of {stamps.shape}{hint}"
         )
     if np.ma.is_masked(stamps_ns):
         raise InvalidArgumentException("stamps: some are masked; omit them (compressed())")

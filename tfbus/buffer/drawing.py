@@ -21,9 +21,7 @@ class Drawing:
     answer: TransformStamped | TransformException | None = None
 
     def __str__(self) -> str:
-        if not self.frames:
-            return "no frames yet"
-        tree = as_text(self.frames, self.path)
+        tree = as_text(self.frames, self.path) if self.frames else "no frames yet"
         return tree if self.answer is None else f"{tree}\n\n{said(self.answer)}"
 
     __repr__ = __str__

@@ -29,6 +29,10 @@ from tfbus.wording import listed, near_names, stamp_text
 # The end of a sentence: the advice to wait, and what else helps.
 _WAIT = re.compile(r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, or (.+))?$")
 
+# The same where it names the argument of a lookup that waits, which others do not have.
+_WAIT_ARGUMENT = re.compile(r"; wait (about \S+ s) \(timeout_s\)(, or .+)?$")
+_LATER_MANY = r"; ask again in \1, or only for stamps that are known (lookup_known_transforms)"
+
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
 
@@ -102,6 +106,15 @@ def after_waiting(error: TransformException) -> str:
     return _WAIT.sub(lambda found: f"; {found[1]}" if found[1] else "", str(error))
 
 
+def without_timeout(error: TransformException, *, many: bool = False) -> TransformException:
+    """The error, for a call that has no `timeout_s`: it advises to ask again later; with `many`
+    stamps also to leave out those without an answer, where it would have one ask for the latest.
+    """
+    later = _LATER_MANY if many else r"; ask again in \1\2"
+    error.args = (_WAIT_ARGUMENT.sub(later, str(error)),)
+    return error
+
+
 def unknown_frame(frame: str, known: Iterable[str]) -> LookupException:
     """The error for an unknown frame, with the known names that look like it."""
     names = sorted(known)
@@ -165,7 +178,7 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
     (oldest, _), ahead = max(known, key=lambda each: each[0][0])
     if oldest <= newest:
         return None
-    away = (
+    away = _confused_units(oldest, newest) or (
         f"its newest sample is {_far(newest - oldest)} than the oldest of {ahead.name!r}, so they "
         "have no common time; wait for newer ones, or keep more (cache_time_s)"
     )

@@ -76,8 +76,9 @@ class HeardWatch(_MatchWatch):
 class BytesPublisher(Declaration):
     """Sends payloads on one key."""
 
-    def __init__(self, key: str, publisher: Any, limits: Limits):
+    def __init__(self, key: str, publisher: Any, limits: Limits, node: str = ""):
         super().__init__(publisher)
+        self._node = node
         self._key = key
         self._limits = limits
         self._most = limits.of(kind_of(key))
@@ -98,7 +99,7 @@ class BytesPublisher(Declaration):
         try:
             self._declared.put(payload)
         except zenoh.ZError as error:
-            raise as_bus_error(f"publish {self._key}", error) from error
+            raise as_bus_error(f"publish {self._key}", error, self._node) from error
 
 
 class PublishersWithin:
@@ -114,8 +115,10 @@ class PublishersWithin:
         watch: HeardWatch,
         priority: zenoh.Priority,
         limits: Limits,
+        node: str = "",
     ):
         self.session = session
+        self._node = node
         self.priority = priority
         self._watch = watch
         self._limits = limits
@@ -128,7 +131,7 @@ class PublishersWithin:
 
     def publisher(self, key: str) -> BytesPublisher:
         """A publisher of one key."""
-        return BytesPublisher(key, _OneOfMany(self, key), self._limits)
+        return BytesPublisher(key, _OneOfMany(self, key), self._limits, self._node)
 
 
 class _OneOfMany:

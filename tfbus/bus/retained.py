@@ -27,7 +27,7 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
     It has the priority of dynamic transforms: at that of topics a put waited 0.2 s when a camera
     filled the link.
     """
-    with bus_errors(f"publish {key}"):
+    with bus_errors(f"publish {key}", session.settings.name):
         publisher = ext.declare_advanced_publisher(
             session.zenoh,
             key,
@@ -39,7 +39,7 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
             ),
             publisher_detection=True,
         )
-    return BytesPublisher(key, publisher, session.settings.limits)
+    return BytesPublisher(key, publisher, session.settings.limits, session.settings.name)
 
 
 def declare_retained_subscriber(
@@ -61,7 +61,7 @@ def declare_signed_subscriber(
 
 
 def _subscriber(session: Session, key: str, handler: Any) -> Declaration:
-    with bus_errors(f"subscribe to {key}"):
+    with bus_errors(f"subscribe to {key}", session.settings.name):
         subscriber = ext.declare_advanced_subscriber(
             session.zenoh,
             key,

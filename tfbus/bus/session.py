@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from functools import partial
 
@@ -142,7 +142,7 @@ class Session:
     def _open_outside(self) -> "Session":
         with self._outside_lock:
             if self._closed:
-                raise BusError("the session is closed")
+                raise BusError(f"node {self.settings.name!r} is closed")
             if self._outside is None:
                 self._outside = Session(
                     replace(self.settings, namespace=""), self._log, is_second=True
@@ -174,6 +174,10 @@ class Session:
                     signal.signal(signal.SIGINT, signal.SIG_DFL)
             self.close()
 
+    def _errors(self, doing: str) -> AbstractContextManager[None]:
+        """Raise Zenoh's errors as those of this node."""
+        return bus_errors(doing, self.settings.name)
+
     # Publish and subscribe
 
     def publisher(self, key: str, *, urgent: bool = False) -> BytesPublisher:
@@ -184,22 +188,24 @@ class Session:
         batching stays on: messages wait for others only while the link is busy.
         """
         at, key = self.placed(key)
-        with bus_errors(f"publish {key}"):
+        with self._errors(f"publish {key}"):
             publisher = at.zenoh.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_priority(urgent),
             )
-        return BytesPublisher(key, publisher, self.settings.limits)
+        return BytesPublisher(key, publisher, self.settings.limits, self.settings.name)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
         watch = self.watch_heard(expression)
-        return PublishersWithin(self.zenoh, watch, _priority(urgent), self.settings.limits)
+        return PublishersWithin(
+            self.zenoh, watch, _priority(urgent), self.settings.limits, self.settings.name
+        )
 
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
-        with bus_errors(f"watch {key}"):
+        with self._errors(f"watch {key}"):
             return HeardWatch(self.zenoh.declare_publisher(key))
 
     def subscriber(
@@ -212,7 +218,7 @@ class Session:
         dropped unread, since it is larger than the limit of its kind.
         """
         at, key = self.placed(key)
-        with bus_errors(f"subscribe to {key}"):
+        with self._errors(f"subscribe to {key}"):
             handler = self.callbacks.of_samples(key, callback, on_too_large)
             return Declaration(at.zenoh.declare_subscriber(key, handler))
 
@@ -246,14 +252,14 @@ class Session:
                 with query.answering(what):
                     raise BusError("too many queries at once; retry later")
 
-        with bus_errors(f"serve {key}"):
+        with self._errors(f"serve {key}"):
             handler = direct(self.callbacks.guarded(what, on_query))
             return Declaration(at.zenoh.declare_queryable(key, handler))
 
     def watch_served(self, key: str) -> ServedWatch:
         """A watch that knows whether a process serves `key`."""
         at, key = self.placed(key)
-        with bus_errors(f"watch {key}"):
+        with self._errors(f"watch {key}"):
             return ServedWatch(at.zenoh.declare_querier(key, target=zenoh.QueryTarget.ALL))
 
     def ask(
@@ -306,7 +312,7 @@ class Session:
             f"answer of {key}", lambda reply: on_answer(answer_of(reply, mistake_in_size))
         )
         guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
-        with bus_errors(f"query {key}"):
+        with self._errors(f"query {key}"):
             at.zenoh.get(
                 key,
                 direct(guarded_answer, lambda: guarded_end(None)),
@@ -324,7 +330,7 @@ class Session:
 
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
-        with bus_errors(f"declare {key}"):
+        with self._errors(f"declare {key}"):
             return Declaration(self.zenoh.liveliness().declare_token(key))
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
@@ -334,7 +340,7 @@ class Session:
             lambda reply: keys.put(str(reply.ok.key_expr) if reply.ok else ""),
             lambda: keys.put(None),
         )
-        with bus_errors(f"list {key}"):
+        with self._errors(f"list {key}"):
             self.zenoh.liveliness().get(key, handler, timeout=timeout_s)
         return sorted(set(filter(None, iter(keys.get, None))))
 
@@ -346,7 +352,7 @@ class Session:
         def on_sample(sample: zenoh.Sample) -> None:
             callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        with bus_errors(f"watch {key}"):
+        with self._errors(f"watch {key}"):
             handler = direct(self.callbacks.guarded(f"token of {key}", on_sample))
             liveliness = self.zenoh.liveliness()
             return Declaration(liveliness.declare_subscriber(key, handler, history=True))
@@ -355,12 +361,12 @@ class Session:
 
     def routers(self) -> list[str]:
         """The ids of the routers that the session is connected to."""
-        with bus_errors("list the routers"):
+        with self._errors("list the routers"):
             return [str(zid) for zid in self.zenoh.info.routers_zid()]
 
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
-        with bus_errors("watch links"):
+        with self._errors("watch links"):
             handler = direct(self.callbacks.guarded("link", lambda _: callback()))
             return Declaration(self.zenoh.info.declare_transport_events_listener(handler))
 

@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -56,9 +56,10 @@ class NodeSettings:
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
     `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`, `TFBUS_LIMITS`), so one
     setting serves all processes of a machine. `mode` is "peer", "client", "router", or "" for that
-    of the configuration file ("peer" without one). Endpoints are Zenoh's (`tcp/host:7447`). With
-    `sim_time` the node's time comes from the topic `clock`. `limits` are the largest messages that
-    it reads and sends, by kind; in the environment `topic=64MB, service=8MB`.
+    of the configuration file ("peer" without one). Endpoints are Zenoh's (`tcp/host:7447`):
+    several, or one as a str. With `sim_time` the node's time comes from the topic `clock`. `limits`
+    are the largest messages that it reads and sends, by kind; in the environment `topic=64MB,
+    service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
     """
@@ -79,8 +80,10 @@ class NodeSettings:
         check_node_name(self.name)
         set_field = object.__setattr__
         set_field(self, "namespace", check_namespace(self.namespace))
-        set_field(self, "parameters", MappingProxyType(dict(self.parameters)))
-        set_field(self, "remappings", MappingProxyType(dict(self.remappings)))
+        for what in ("parameters", "remappings"):
+            set_field(self, what, MappingProxyType(_dict(getattr(self, what), what)))
+        for what in ("connect", "listen"):
+            set_field(self, what, _endpoints(getattr(self, what), what))
         for name in self.parameters:
             check_parameter(name)
         for name in (*self.remappings, *self.remappings.values()):
@@ -100,6 +103,33 @@ class NodeSettings:
     def renamed(self, name: str) -> "NodeSettings":
         """These settings for a node of another name."""
         return replace(self, name=name)
+
+
+def _dict(values: Any, what: str) -> dict[str, Any]:
+    try:
+        return dict(values)
+    except (TypeError, ValueError):
+        raise SettingsError(
+            f"{what} must be a dict, with a value for each name, not {type(values).__name__}"
+        ) from None
+
+
+def _endpoints(endpoints: object, what: str) -> tuple[str, ...]:
+    """Several endpoints, or the one of a str."""
+    several = (endpoints,) if isinstance(endpoints, str) else endpoints
+    if not isinstance(several, Iterable):
+        raise SettingsError(
+            f"{what} must be an endpoint such as tcp/host:7447, or a list of them, not "
+            f"{type(several).__name__}"
+        )
+    found = tuple(several)
+    for endpoint in found:
+        if not isinstance(endpoint, str):
+            raise SettingsError(
+                f"{what}: each endpoint must be a str such as tcp/host:7447, not "
+                f"{type(endpoint).__name__}"
+            )
+    return found
 
 
 def _check_endpoint(endpoint: str) -> None:

@@ -8,21 +8,26 @@ import zenoh
 from tfbus.errors import BusError
 from tfbus.wording import printable
 
+_SESSION_CLOSED = "session closed"  # as Zenoh says it
+
 
 @contextmanager
-def bus_errors(doing: str) -> Iterator[None]:
+def bus_errors(doing: str, node: str = "") -> Iterator[None]:
     """Raise Zenoh's errors as BusError, and those of a key that UTF-8 cannot hold; `doing` is what
-    failed: "publish turtle1/pose".
+    failed: "publish turtle1/pose". `node` is whose session it is.
     """
     try:
         yield
     except (zenoh.ZError, UnicodeEncodeError) as error:
-        raise as_bus_error(doing, error) from error
+        raise as_bus_error(doing, error, node) from error
 
 
-def as_bus_error(doing: str, error: Exception) -> BusError:
+def as_bus_error(doing: str, error: Exception, node: str = "") -> BusError:
     """Zenoh's error as a BusError that says what could not be done."""
-    return BusError(f"could not {printable(doing)}: {first_sentence(str(error))}")
+    why = first_sentence(str(error))
+    if node and why == _SESSION_CLOSED:
+        why = f"node {node!r} is closed"
+    return BusError(f"could not {printable(doing)}: {why}")
 
 
 def is_router_missing(error: zenoh.ZError) -> bool:

@@ -1,7 +1,7 @@
 """How a lookup reads a time at which there is no sample."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, SupportsFloat
 
 from tfbus.errors import InvalidArgumentException
 
@@ -34,9 +34,10 @@ class Sampling:
                 f"not {self.interpolation!r}"
             )
         for name in ("tolerance_s", "extrapolation_s"):
-            if not 0.0 <= getattr(self, name) <= 1e6:
+            value = getattr(self, name)
+            if not isinstance(value, SupportsFloat) or not 0.0 <= float(value) <= 1e6:
                 raise InvalidArgumentException(
-                    f"{name} must be a number of seconds from 0 to 1e6, not {getattr(self, name)!r}"
+                    f"{name} must be a number of seconds from 0 to 1e6, not {value!r}"
                 )
         if self.tolerance_s and self.interpolation != "nearest":
             raise InvalidArgumentException('tolerance_s is only for interpolation="nearest"')

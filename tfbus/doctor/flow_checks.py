@@ -6,7 +6,7 @@ from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
 from tfbus.frames.snapshot import who
-from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
+from tfbus.frames.state import is_another_time, why_another_time
 from tfbus.monitor.meter import EdgeFlow
 from tfbus.wording import counted, duration
 
@@ -124,7 +124,7 @@ def check_stamps(seen: Examination) -> Finding:
     far = [
         f"samples of {flow.child!r} are {duration(abs(flow.least_delay_s))} "
         f"{'in the future' if flow.least_delay_s < 0 else 'old'}: "
-        f"{'is its node without --sim-time?' if seen.settings.sim_time else ASK_IF_SIMULATED}"
+        f"{_why_far(seen, flow)}"
         for flow in of_our_time(seen)
         if flow.least_delay_s is not None
         and is_another_time(flow.least_delay_s)
@@ -171,6 +171,13 @@ def check_refused(seen: Examination) -> Finding:
     return found(
         "fail", evidence, "fix the publisher; each reason says what is allowed", "none was rejected"
     )
+
+
+def _why_far(seen: Examination, flow: EdgeFlow) -> str:
+    """Why the samples of a flow are years away."""
+    if seen.settings.sim_time:
+        return "is its node without --sim-time?"
+    return why_another_time(seen.tree, seen.tree.frames.get(flow.child))
 
 
 def _of_flows(seen: Examination, verdict: str, evidence: list[str], remedy: str) -> Finding:

@@ -25,6 +25,7 @@ from typing import Literal
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.snapshot import FrameTree
+from tfbus.runtime.stamp_units import other_unit
 from tfbus.wording import duration
 
 Fault = Literal["gone", "conflict", "stale"]
@@ -37,7 +38,7 @@ _STALE_WITHOUT_RATE_S = 3.0
 # Stamps farther away than this are by another clock, such as a simulated one.
 _YEAR_S = 365.25 * 86_400
 
-ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
+_ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
 
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
@@ -91,6 +92,13 @@ def is_another_time(age_s: float | None) -> bool:
     return age_s is not None and abs(age_s) > _YEAR_S
 
 
+def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
+    """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
+    newest_ns = None if frame is None else frame.newest_ns
+    unit = "" if newest_ns is None else other_unit(newest_ns, tree.recorded_ns)
+    return f"its stamps look like {unit}: stamps are nanoseconds" if unit else _ASK_IF_SIMULATED
+
+
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
     """What to say about an edge, the most important first; nothing for a root."""
     if frame.parent is None:
@@ -104,7 +112,7 @@ def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
         if tree.is_of_another_time(frame):
             words.append("its time is simulated: use --sim-time")
         elif is_another_time(age_s):
-            words.append(ASK_IF_SIMULATED)
+            words.append(why_another_time(tree, frame))
         if frame.rate_hz is not None:
             words.append(f"{frame.rate_hz:.1f} Hz over {duration(tree.kept_s(frame))}")
     words.append(f"by {frame.authority}")

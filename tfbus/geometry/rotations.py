@@ -167,7 +167,7 @@ def looking(forward: Floats, up: Floats, convention: str) -> Floats:
 
 def euler_axes(axes: str) -> tuple[list[int], bool]:
     """Three axes as indices, and whether they stay fixed: "xyz" (fixed) or "ZYX" (turning)."""
-    order = ["xyz".find(axis) for axis in axes.lower()]
+    order = ["xyz".find(axis) for axis in axes.lower()] if isinstance(axes, str) else []
     good = len(order) == 3 and -1 not in order and order[1] not in (order[0], order[2])
     if not good or axes not in (axes.lower(), axes.upper()):
         raise InvalidArgumentException(

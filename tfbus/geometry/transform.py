@@ -330,9 +330,8 @@ class Transform:
     @staticmethod
     def from_scipy(rotation: Any, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
         """From a scipy Rotation with a translation, or from a scipy RigidTransform."""
-        if hasattr(rotation, "as_components"):
-            xyz, rotation = rotation.as_components()
-        return Transform(xyz, rotation.as_quat())
+        xyz, quat_xyzw = scipy_parts(rotation, xyz)
+        return Transform(xyz, quat_xyzw)
 
     def as_scipy_rotation(self) -> Any:
         """The rotation as scipy's Rotation; needs scipy."""
@@ -413,10 +412,12 @@ class Transform:
 
     def interpolate(self, other: "Transform", ratio: float) -> "Transform":
         """As tf2 does: the translation on a straight line, the rotation by slerp the short way
-        round. `ratio` 0 is this one, 1 the other.
+        round. `ratio` 0 is this one, 1 the other; it must be finite.
         """
         return make_transform(
-            normalised(lerp_slerp(self._pose, pose_of(checked_transform(other)), ratio))
+            normalised(
+                lerp_slerp(self._pose, pose_of(checked_transform(other)), _finite(ratio, "ratio"))
+            )
         )
 
     def interpolate_screw(self, other: "Transform", ratio: float) -> "Transform":
@@ -424,13 +425,16 @@ class Transform:
 
         Unlike `interpolate`, the motion does not depend on where the frame's origin is.
         """
-        return make_transform(sclerp(self._pose, pose_of(checked_transform(other)), ratio))
+        return make_transform(
+            sclerp(self._pose, pose_of(checked_transform(other)), _finite(ratio, "ratio"))
+        )
 
     def is_close(self, other: "Transform", atol: float = 1e-9) -> bool:
         """Whether both are the same motion: translations within `atol` metres on each axis,
         rotations within `atol` radians. A quaternion and its negative are the same rotation.
         """
         _, _, _, qx, qy, qz, _ = relative(self._pose, pose_of(checked_transform(other)))
+        atol = as_number(atol, "atol")
         near = np.allclose(self.xyz, other.xyz, rtol=0.0, atol=atol)
         return bool(near) and 2.0 * hypot(qx, qy, qz) <= atol
 
@@ -446,7 +450,8 @@ class Transform:
         return make_transform, (self._pose,)
 
     def __repr__(self) -> str:
-        x, y, z, qx, qy, qz, qw = (f"{number:.9g}" for number in self._pose)
+        # Adding 0.0 turns -0.0 into 0.0.
+        x, y, z, qx, qy, qz, qw = (f"{number + 0.0:.9g}" for number in self._pose)
         return f"Transform(xyz=({x}, {y}, {z}), quat_xyzw=({qx}, {qy}, {qz}, {qw}))"
 
 
@@ -696,6 +701,21 @@ def take(values: Mapping[str, Any], *keys: str) -> list[Any]:
     return [values[key] for key in keys]
 
 
+def scipy_parts(rotation: Any, xyz: ArrayLike) -> tuple[ArrayLike, Any]:
+    """The translation and the quaternion x, y, z, w of scipy's Rotation or RigidTransform.
+
+    Raises InvalidArgumentException for another type.
+    """
+    if hasattr(rotation, "as_components"):
+        xyz, rotation = rotation.as_components()
+    if not hasattr(rotation, "as_quat"):
+        raise InvalidArgumentException(
+            "rotation: expected a Rotation or RigidTransform of scipy.spatial.transform, got "
+            f"{_type_of(rotation)}"
+        )
+    return xyz, rotation.as_quat()
+
+
 def new_array(array: Floats, dtype: Any, copy: bool | None) -> NDArray[Any]:
     """An array that was just made, for `__array__`: numpy must not be promised that it is not a
     copy.
@@ -731,6 +751,27 @@ def as_floats(values: ArrayLike, what: str) -> Floats:
         raise InvalidArgumentException(
             f"{what}: expected an array of numbers, got {values!r:.60}"
         ) from None
+
+
+def as_number(value: Any, what: str) -> float:
+    """The number. Raises InvalidArgumentException, which calls it `what`, for another type."""
+    if type(value) is float:
+        return value
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidArgumentException(
+            f"{what}: expected a number, got {_type_of(value)}"
+        ) from None
+
+
+def _finite(value: Any, what: str) -> float:
+    number = as_number(value, what)
+    if not isfinite(number):
+        raise InvalidArgumentException(f"{what} must be a finite number, not {number}")
+    return number
 
 
 def _plain_numbers(values: Any, count: int) -> list[float] | None:

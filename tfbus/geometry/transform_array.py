@@ -22,9 +22,11 @@ from tfbus.geometry.transform import (
     POINTS_COME_SECOND,
     Transform,
     as_floats,
+    as_number,
     checked_transform,
     new_array,
     operand_points,
+    scipy_parts,
     take,
 )
 
@@ -229,9 +231,8 @@ class TransformArray(Sequence[Transform]):
     @staticmethod
     def from_scipy(rotation: Any, xyz: ArrayLike = (0, 0, 0)) -> "TransformArray":
         """From scipy's Rotation of N with translations (N, 3) or (3,), or its RigidTransform."""
-        if hasattr(rotation, "as_components"):
-            xyz, rotation = rotation.as_components()
-        return _moved(np.atleast_2d(rotation.as_quat()), xyz)
+        xyz, quat_xyzw = scipy_parts(rotation, xyz)
+        return _moved(np.atleast_2d(quat_xyzw), xyz)
 
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> "TransformArray":
@@ -426,6 +427,7 @@ class TransformArray(Sequence[Transform]):
     ) -> NDArray[np.bool_]:
         """Which rows (N,) are the same motion as their other, as `Transform.is_close`."""
         mine, others = self._paired(other)
+        atol = as_number(atol, "atol")
         near = (np.abs(mine.xyz - others.xyz) <= atol).all(axis=1)
         is_close: NDArray[np.bool_] = near & (mine.angle(others) <= atol)
         return is_close
@@ -443,7 +445,7 @@ class TransformArray(Sequence[Transform]):
     ) -> "TransformArray":
         """As tf2 does: translations on a straight line, rotations by slerp the short way round.
 
-        `ratio` is one number or (N,): 0 is this one, 1 the other.
+        `ratio` is one number or (N,), finite: 0 is this one, 1 the other.
         """
         mine, others = self._paired(other)
         part = _ratios(ratio, max(len(mine), len(others)))
@@ -555,7 +557,7 @@ def _paired(a: Floats, b: Floats, what: str, others: str) -> tuple[Floats, Float
 
 def _ratios(ratio: ArrayLike, count: int) -> Floats:
     """One ratio for all rows, or one for each, as a column; many may share one pair."""
-    ratios = as_floats(ratio, "ratio")
+    ratios = _finite(ratio, "ratio")
     if ratios.ndim > 1:
         raise InvalidArgumentException(
             f"ratio: expected one number or shape (N,), got {ratios.shape}"

@@ -10,7 +10,7 @@ from tfbus.bus import forks
 from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.errors import ParameterError, TfbusError
+from tfbus.errors import ParameterError, SettingsError, TfbusError
 from tfbus.node.arguments import (
     check_callback,
     check_message_type,
@@ -73,6 +73,10 @@ class Node:
             given: dict[str, Any] = {"namespace": namespace, "parameters": parameters}
             settings = NodeSettings(
                 name, **{key: value for key, value in given.items() if value is not None}
+            )
+        elif not isinstance(settings, NodeSettings):
+            raise SettingsError(
+                f"settings: expected a tfbus.NodeSettings, got {type(settings).__name__}"
             )
         self.settings = settings
         self.name = settings.name

@@ -13,7 +13,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A file to write bytes to, which takes the place of `path` at the end of the `with`.
 
     It is written beside that one and renamed; after an error nothing has changed. A device or a
-    pipe, such as /dev/stdout, is written to directly. Raises OSError.
+    pipe, such as /dev/stdout, is written to directly. Raises OSError, which names `path`.
     """
     place = Path(os.path.realpath(path))
     if place.exists() and not place.is_file():
@@ -29,7 +29,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         os.replace(beside, place)
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError) and str(error.filename) == str(beside):
+            error.filename = os.fspath(path)
+            del error.filename2  # that of the renaming
         with suppress(OSError):
             beside.unlink()
         raise

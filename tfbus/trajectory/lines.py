@@ -1,6 +1,7 @@
 """Lines of numbers in text files, with errors that name the line."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator
 from decimal import Decimal, InvalidOperation
 
@@ -13,6 +14,9 @@ from tfbus.wording import printable
 _LONGEST_LINE = 100_000
 
 _NS_DIGITS = 9
+
+# Seconds as people write them.
+_DECIMAL = re.compile(r"-?\d{1,10}\.\d*|-?\d\.\d+e\+?0?9", re.ASCII)
 
 
 def lines_of(path: FilePath, *, comments: bool = True) -> Iterator[tuple[int, str]]:
@@ -60,9 +64,10 @@ def whole_stamp(text: str, where: str) -> int:
     except ValueError:
         stamp_ns = LONGEST_NS
     if not -LONGEST_NS < stamp_ns < LONGEST_NS:
+        what = "; is it in seconds?" if _DECIMAL.fullmatch(text.strip()) else ""
         raise DecodeError(
             f"{where}: expected a stamp in whole nanoseconds since 1970, within 146 years of it, "
-            f"got {printable(text, 40)!r}"
+            f"got {printable(text, 40)!r}{what}"
         )
     return stamp_ns
 

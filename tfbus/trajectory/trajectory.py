@@ -32,7 +32,8 @@ class Trajectory:
     The poses take points of the child into the parent. The arrays are read-only copies.
 
     It is a sequence: an index gives a TransformStamped, a slice or a mask a Trajectory, a loop the
-    transforms one by one. `pandas.DataFrame(trajectory.as_columns())` is a table of it.
+    transforms one by one. `==` compares frames and numbers exactly.
+    `pandas.DataFrame(trajectory.as_columns())` is a table of it.
 
     Raises InvalidArgumentException for wrong shapes, invalid names, numbers that are not finite,
     quaternions whose norm is not 1, and stamps that do not rise.
@@ -181,6 +182,20 @@ class Trajectory:
             )
         pose = Transform(self.xyz[at], self.quat_xyzw[at])
         return TransformStamped(int(self.stamps_ns[at]), self.frame_id, self.child_frame_id, pose)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the frames, and all numbers exactly, are the same."""
+        if not isinstance(other, Trajectory):
+            return NotImplemented
+        return (
+            (self.frame_id, self.child_frame_id) == (other.frame_id, other.child_frame_id)
+            and np.array_equal(self.stamps_ns, other.stamps_ns)
+            and np.array_equal(self.xyz, other.xyz)
+            and np.array_equal(self.quat_xyzw, other.quat_xyzw)
+        )
+
+    # As of a TransformArray.
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         named = f"{self.child_frame_id!r} in {self.frame_id!r}"

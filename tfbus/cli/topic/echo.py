@@ -119,7 +119,7 @@ def echo_command(
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
     topic = relative(topic, settings.namespace)
-    with visiting(settings, "echo") as node:
+    with visiting(settings, "echo", goes_on=not once) as node:
         type_name = type_of(look(node.session), topic)
         with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
             if raw:
@@ -132,7 +132,9 @@ def echo_command(
                     click.clear()
                 print_text(text)
                 if once:
-                    break
+                    return
+        if once:
+            raise KeyboardInterrupt
 
 
 def _read(

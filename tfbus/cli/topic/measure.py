@@ -113,11 +113,14 @@ def _run(
     topics: tuple[str, ...],
     report: reports.Report,
     number_of: Callable[["Node", str], Meter],
+    *,
+    once: bool,
     **how: Any,
 ) -> None:
     topics = tuple(relative(topic, settings.namespace) for topic in topics)
-    with visiting(settings, report.name) as node:
-        measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
+    with visiting(settings, report.name, goes_on=not once) as node:
+        meters = {topic: number_of(node, topic) for topic in topics}
+        measure(node, meters, report, once=once, **how)
 
 
 def _newest_stamp(payload: bytes) -> int:

@@ -6,7 +6,7 @@ from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
 from tfbus.frames.snapshot import who
-from tfbus.frames.state import ASK_IF_SIMULATED, is_another_time
+from tfbus.frames.state import is_another_time, whose_clock
 from tfbus.monitor.meter import EdgeFlow
 from tfbus.wording import counted, duration
 
@@ -124,7 +124,7 @@ def check_stamps(seen: Examination) -> Finding:
     far = [
         f"samples of {flow.child!r} are {duration(abs(flow.least_delay_s))} "
         f"{'in the future' if flow.least_delay_s < 0 else 'old'}: "
-        f"{'is its node without --sim-time?' if seen.settings.sim_time else ASK_IF_SIMULATED}"
+        f"{whose_clock(is_simulated=seen.settings.sim_time)}"
         for flow in of_our_time(seen)
         if flow.least_delay_s is not None
         and is_another_time(flow.least_delay_s)

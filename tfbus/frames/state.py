@@ -91,6 +91,11 @@ def is_another_time(age_s: float | None) -> bool:
     return age_s is not None and abs(age_s) > _YEAR_S
 
 
+def whose_clock(*, is_simulated: bool) -> str:
+    """A question for who sees stamps of another clock, by whether his own is simulated."""
+    return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
+
+
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:
     """What to say about an edge, the most important first; nothing for a root."""
     if frame.parent is None:

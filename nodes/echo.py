@@ -6,8 +6,10 @@ Try it: tfbus echo world turtle1
 import itertools
 import math
 import os
+import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import partial
 
 import click
@@ -139,7 +141,8 @@ def main(
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
     timeout_s = math.inf if timeout is None else timeout
-    with Node(settings=settings, patience_s=timeout_s) as node:
+    is_complete = limit is None  # it goes on until Ctrl-C
+    with suppress(KeyboardInterrupt), Node(settings=settings, patience_s=timeout_s) as node:
         history_s = question.history_s(node.now_ns())
         buffer = Buffer(max(10.0, history_s))
         with TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener:
@@ -147,7 +150,9 @@ def main(
             found = answers(node, listener, question, rate_hz=rate, timeout_s=timeout_s)
             blocks = _changes(found) if changed else found
             header = CSV_HEADER if form == "csv" else ""
-            _print_all(map(write, itertools.islice(blocks, limit)), header)
+            is_complete = _print_all(map(write, itertools.islice(blocks, limit)), header, limit)
+    if not is_complete:
+        raise SystemExit(128 + signal.SIGINT)
 
 
 def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:
@@ -159,15 +164,22 @@ def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:
             yield answer
 
 
-def _print_all(blocks: Iterator[str], header: str) -> None:
-    """Print each block at once; end quietly when the reader of stdout is gone."""
+def _print_all(blocks: Iterator[str], header: str, limit: int | None) -> bool:
+    """Print each block at once; end quietly when the reader of stdout is gone.
+
+    Returns whether that was all: as many blocks as the limit, or any number where it is None.
+    """
+    printed = 0
     try:
         for block in blocks:
             click.echo(f"{header}\n{block}" if header else block)
             header = ""
+            printed += 1
     except BrokenPipeError:
         # Python flushes stdout again at exit, which would fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return limit is None or printed == limit
 
 
 if __name__ == "__main__":

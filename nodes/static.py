@@ -3,6 +3,7 @@
 Try it: tfbus static world camera --x 1 --yaw 0.5
 """
 
+from logging import Logger
 from pathlib import Path
 
 import click
@@ -91,21 +92,21 @@ def _publish(settings: NodeSettings, edges: list[TransformStamped]) -> None:
             for edge in edges
         )
         for edge in edges:
-            node.log.info("%s", _announcement(edge))
+            _announce(edge, node.log)
         node.spin()
 
 
-def _announcement(edge: TransformStamped) -> str:
-    """The four lines that static_transform_publisher logs of an edge."""
-    xyz, quat_xyzw = (
-        ", ".join(f"'{value:.6f}'" for value in values)
-        for values in (edge.transform.xyz, edge.transform.quat_xyzw)
-    )
-    return (
+def _announce(edge: TransformStamped, log: Logger) -> None:
+    """Log the four lines that static_transform_publisher logs of an edge."""
+    log.info(
         "Spinning until stopped - publishing transform\n"
-        f"translation: ({xyz})\n"
-        f"rotation: ({quat_xyzw})\n"
-        f"from '{edge.frame_id}' to '{edge.child_frame_id}'"
+        "translation: ('%.6f', '%.6f', '%.6f')\n"
+        "rotation: ('%.6f', '%.6f', '%.6f', '%.6f')\n"
+        "from '%s' to '%s'",
+        *edge.transform.xyz,
+        *edge.transform.quat_xyzw,
+        edge.frame_id,
+        edge.child_frame_id,
     )
 
 

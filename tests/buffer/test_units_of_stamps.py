@@ -4,7 +4,7 @@ import pytest
 
 from tests.builders import S, moved
 from tfbus import Buffer, ExtrapolationException, FutureExtrapolationException
-from tfbus.errors import PastExtrapolationException, SingleSampleException
+from tfbus.errors import PastExtrapolationException, SingleSampleException, StaleException
 
 NOW_NS = 1_700_000_000 * S
 
@@ -57,5 +57,29 @@ def test_small_stamps_are_of_simulated_time() -> None:
     """Where the samples are of simulated time, seconds after 0 are what they seem."""
     with pytest.raises(FutureExtrapolationException, match="wait about"):
         of(S, 2 * S).lookup_transform("map", "base", 1_700_000_000_000)
-    with pytest.raises(PastExtrapolationException, match="query a later time"):
-        of(NOW_NS, NOW_NS + S).lookup_transform("map", "base", 5)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_stamp_of_another_clock_gets_no_advice_to_wait(count: int) -> None:
+    """Years from all samples, the answer is --sim-time for the side whose clock is the system's."""
+    real = of(*(NOW_NS + at * S for at in range(count)))
+    simulated = of(*(5 * S + at * S for at in range(count)))
+    late = SingleSampleException if count == 1 else FutureExtrapolationException
+    early = SingleSampleException if count == 1 else PastExtrapolationException
+    clocks = "so its stamps are of another clock; if one of the two is simulated, pass --sim-time"
+    says = why(simulated, NOW_NS, late)
+    assert says.endswith(f"its newest sample is 54 years earlier, {clocks} to this node too")
+    says = why(real, 7 * S, early)
+    assert says.endswith(f"its newest sample is 54 years later, {clocks} to its publisher too")
+
+
+def test_edges_of_two_clocks_have_no_common_time() -> None:
+    """The latest common time of simulated and real stamps is not worth waiting for."""
+    buffer = of(5 * S)
+    buffer.set_transform(moved(NOW_NS, "map", "cup"))
+    with pytest.raises(ExtrapolationException, match="are of different clocks") as caught:
+        buffer.lookup_transform("base", "cup")
+    assert "wait" not in str(caught.value)
+    with pytest.raises(StaleException, match="are of another clock") as stale:
+        buffer.lookup_transform("map", "base", max_age_s=3.0)
+    assert "wait" not in str(stale.value)

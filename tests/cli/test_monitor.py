@@ -98,3 +98,13 @@ def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
     short_lived.close()
     monitor.wait_for_line("^visitor +short_lived GONE")
     assert monitor.stop() == 0
+
+
+def test_stamps_of_another_clock_are_named(bus: Bus) -> None:
+    """Ages of years come from a simulated time, and both tools that print ages ask for that."""
+    keep_sending(bus.node("simulated"), "world", "base", late_ns=10**18, rate_hz=50.0)
+    asks = "another clock: is its time simulated? try --sim-time"
+    report = bus.run("monitor", "world", "base", "--once")
+    assert f"The stamps of 'base' are of {asks}" in report.stdout
+    delay = bus.run("topic", "delay", "tf/simulated", "--once")
+    assert delay.stderr.splitlines() == [f"Warning: the stamps on 'tf/simulated' are of {asks}"]

@@ -1,6 +1,7 @@
 """Commands and nodes as a user of ROS types them, in any terminal."""
 
 from tests.live_bus import Bus, eventually
+from tfbus.messages import Spawn
 
 
 def test_a_node_starts_with_the_arguments_of_ros(bus: Bus) -> None:
@@ -41,3 +42,13 @@ def test_a_name_in_another_encoding_is_refused_in_one_sentence(bus: Bus) -> None
         assert (done.returncode, done.stdout) == (2, "")
         assert r"'caf\udce9' cannot be" in done.stderr
         assert "Traceback" not in done.stderr
+
+
+def test_a_goal_is_called_with_its_type(bus: Bus) -> None:
+    """`tfbus call` takes the type between the name and the goal, and checks it."""
+    node = bus.node("sim")
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response(request.name))
+    done = bus.run("call", "spawn", "turtlesim/srv/Spawn", "{name: leo}")
+    assert (done.returncode, done.stdout) == (0, '{"name": "leo"}\n')
+    done = bus.run("call", "spawn", "Kill", "{name: leo}")
+    assert (done.returncode, "'spawn' is of type Spawn, not Kill" in done.stderr) == (2, True)

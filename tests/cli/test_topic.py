@@ -253,3 +253,22 @@ def test_a_client_works_through_a_router(bus: Bus) -> None:
     assert run(bus, "echo", "color", "--once", "--csv", *at_router)[1] == "1,2,3\n"
     assert run(bus, "hz", "color", "--once", *at_router)[0] == 0
     assert pub.stop() == 0
+
+
+def test_the_type_may_be_named_as_in_ros(bus: Bus) -> None:
+    """`topic echo` takes the type behind the topic, and refuses another than the announced one."""
+    sim(bus)
+    code, out, _ = run(bus, "echo", "turtle1/pose", "turtlesim/msg/Pose", "--once", "--field", "x")
+    assert (code, out) == (0, "5.5\n---\n")
+    code, _, err = run(bus, "echo", "turtle1/pose", "Twist", "--once")
+    assert (code, "'turtle1/pose' is of type Pose, not Twist" in err) == (2, True)
+
+
+def test_the_fields_of_transforms_are_shown(bus: Bus) -> None:
+    """`tf`, a stream on it, and the names of the type in tfbus and in ROS show the same."""
+    shown = {
+        run(bus, "show", name)[1] for name in ("tf", "tf/sim", "TransformMessage", "TFMessage")
+    }
+    (text,) = shown
+    assert text.startswith("TransformMessage: The transforms of a stream")
+    assert "  transforms: list[" in text

@@ -9,6 +9,7 @@ from click.testing import CliRunner, Result
 
 from tfbus import BusError, NodeSettings, node_options
 from tfbus.command.options import bus_options, settings_from_args
+from tfbus.command.ros_args import in_tfbus_words
 
 seen: list[NodeSettings] = []
 
@@ -81,7 +82,7 @@ def test_options_go_before_the_environment() -> None:
         (["--param", ":=2"], "':=2' is not of the form --param name=value"),
         (["-p"], "option '-p' needs a value, as in -p name:=value"),
         (["rate:=2"], "write --param rate=2 to set a parameter, or --remap rate:=2"),
-        (["_rate:=2"], "write --param rate=2 to set a parameter"),
+        (["_rate:=2"], "write --param rate=2\n"),
         (["--ros-args", "--enclave", "/x"], "'--enclave' is not known after --ros-args; known: -p"),
         (["--ros-args", "-r"], "option '-r' needs a value, as in -r name:=value"),
         (["-p", "use_sim_time:=maybe"], "use_sim_time must be true or false, not 'maybe'"),
@@ -275,3 +276,21 @@ def test_a_mistake_in_a_file_of_parameters_is_one_sentence(
     result = run("--params-file", str(path))
     assert result.exit_code == 2
     assert sentence in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "form"),
+    [
+        ("__ns:=/r", "--namespace r"),
+        ("__node:=cam", "--name cam"),
+        ("__name:=cam", "--name cam"),
+        ("_rate:=2", "--param rate=2"),
+        ("~rate:=2", "--param rate=2"),
+        ("pose:=odom", "--param pose=odom to set a parameter, or --remap pose:=odom to use"),
+    ],
+)
+def test_an_assignment_of_ros_is_answered_in_our_words(typed: str, form: str) -> None:
+    """Without `--ros-args` each form of ROS is named by the option that does the same."""
+    with pytest.raises(click.UsageError) as caught:
+        list(in_tfbus_words([typed]))
+    assert caught.value.message.startswith(f"'{typed}' needs its option: write {form}")

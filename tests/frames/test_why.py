@@ -246,3 +246,13 @@ class TestCommand:
         assert "--namespace robot7" in report["remedies"][0]
         _, (line,) = self.run(bus, "world", "camera", "--namespace", "robot7", "--json")
         assert json.loads(line)["answer"]["xyz"] == [1.0, 2.0, 3.0]
+
+
+def test_no_line_ends_within_an_option() -> None:
+    """A line of `tfbus why` breaks at blanks, and never at the hyphen of an option."""
+    from tfbus.cli.why import _wrapped
+
+    for letters in range(50, 80):
+        lines = _wrapped(f"{'a' * letters} --sim-time and --namespace", "  - ")
+        assert not any(line.endswith("-") for line in lines)
+        assert max(map(len, lines)) <= 80

@@ -751,3 +751,12 @@ class TestLife:
         bus.config.write_text("{mode: 'boss'}")
         with pytest.raises(SettingsError, match=r"zenoh\.json5 is not a conf.*unknown variant"):
             Node(settings=NodeSettings("x", config=str(bus.config)))
+
+
+def test_messages_are_not_published_among_transforms(bus: Bus) -> None:
+    """A publisher of messages on the key of transforms is refused, also by a remapped name."""
+    for name, remappings in (("tf", {}), ("speed", {"speed": "/robot7/tf/sim"})):
+        node = bus.node("talker", remappings=remappings)
+        with pytest.raises(InvalidNameError, match="is of transforms"):
+            node.create_publisher(Pose, name)
+        node.close()

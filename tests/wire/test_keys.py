@@ -230,8 +230,23 @@ def test_namespaces(given: str, kept: str) -> None:
     assert keys.check_namespace(given) == kept
 
 
-@pytest.mark.parametrize("namespace", ["a//b", "a b", "robot*", "@tfbus"])
+@pytest.mark.parametrize("namespace", ["a//b", "//a", "a//", "a b", "robot*", "@tfbus"])
 def test_namespaces_that_cannot_be(namespace: str) -> None:
     """A namespace follows the rules of a topic."""
     with pytest.raises(InvalidNameError, match="cannot be the name of a namespace"):
         keys.check_namespace(namespace)
+
+
+@pytest.mark.parametrize("namespace", ["~", "~/a", "/a/~"])
+def test_a_namespace_is_not_a_nodes_own(namespace: str) -> None:
+    """`~` is for the names of topics alone."""
+    with pytest.raises(InvalidNameError, match="cannot be a namespace: '~' stands for"):
+        keys.check_namespace(namespace)
+
+
+@pytest.mark.parametrize("topic", ["tf", "tf/sim", "tf_static", "/robot7/tf/sim", "a/tf_static/b"])
+def test_the_keys_of_transforms_are_no_topics_of_messages(topic: str) -> None:
+    """Listeners would read a message there as transforms."""
+    with pytest.raises(InvalidNameError, match="is of transforms: publish these by"):
+        keys.check_no_transforms(topic)
+    assert keys.check_no_transforms("tfx/a_tf") == "tfx/a_tf"

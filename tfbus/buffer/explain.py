@@ -23,7 +23,7 @@ from tfbus.errors import (
     TimeoutException,
     TransformException,
 )
-from tfbus.runtime.stamp_units import other_unit, unit_hint
+from tfbus.runtime.stamp_units import other_clock, other_unit, unit_hint
 from tfbus.wording import listed, near_names, stamp_text
 
 # The end of a sentence: the advice to wait, and what else helps.
@@ -73,7 +73,9 @@ class Freshness:
         allowed = f"max_age_s allows {self.max_age_s:g} s"
         if oldest.gone:
             return _stale(oldest, age_s, f"{allowed}, and its publisher is gone; start it again")
-        return _stale(oldest, age_s, f"{allowed}; wait for the next (timeout_s), or allow more")
+        remedy = other_clock(now_ns, now_ns - round(age_s * 1e9))
+        remedy = remedy or "wait for the next (timeout_s), or allow more"
+        return _stale(oldest, age_s, f"{allowed}; {remedy}")
 
 
 def check_seconds(
@@ -178,7 +180,14 @@ def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
     (oldest, _), ahead = max(known, key=lambda each: each[0][0])
     if oldest <= newest:
         return None
-    away = _confused_units(oldest, newest) or (
+    unit = _confused_units(oldest, newest)
+    if not unit and other_clock(oldest, newest):
+        away = (
+            f"its stamps and those of {ahead.name!r} are of different clocks; if one of the two is "
+            "simulated, pass --sim-time to the publishers of both"
+        )
+        return _error(ExtrapolationException, late, None, away)
+    away = unit or (
         f"its newest sample is {_far(newest - oldest)} than the oldest of {ahead.name!r}, so they "
         "have no common time; wait for newer ones, or keep more (cache_time_s)"
     )
@@ -215,7 +224,7 @@ def _no_data(
         beyond -= round(sampling.extrapolation_s * 1e9)
     if beyond <= 0:
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
-    confused = _confused_units(stamp_ns, newest)
+    confused = _confused_units(stamp_ns, newest) or other_clock(stamp_ns, newest)
     if history.count() == 1:
         remedy = "wait for another" if stamp_ns > newest else "query a later time"
         away = confused or f"its only sample is {_far(newest - stamp_ns)}; {remedy}"

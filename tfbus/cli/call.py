@@ -1,7 +1,8 @@
 """`tfbus call`: call a service or an action from the command line."""
 
 import queue
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import click
@@ -15,12 +16,16 @@ from tfbus.cli.messages.message import (
     checked_map,
     complete_values,
     encode_values,
+    find_call,
+    read_map,
     supplied_call,
 )
+from tfbus.cli.messages.of_type import bare
 from tfbus.cli.messages.prototype import complete_request
 from tfbus.cli.output import print_json
 from tfbus.command.options import bus_options
 from tfbus.command.types import POSITIVE, ServiceName
+from tfbus.discover.graph import ServiceInfo
 from tfbus.errors import ServiceError
 from tfbus.runtime.signals import StopSignals
 from tfbus.wire.codec import decode_map, encode_map
@@ -46,27 +51,73 @@ TIMEOUT = click.option(
     epilog="Example: tfbus call spawn '{x: 2, y: 3, theta: 0, name: turtle2}'",
 )
 @click.argument("service", type=ServiceName())
-@click.argument("request", default="{}", shell_complete=complete_request)
+@click.argument("request", nargs=-1, metavar="[TYPE] [REQUEST]", shell_complete=complete_request)
 @TIMEOUT
 @bus_options("call")
-def command(settings: NodeSettings, service: str, request: str, timeout_s: float) -> None:
+def command(
+    settings: NodeSettings, service: str, request: tuple[str, ...], timeout_s: float
+) -> None:
     """Call a service or an action, and print its answers.
 
-    REQUEST is a YAML map of fields; missing ones get their defaults, or zeros. Each answer is one
-    line of JSON: the response of a service, or the feedback and then the result of an action.
-    Ctrl-C cancels an action.
+    REQUEST is a YAML map of fields; missing ones get their defaults, or zeros. TYPE, such as Spawn
+    or package.module:Name, is optional; it is an error if the service has another type. Each answer
+    is one line of JSON: the response of a service, or the feedback and then the result of an
+    action. Ctrl-C cancels an action.
     """
-    values = checked_map(request, "REQUEST")
+    typed = typed_request(request)
     service = relative(service, settings.namespace)
     with open_bus(settings) as session:
-        payload = request_payload(session, service, values)
+        payload = typed.payload(session, service)
         for answer in follow(session, service, payload, timeout_s):
             print_json(answer)
 
 
-def request_payload(
-    session: Session, service: str, values: dict[str, Any], type_: type | None = None
-) -> bytes:
+@dataclass(frozen=True)
+class TypedRequest:
+    """What was typed in: the name of a type, "" where it is omitted, and the fields."""
+
+    type_name: str
+    values: dict[str, Any]
+
+    def payload(self, session: Session, service: str) -> bytes:
+        """The bytes of the request. Raises click.UsageError where the service has another type."""
+        type_ = find_call(self.type_name) if ":" in self.type_name else None
+        if self.type_name:
+            _check_type(session, service, type_.__qualname__ if type_ else self.type_name)
+        return _payload(session, service, self.values, type_)
+
+
+def typed_request(words: Sequence[str]) -> TypedRequest:
+    """The type and the request of these words. Raises click.UsageError for others."""
+    type_name, text = _split(words)
+    return TypedRequest(type_name, checked_map(text, "REQUEST"))
+
+
+def types_of(service: ServiceInfo) -> str:
+    """The names of a service's types, for a sentence."""
+    return ", ".join(service.types) or "unknown"
+
+
+def _split(words: Sequence[str]) -> tuple[str, str]:
+    """The name of a type, "" if it is omitted, and the request."""
+    if len(words) > 2:
+        raise click.UsageError(
+            f"expected a type and a map of fields, got {len(words)} words: quote the map"
+        )
+    if len(words) == 2:
+        return words[0], words[1]
+    if words and bare(words[0]).isidentifier() and read_map(words[0]) is None:
+        return words[0], "{}"
+    return "", words[0] if words else "{}"
+
+
+def _check_type(session: Session, service: str, type_name: str) -> None:
+    info = look(session).services.get(service)
+    if info and info.servers and bare(type_name) not in info.types:
+        raise click.UsageError(f"{service!r} is of type {types_of(info)}, not {type_name}")
+
+
+def _payload(session: Session, service: str, values: dict[str, Any], type_: type | None) -> bytes:
     """The bytes of a request, complete where its type is known: given, or in `tfbus.messages`.
 
     Raises click.UsageError for values that are no request of that type.

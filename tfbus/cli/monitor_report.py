@@ -1,9 +1,9 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
 from tfbus.cli.output import paint, paint_state, table
-from tfbus.frames.state import faults, state
+from tfbus.frames.state import faults, is_another_time, state, whose_clock
 from tfbus.monitor.report import Pair, Report
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, listed
 
 
 def as_lines(report: Report, hint: str = "") -> list[str]:
@@ -13,7 +13,8 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
         return lines
     if not report.edges():
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
-    return [*lines, *_edge_table(report), "", *_stream_table(report), *_dropped_lines(report)]
+    tables = [*_edge_table(report), "", *_stream_table(report)]
+    return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report)]
 
 
 def _pair_lines(pair: Pair) -> list[str]:
@@ -32,6 +33,16 @@ def _pair_lines(pair: Pair) -> list[str]:
     else:
         lines.append(f"Held back by: {pair.held_back_by}")
     return [*lines, ""]
+
+
+def _clock_lines(report: Report) -> list[str]:
+    """A line that names the frames with ages that are none."""
+    odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
+    if not odd:
+        return []
+    frames = listed(list(map(repr, odd)))
+    question = whose_clock(is_simulated=report.tree.is_simulated)
+    return ["", paint(f"The stamps of {frames} are of another clock: {question}", "bad")]
 
 
 def _edge_table(report: Report) -> list[str]:

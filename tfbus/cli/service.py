@@ -1,6 +1,5 @@
 """`tfbus service`: the services on the bus, and calls of one."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 
 import click
@@ -9,11 +8,9 @@ from click.shell_completion import CompletionItem
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look, open_bus
-from tfbus.cli.call import TIMEOUT, follow, request_payload
+from tfbus.cli.call import TIMEOUT, follow, typed_request, types_of
 from tfbus.cli.messages.message import (
-    checked_map,
     find_call,
-    read_map,
     supplied_call,
     supplied_calls,
 )
@@ -57,7 +54,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
         print_json([_as_map(service) for service in services])
     else:
         print_lines(
-            f"{service.name} {paint(f'[{_types(service)}]', 'type')}"
+            f"{service.name} {paint(f'[{types_of(service)}]', 'type')}"
             if show_types
             else service.name
             for service in services
@@ -75,7 +72,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
     if as_json:
         print_json(_as_map(info))
         return
-    print_text(f"Type: {paint(_types(info), 'type')}")
+    print_text(f"Type: {paint(types_of(info), 'type')}")
     print_text(f"Clients count: {len(info.clients)}")
     print_text(f"Services count: {len(info.servers)}")
 
@@ -86,7 +83,7 @@ def info_command(settings: NodeSettings, service: str, as_json: bool) -> None:
 def type_command(settings: NodeSettings, service: str) -> None:
     """Print the type of SERVICE."""
     with open_bus(settings) as session:
-        print_text(_types(_find(session, relative(service, settings.namespace))))
+        print_text(types_of(_find(session, relative(service, settings.namespace))))
 
 
 @command.command("find", epilog="Example: tfbus service find Spawn")
@@ -116,14 +113,10 @@ def call_command(
     or package.module:Name, is optional; it is an error if the service has another type. An action
     gives several answers, as in `tfbus call`.
     """
-    type_name, text = _split(request)
-    values = checked_map(text, "REQUEST")
+    typed = typed_request(request)
     service = relative(service, settings.namespace)
-    type_ = find_call(type_name) if ":" in type_name else None
     with open_bus(settings) as session:
-        if type_name:
-            _check_type(session, service, type_.__qualname__ if type_ else type_name)
-        payload = request_payload(session, service, values, type_)
+        payload = typed.payload(session, service)
         for at, answer in enumerate(follow(session, service, payload, timeout_s)):
             if as_json:
                 print_json(answer)
@@ -165,7 +158,7 @@ def _type_of(info: ServiceInfo) -> type:
     known = [type_ for name in info.types if (type_ := supplied_call(name))]
     if not known:
         raise ServiceError(
-            f"{info.name!r} is of type {_types(info)}, whose fields only its nodes know: name it "
+            f"{info.name!r} is of type {types_of(info)}, whose fields only its nodes know: name it "
             "by its place in Python, as in: tfbus service show my_robot.services:Dock"
         )
     return known[0]
@@ -183,28 +176,5 @@ def _find(session: Session, service: str) -> ServiceInfo:
     return services[service]
 
 
-def _split(words: Sequence[str]) -> tuple[str, str]:
-    """The name of a type, "" if it is omitted, and the request."""
-    if len(words) > 2:
-        raise click.UsageError(
-            f"expected a type and a map of fields, got {len(words)} words: quote the map"
-        )
-    if len(words) == 2:
-        return words[0], words[1]
-    if words and bare(words[0]).isidentifier() and read_map(words[0]) is None:
-        return words[0], "{}"
-    return "", words[0] if words else "{}"
-
-
-def _check_type(session: Session, service: str, type_name: str) -> None:
-    info = look(session).services.get(service)
-    if info and info.servers and bare(type_name) not in info.types:
-        raise click.UsageError(f"{service!r} is of type {_types(info)}, not {type_name}")
-
-
 def _as_map(service: ServiceInfo) -> dict[str, object]:
     return {**asdict(service), "types": list(service.types)}
-
-
-def _types(service: ServiceInfo) -> str:
-    return ", ".join(service.types) or "unknown"

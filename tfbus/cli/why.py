@@ -1,5 +1,6 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
+import textwrap
 from dataclasses import asdict
 
 import click
@@ -109,10 +110,14 @@ def _step_lines(step: Step) -> list[str]:
 
 
 def _wrapped(text: str, lead: str) -> list[str]:
-    """The text in lines of at most 80 characters, indented by `lead`."""
-    return click.wrap_text(
-        text, width=80, initial_indent=lead, subsequent_indent=" " * len(lead)
-    ).splitlines()
+    """The text in lines of at most 80 characters, indented by `lead`, without a break at `-`."""
+    return textwrap.wrap(
+        text,
+        width=80,
+        initial_indent=lead,
+        subsequent_indent=" " * len(lead),
+        break_on_hyphens=False,  # an option is one word
+    )
 
 
 def _as_map(it: Explanation) -> dict[str, object]:

@@ -109,8 +109,18 @@ def _check_assignment(arg: str, before: str, has_arguments: bool) -> None:
     name, sign, value = found.groups()
     if sign == "=" and has_arguments:
         return
-    name, value = printable(name.lstrip("_~"), 60), printable(value, 60)
-    raise click.UsageError(
-        f"'{printable(arg, 60)}' needs its option: write --param {name}={value} to set a "
-        f"parameter, or --remap {name}:={value} to use another name"
+    form = _form(printable(name, 60), printable(value, 60))
+    raise click.UsageError(f"'{printable(arg, 60)}' needs its option: write {form}")
+
+
+def _form(name: str, value: str) -> str:
+    """What ROS's `name:=value` is in tfbus's words; ROS 1 has `_` before a private parameter."""
+    if name == "__ns":
+        return f"--namespace {value.strip('/')}"
+    if name in ("__node", "__name"):
+        return f"--name {value}"
+    if name.startswith(("_", "~")):
+        return f"--param {name.lstrip('_~/')}={value}"
+    return (
+        f"--param {name}={value} to set a parameter, or --remap {name}:={value} to use another name"
     )

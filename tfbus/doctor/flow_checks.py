@@ -6,7 +6,7 @@ from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
 from tfbus.frames.snapshot import who
-from tfbus.frames.state import is_another_time, why_another_time
+from tfbus.frames.state import is_another_time, whose_clock, why_another_time
 from tfbus.monitor.meter import EdgeFlow
 from tfbus.wording import counted, duration
 
@@ -176,7 +176,7 @@ def check_refused(seen: Examination) -> Finding:
 def _why_far(seen: Examination, flow: EdgeFlow) -> str:
     """Why the samples of a flow are years away."""
     if seen.settings.sim_time:
-        return "is its node without --sim-time?"
+        return whose_clock(is_simulated=True)
     return why_another_time(seen.tree, seen.tree.frames.get(flow.child))
 
 

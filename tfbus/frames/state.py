@@ -38,7 +38,7 @@ _STALE_WITHOUT_RATE_S = 3.0
 # Stamps farther away than this are by another clock, such as a simulated one.
 _YEAR_S = 365.25 * 86_400
 
-_ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
+ASK_IF_SIMULATED = "is its time simulated? try --sim-time"
 
 
 def state(tree: FrameTree, frame: FrameInfo) -> State:
@@ -96,7 +96,12 @@ def why_another_time(tree: FrameTree, frame: FrameInfo | None) -> str:
     """What to say of a frame whose newest stamp is over a year away: its unit, or a question."""
     newest_ns = None if frame is None else frame.newest_ns
     unit = "" if newest_ns is None else other_unit(newest_ns, tree.recorded_ns)
-    return f"its stamps look like {unit}: stamps are nanoseconds" if unit else _ASK_IF_SIMULATED
+    return f"its stamps look like {unit}: stamps are nanoseconds" if unit else ASK_IF_SIMULATED
+
+
+def whose_clock(*, is_simulated: bool) -> str:
+    """What to ask where stamps are of another clock than one's own, which may be simulated."""
+    return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
 
 
 def facts(tree: FrameTree, frame: FrameInfo) -> list[str]:

@@ -29,7 +29,7 @@ from tfbus.runtime.executor import Executor, Timer
 from tfbus.runtime.log import open_log
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.signals import StopSignals, Wakeup
-from tfbus.wire.keys import CLOCK_TOPIC, node_key, resolve
+from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
 
 if TYPE_CHECKING:
     # They take long to load, and most nodes do not need them.
@@ -257,7 +257,7 @@ class Node:
     def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
         """A publisher of messages of this type, a dataclass."""
         check_message_type("create_publisher(message_type, topic)", message_type)
-        topic = self._resolve(topic)
+        topic = check_no_transforms(self._resolve(topic))
         return self._info.add("publishes", Publisher(self.session, message_type, topic))
 
     def create_subscription(

@@ -6,6 +6,8 @@ LATEST_STAMP_NS = 2**62 - 1
 # Clocks that show less since 1970 are simulated, and begin at 0: ten years.
 _LEAST_OF_A_REAL_CLOCK_NS = 315_360_000_000_000_000
 
+_YEAR_NS = 31_557_600_000_000_000
+
 _UNITS = {"seconds": 1_000_000_000, "milliseconds": 1_000_000, "microseconds": 1_000}
 
 # A stamp in another unit is nearly always of this moment, or of the samples that are looked up: a
@@ -29,6 +31,20 @@ def other_unit(stamp_ns: int, near_ns: int) -> str:
         if abs(stamp_ns * factor - near_ns) <= _NEAR_NS:
             return unit
     return ""
+
+
+def other_clock(stamp_ns: int, newest_ns: int) -> str:
+    """What to say of a stamp more than ten years from the newest sample, which are of different
+    clocks: as the end of a sentence without its full stop; "" for one that is nearer.
+    """
+    years = round(abs(stamp_ns - newest_ns) / _YEAR_NS)
+    if abs(stamp_ns - newest_ns) < _LEAST_OF_A_REAL_CLOCK_NS:
+        return ""
+    side, whose = ("earlier", "this node") if newest_ns < stamp_ns else ("later", "its publisher")
+    return (
+        f"its newest sample is {years} years {side}, so its stamps are of another clock; if one of "
+        f"the two is simulated, pass --sim-time to {whose} too"
+    )
 
 
 def unit_hint(stamp_ns: int, unit: str) -> str:

@@ -142,7 +142,7 @@ class TopApp(App[None]):
     TabbedContent { height: 1fr; }
     DataTable { height: 1fr; }
     #filter { display: none; height: 3; }
-    #head { height: 1; color: $text-muted; }
+    #head { height: auto; max-height: 3; color: $text-muted; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("question_mark", "help", "Help", key_display="?"),
@@ -299,7 +299,9 @@ class TopApp(App[None]):
         words += [f"{gone} gone"] * bool(gone) + ["paused"] * self._is_paused
         if max(count.values()) > _MOST_ROWS:
             words.append(f"{_MOST_ROWS} rows are shown, filter (/) for others")
-        self.query_one("#head", Static).update("tfbus top: " + ", ".join(words))
+        hint = self._source.hint if not count["frames"] else ""
+        text = f"tfbus top: {', '.join(words)}{hint and f'; {hint}'}"
+        self.query_one("#head", Static).update(Text(text))
 
     def _tab(self) -> str:
         return self.query_one(TabbedContent).active

@@ -47,6 +47,7 @@ class Source:
         self._graph = Graph()
         self._report: Report | None = None
         self._asking = threading.Lock()
+        self.hint = ""  # where to look while there is no frame
         self._measured: dict[str, _Rate] = {}
 
     def look(self) -> dict[str, Table]:
@@ -87,6 +88,7 @@ class Source:
                 nodes = describe_all(session, _ignore, timeout_s=_ASK_WITHIN_S)
                 streams = describe_streams(session, _ignore, timeout_s=_ASK_WITHIN_S)
                 self._nodes = tuple(each for each in nodes if each.session != session.id)
+                self.hint = "" if self._heard.buffer.frames() else self._heard.hint()
                 self._graph = graph_of(self._nodes, streams, session.settings.namespace)
             finally:
                 self._asking.release()

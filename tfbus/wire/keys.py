@@ -160,10 +160,14 @@ def check_namespace(namespace: str) -> str:
     """
     if not isinstance(namespace, str):
         raise InvalidNameError(f"a namespace must be a str, not {type(namespace).__name__}")
-    namespace = namespace.strip("/")
-    if namespace:
-        _check_path(namespace, namespace, "namespace")
-    return namespace
+    path = namespace.removeprefix("/").removesuffix("/")
+    if path:
+        _check_path(path, namespace, "namespace")
+    if "~" in path.split("/"):
+        raise InvalidNameError(
+            f"'{printable(namespace, 60)}' cannot be a namespace: '~' stands for a node's own names"
+        )
+    return path
 
 
 def check_topic(name: str, *, kind: str = "topic") -> str:
@@ -182,6 +186,19 @@ def check_topic(name: str, *, kind: str = "topic") -> str:
         )
     _check_path(name.removeprefix("/"), name, kind)
     return name
+
+
+def check_no_transforms(topic: str) -> str:
+    """The topic itself where messages may be published on it.
+
+    Raises InvalidNameError for the keys of transforms, which listeners read as such.
+    """
+    if not {TRANSFORMS, STATIC_TRANSFORMS}.isdisjoint(topic.split("/")):
+        raise InvalidNameError(
+            f"topic '{printable(topic, 60)}' is of transforms: publish these by a "
+            "TransformBroadcaster, and messages on a topic without a part 'tf' or 'tf_static'"
+        )
+    return topic
 
 
 def check_parameter(name: str) -> str:

@@ -5,18 +5,23 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
-from tfbus.cli.messages.message import Reader, reader_of
+from tfbus.cli.messages.message import Reader, find_type, reader_of, supplied_names
+from tfbus.cli.messages.of_type import bare
+from tfbus.cli.messages.transforms import TRANSFORMS_TYPES
 from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
 from tfbus.cli.topic.source import type_of, visiting
 from tfbus.command.options import bus_options
-from tfbus.command.types import POSITIVE, TopicName
+from tfbus.command.types import POSITIVE, TopicName, matching
+from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
+from tfbus.wire.codec import type_name as type_name_of
 from tfbus.wire.keys import relative
 from tfbus.wording import counted, stamp_text
 
@@ -44,6 +49,28 @@ class _Form:
         return f"{info}{yaml_text(short)}\n{paint('---', 'faint')}"
 
 
+def _complete_type(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    return matching(supplied_names(), incomplete)
+
+
+def _type_name(announced: str, topic: str, typed: str) -> str:
+    """The name of the topic's type, as announced or typed in. Raises click.UsageError where these
+    differ.
+    """
+    if not typed:
+        return announced
+    name = bare(typed)
+    if ":" in typed:
+        name = type_name_of(find_type(typed))
+    if name in TRANSFORMS_TYPES and announced == TRANSFORMS_TYPE:
+        return announced
+    if announced and announced != name:
+        raise click.UsageError(f"{topic!r} is of type {announced}, not {typed}")
+    return name
+
+
 def _info(arrival: Arrival) -> str:
     size = counted(len(arrival.payload), "byte")
     return f"# arrived at {stamp_text(arrival.received_ns)}, {size}"
@@ -51,6 +78,7 @@ def _info(arrival: Arrival) -> str:
 
 @click.command("echo", epilog="Example: tfbus topic echo turtle1/pose --field x --once")
 @click.argument("topic", type=TopicName())
+@click.argument("type_text", metavar="[TYPE]", default="", shell_complete=_complete_type)
 @click.option("--once", is_flag=True, help="Print one message and exit.")
 @click.option(
     "--timeout",
@@ -92,6 +120,7 @@ def _info(arrival: Arrival) -> str:
 def echo_command(
     settings: NodeSettings,
     topic: str,
+    type_text: str,
     once: bool,
     timeout_s: float | None,
     field: str | None,
@@ -108,8 +137,9 @@ def echo_command(
 ) -> None:
     """Print the messages of TOPIC in YAML.
 
-    Messages of the types in tfbus.messages are checked. The transforms of one stream are on the
-    topics tf/STREAM and tf_static/STREAM, those of all streams on tf and tf_static.
+    TYPE, such as Pose or package.module:Name, is optional; it is an error if other nodes announce
+    another type. Messages of the types in tfbus.messages are checked. The transforms of one stream
+    are on the topics tf/STREAM and tf_static/STREAM, those of all streams on tf and tf_static.
     """
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are mutually exclusive: give one")
@@ -119,31 +149,33 @@ def echo_command(
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
     topic = relative(topic, settings.namespace)
-    with visiting(settings, "echo") as node:
-        type_name = type_of(look(node.session), topic)
+    with visiting(settings, "echo", goes_on=not once) as node:
+        type_name = _type_name(type_of(look(node.session), topic), topic, type_text)
         with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
             if raw:
                 texts: Iterable[str] = (arrival.payload.hex() for arrival in inbox)
             else:
-                read = _read(node, topic, inbox)
+                read = _read(node, topic, type_name, inbox)
                 texts = (form.text(a, m) for a, m in read if wanted is None or wanted.takes(m))
             for text in texts:
                 if clear and is_terminal():
                     click.clear()
                 print_text(text)
                 if once:
-                    break
+                    return
+        if once:
+            raise KeyboardInterrupt
 
 
 def _read(
-    node: "Node", topic: str, arrivals: Iterable[Arrival]
+    node: "Node", topic: str, type_name: str, arrivals: Iterable[Arrival]
 ) -> Iterator[tuple[Arrival, dict[str, Any]]]:
     """The messages as maps; invalid ones are skipped, with one warning."""
     read: Reader | None = None
     rejected = 0
     for arrival in arrivals:
         if read is None:  # its publisher is known by now, and announces the type
-            read = reader_of(type_of(look(node.session), topic))
+            read = reader_of(type_of(look(node.session), topic) or type_name)
         try:
             yield arrival, read(arrival.payload)
         except DecodeError as error:

@@ -10,15 +10,16 @@ from tfbus.cli.bus import look, open_bus
 from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
+from tfbus.cli.messages.transforms import TRANSFORMS_TYPES, TransformMessage
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic.pub import pub_command
-from tfbus.cli.topic.source import find_topic
+from tfbus.cli.topic.source import find_topic, type_of
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import TopicName, matching
-from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, TopicInfo
+from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError
 from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
@@ -111,6 +112,8 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
         print_types(filter(None, map(supplied_type, supplied_names())))
         return
     type_ = supplied_type(bare(topic)) or (find_type(topic) if ":" in topic else None)
+    if bare(topic) in TRANSFORMS_TYPES or type_of(Graph(), topic) == TRANSFORMS_TYPE:
+        type_ = TransformMessage
     if type_ is None:
         topic = relative(topic, settings.namespace)
         with open_bus(settings) as session:
@@ -124,10 +127,7 @@ def show_command(settings: NodeSettings, topic: str | None, as_json: bool) -> No
 
 def _type_of(info: TopicInfo) -> type:
     if TRANSFORMS_TYPE in info.types:
-        raise BusError(
-            f"{info.name!r} carries the transforms of a stream: print them with tfbus topic echo "
-            f"{info.name}, or one with tfbus echo"
-        )
+        return TransformMessage
     known = [type_ for name in info.types if (type_ := supplied_type(name))]
     if not known:
         raise BusError(

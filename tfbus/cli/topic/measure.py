@@ -10,7 +10,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
-from tfbus.cli.output import json_option
+from tfbus.cli.output import json_option, warn
 from tfbus.cli.topic import reports
 from tfbus.cli.topic.meter import Meter, measure
 from tfbus.cli.topic.source import type_of, visiting
@@ -103,7 +103,7 @@ def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -
     def number_of(node: "Node", topic: str) -> Meter:
         is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
         stamp_of = _newest_stamp if is_of_transforms else functools.partial(_stamp, topic)
-        return lambda payload: (node.now_ns() - stamp_of(payload)) / 1e9
+        return _Age(node, topic, stamp_of)
 
     _run(settings, topics, reports.DELAY, number_of, **how)
 
@@ -113,11 +113,35 @@ def _run(
     topics: tuple[str, ...],
     report: reports.Report,
     number_of: Callable[["Node", str], Meter],
+    *,
+    once: bool,
     **how: Any,
 ) -> None:
     topics = tuple(relative(topic, settings.namespace) for topic in topics)
-    with visiting(settings, report.name) as node:
-        measure(node, {topic: number_of(node, topic) for topic in topics}, report, **how)
+    with visiting(settings, report.name, goes_on=not once) as node:
+        meters = {topic: number_of(node, topic) for topic in topics}
+        measure(node, meters, report, once=once, **how)
+
+
+class _Age:
+    """The ages of a topic's messages; warns once of one that none has by the same clock."""
+
+    def __init__(self, node: "Node", topic: str, stamp_of: Callable[[bytes], int]) -> None:
+        self._node = node
+        self._topic = topic
+        self._stamp_of = stamp_of
+        self._has_warned = False
+
+    def __call__(self, payload: bytes) -> float:
+        from tfbus.frames.state import is_another_time, whose_clock  # the buffer, for `delay` only
+
+        age_s = (self._node.now_ns() - self._stamp_of(payload)) / 1e9
+        clock = self._node.clock
+        if is_another_time(age_s) and clock.is_running and not self._has_warned:
+            self._has_warned = True
+            question = whose_clock(is_simulated=clock.is_simulated)
+            warn(f"the stamps on {self._topic!r} are of another clock: {question}")
+        return age_s
 
 
 def _newest_stamp(payload: bytes) -> int:

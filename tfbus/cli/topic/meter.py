@@ -83,7 +83,8 @@ def measure(
 ) -> None:
     """Print a report of each topic every second, until the node is shut down.
 
-    Raises BusError if there is nothing to report for the first `timeout_s` (None: never).
+    Raises BusError if there is nothing to report for the first `timeout_s` (None: never), and
+    KeyboardInterrupt where the node is shut down before the only report.
     """
     topics = [MeteredTopic(node, topic, meter, window) for topic, meter in meters.items()]
     give_up_s = None if timeout_s is None else time.monotonic() + timeout_s
@@ -99,10 +100,12 @@ def measure(
         if measured:
             give_up_s = None
             if once:
-                break
+                return
         elif give_up_s is not None and now_s >= give_up_s:
             names = ", ".join(repr(each.topic) for each in topics)
             raise BusError(f"too few messages on {names} after {timeout_s:g} s")
+    if once:
+        raise KeyboardInterrupt
 
 
 def _period_s(give_up_s: float | None) -> float:

@@ -114,7 +114,7 @@ def pub_command(
     given_type, values = _split(message)
     subscribers = (0 if times is None else 1) if wait_matching is None else wait_matching
     topic = relative(topic, settings.namespace)
-    with visiting(settings, "pub") as node:
+    with visiting(settings, "pub", goes_on=times is None) as node:
         announced = type_of(look(node.session), topic)
         if announced == TRANSFORMS_TYPE:
             raise click.UsageError(f"{topic!r} carries transforms: publish one with `tfbus static`")
@@ -142,7 +142,10 @@ def _publish(
     shown: str,
     every: int,
 ) -> None:
-    """Publish at the rate, without drift, `times` times (None: until the node is shut down)."""
+    """Publish at the rate, without drift, `times` times (None: until the node is shut down).
+
+    Raises KeyboardInterrupt where the node is shut down before all are published.
+    """
     started_s = time.monotonic()
     sent = 0
     while node.ok:
@@ -151,8 +154,10 @@ def _publish(
         if every and (sent - 1) % every == 0:
             print_text(f"publishing #{sent}: {shown}")
         if sent == times:
-            break
+            return
         node.wait(max(started_s + sent / rate - time.monotonic(), 0.0), clock=SYSTEM_CLOCK)
+    if times is not None:
+        raise KeyboardInterrupt
 
 
 def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float | None) -> None:

@@ -4,6 +4,7 @@
 all streams.
 """
 
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -25,8 +26,11 @@ SAY_AFTER_S = 2.0
 
 
 @contextmanager
-def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
-    """A node for a tool that listens or publishes; Ctrl-C and SIGTERM are its usual end.
+def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> Iterator["Node"]:
+    """A node for a tool that listens or publishes; Ctrl-C and SIGTERM end it without a word.
+
+    They are the usual end of a tool that goes on until then, which exits with 0. Another one
+    exits with 130; where a wait returned before its answer came, it raises KeyboardInterrupt.
 
     Its name starts with `_`, so lists of nodes omit it.
     """
@@ -39,7 +43,8 @@ def visiting(settings: NodeSettings, purpose: str) -> Iterator["Node"]:
             return
     except KeyboardInterrupt:
         pass
-    raise SystemExit(0)  # also if the node's `with` swallowed the interrupt
+    # Also if the node's `with` swallowed the interrupt.
+    raise SystemExit(0 if goes_on else 128 + signal.SIGINT)
 
 
 def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:

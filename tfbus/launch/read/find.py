@@ -14,16 +14,20 @@ def find_launch_file(name: str, beside: Path = Path()) -> Path:
     """The file meant by `name`.
 
     A name with a slash, or that ends with `.yaml` or `.yml`, is a path relative to the folder
-    `beside`; any other is that of an installed launch file. Raises LaunchError if there is none.
+    `beside`, or if there is none the file name of an installed launch file; any other is the name
+    of an installed one. Raises LaunchError if there is none.
     """
     if "/" in name or name.endswith((".yaml", ".yml")):
         path = beside / name
-        if not path.is_file():
-            raise LaunchError(f"there is no launch file {str(path)!r}")
-        return path
+        if path.is_file():
+            return path
+        if found := _supplied(name):
+            return found
+        hint = did_you_mean(name, installed_launch_files()) if "/" not in name else ""
+        raise LaunchError(f"there is no launch file {str(path)!r}{hint}")
     installed = installed_launch_files()
-    if name in installed:
-        return installed[name]
+    if found := _supplied(name):
+        return found
     here = next((name + end for end in _SUFFIXES if (beside / (name + end)).is_file()), "")
     hint = f"; did you mean './{here}'?" if here else did_you_mean(name, installed)
     if not here and (own := _files_of(name)):
@@ -38,7 +42,17 @@ def find_in(package: str, name: str) -> Path:
 
     Raises LaunchError.
     """
-    return find_launch_file(name) if package == "tfbus" else find_in_package(package, name)
+    if package != "tfbus":
+        return find_in_package(package, name)
+    return _supplied(name) or find_launch_file(name)
+
+
+def _supplied(name: str) -> Path | None:
+    """The installed launch file of this name, with or without its ending."""
+    for end in ("", *_SUFFIXES):
+        if name.endswith(end) and (path := installed_launch_files().get(name.removesuffix(end))):
+            return path
+    return None
 
 
 def _files_of(package: str) -> list[str]:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.builders import S, moved
 from tests.fakes import InAThread
-from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.buffer import COMPILED, Buffer
 from tfbus.buffer.waiting import Bell
 from tfbus.errors import FutureExtrapolationException, LookupException
 
@@ -175,6 +175,32 @@ def test_a_bell_rung_twice_rings_once():
     other.start()
     bell.wait(None)
     other.join()
+
+
+@pytest.mark.skipif(COMPILED, reason="no interrupt comes within the compiled lock")
+def test_an_interrupt_right_after_the_lock_is_taken_frees_it():
+    """Ctrl-C may raise between any two calls of an interpreted buffer."""
+
+    class Interrupted:
+        def __init__(self, mutex):
+            self._is_owned, self.release, self._acquire = (
+                mutex._is_owned,
+                mutex.release,
+                mutex.acquire,
+            )
+
+        def acquire(self):
+            self._acquire()
+            raise KeyboardInterrupt
+
+    buffer = Buffer()
+    lock = buffer._store.lock
+    mutex, lock._mutex = lock._mutex, Interrupted(lock._mutex)
+    with pytest.raises(KeyboardInterrupt):
+        buffer.set_transform(moved(0, "world", "robot"))
+    lock._mutex = mutex
+    buffer.set_transform(moved(0, "world", "robot"))
+    assert InAThread(buffer.frames).result() == ["robot", "world"]
 
 
 def test_one_thread_stores_while_others_look_up_many():

@@ -45,8 +45,8 @@ class Lock:
 
     def __init__(self, settle: Callable[[], object]) -> None:
         self._settle = settle
+        # How often the holder has entered again and not left, and whether it has entered again.
         self._depth = 0
-        # Whether the holder has entered again.
         self._disturbed = False
         self._later: list[Callable[[], object]] = []
         if cython.compiled:
@@ -55,6 +55,8 @@ class Lock:
             self._queue: list[Gate] = []
         else:
             self._mutex = threading.RLock()
+            # Ctrl-C may raise as soon as a function of Python begins, but only after one of C.
+            self.leave = self._mutex.release  # type: ignore[method-assign]
 
     def enter(self) -> bool:
         """Wait until no other thread holds it. False if this one held it before."""
@@ -69,25 +71,35 @@ class Lock:
             elif self._owner:
                 self._wait()
             self._owner = me
-            self._depth = 1
             return True
-        self._mutex.acquire()
-        self._depth += 1
-        if self._depth == 1:
-            return True
-        self._disturbed = True
-        return False
+        if self.is_mine():
+            self._depth += 1
+            self._disturbed = True
+            if not cython.compiled:
+                self.leave = self._leave  # type: ignore[method-assign]
+            return False
+        try:
+            self._mutex.acquire()
+        except BaseException:
+            # Ctrl-C may raise in here before the mutex is acquired, or just after.
+            if self.is_mine():
+                self._mutex.release()
+            raise
+        # Python handles signals at calls: from here to the caller's `try` there is none.
+        return True
 
     def leave(self) -> None:
         """Undo one `enter`."""
-        if self._depth > 1:
+        if self._depth:
             self._depth -= 1
-            if not cython.compiled:
-                self._mutex.release()
         elif self._disturbed:
             self._leave_disturbed()
         else:
             self._release()
+
+    def _leave(self) -> None:
+        """As the `leave` of the class."""
+        Lock.leave(self)
 
     def is_mine(self) -> bool:
         """Whether this thread holds it."""
@@ -102,12 +114,14 @@ class Lock:
         if not self.is_mine():
             return False
         self._disturbed = True
+        if not cython.compiled:
+            self.leave = self._leave  # type: ignore[method-assign]
         self._later.append(lambda: call(*args, **named))
         return True
 
     def let_others(self) -> None:
         """With the lock held: let a thread have it that waits for it. Needs no GIL."""
-        if self._depth > 1:
+        if self._depth:
             # The one that entered first still counts on it.
             pass
         elif cython.compiled and TFBUS_HAS_GIL:  # type: ignore[name-defined]  # noqa: F821
@@ -115,10 +129,10 @@ class Lock:
                 with cython.gil:
                     self._pass_on()
         elif cython.compiled:
-            self._owner, self._depth = 0, 0
+            self._owner = 0
             self._mutex.release()
             self._mutex.acquire()
-            self._owner, self._depth = PyThread_get_thread_ident(), 1  # type: ignore[name-defined]  # noqa: F821
+            self._owner = PyThread_get_thread_ident()  # type: ignore[name-defined]  # noqa: F821
         else:
             self.leave()
             self.enter()
@@ -127,7 +141,11 @@ class Lock:
         return self.enter()
 
     def __exit__(self, *raised: object) -> None:
-        self.leave()
+        if cython.compiled or self._depth or self._disturbed:
+            self.leave()
+        else:
+            # With fewer calls there are fewer places where Ctrl-C leaves it locked.
+            self._mutex.release()
 
     # Nothing of Python runs between looking at these fields and setting them, but where it waits.
 
@@ -159,10 +177,8 @@ class Lock:
             self._wake()
             self._wait()
             self._owner = PyThread_get_thread_ident()  # type: ignore[name-defined]  # noqa: F821
-            self._depth = 1
 
     def _release(self) -> None:
-        self._depth = 0
         if cython.compiled:
             self._owner = 0
             if not TFBUS_HAS_GIL:  # type: ignore[name-defined]  # noqa: F821
@@ -173,10 +189,15 @@ class Lock:
             self._mutex.release()
 
     def _leave_disturbed(self) -> None:
-        self._disturbed = False
-        self._settle()
-        later, self._later = self._later, []
-        self._release()
+        later: list[Callable[[], object]] = []
+        try:
+            self._disturbed = False
+            if not cython.compiled:
+                self.leave = self._mutex.release  # type: ignore[method-assign]
+            self._settle()
+            later, self._later = self._later, []
+        finally:
+            self._release()
         for call in later:
             try:
                 call()

@@ -266,7 +266,9 @@ def test_the_type_may_be_named_as_in_ros(bus: Bus) -> None:
 
 def test_the_fields_of_transforms_are_shown(bus: Bus) -> None:
     """`tf`, a stream on it, and the names of the type in tfbus and in ROS show the same."""
-    shown = {run(bus, "show", name)[1] for name in ("tf", "tf/sim", "TransformMessage", "TFMessage")}
+    shown = {
+        run(bus, "show", name)[1] for name in ("tf", "tf/sim", "TransformMessage", "TFMessage")
+    }
     (text,) = shown
     assert text.startswith("TransformMessage: The transforms of a stream")
     assert "  transforms: list[" in text

@@ -118,3 +118,12 @@ def test_the_version_is_that_of_the_installed_package() -> None:
     """`tfbus.__version__` is there, as of any package, and read only when asked for."""
     assert tfbus.__version__ == importlib.metadata.version("tfbus")
     assert "__version__" in vars(tfbus)
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"), [("init", "Node"), ("spin", r"node\.spin"), ("Time", "stamp_ns")]
+)
+def test_names_of_rclpy_are_answered_by_ours(name: str, ours: str) -> None:
+    """A function of rclpy's module is missing, with a hint."""
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; use: .*{ours}"):
+        getattr(tfbus, name)

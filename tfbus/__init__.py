@@ -117,6 +117,13 @@ _MODULE_OF = {
     "stamp_ns": "tfbus.runtime.stamps",
 }
 
+# Names of rclpy, and what does the same here.
+_IN_RCLPY = {
+    "Time": "stamps in nanoseconds, as of node.now_ns() or tfbus.stamp_ns(seconds)",
+    "init": "tfbus.Node(name), which needs no init",
+    "spin": "node.spin()",
+}
+
 __all__ = sorted(_MODULE_OF)
 
 
@@ -129,7 +136,9 @@ def __getattr__(name: str) -> "Any":
     elif name in _MODULE_OF:
         value = getattr(import_module(_MODULE_OF[name]), name)
     else:
-        raise AttributeError(f"module 'tfbus' has no attribute {name!r}")
+        ours = _IN_RCLPY.get(name)
+        hint = f"; use: {ours}" if ours else ""
+        raise AttributeError(f"module 'tfbus' has no attribute {name!r}{hint}")
     globals()[name] = value
     return value
 

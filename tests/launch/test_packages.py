@@ -6,6 +6,7 @@ import pytest
 
 from tests.live_bus import Bus
 from tfbus.launch.errors import LaunchError
+from tfbus.launch.read.find import find_in, find_launch_file, installed_launch_files
 from tfbus.launch.read.packages import find_in_package, launch_files_of
 
 A_LAUNCH = "description: Drives.\narguments: {speed: {default: 1}}\nnodes: [{node: simulator}]\n"
@@ -85,3 +86,16 @@ def test_packages_and_their_files_are_completed(site: Path, bus: Bus) -> None:
     assert candidates("tfbus launch fl") == ["fleet7"]
     assert candidates("tfbus launch fleet7 d") == ["drive.launch.yaml"]
     assert candidates("tfbus launch fleet7 drive s") == ["speed:="]
+
+
+@pytest.mark.parametrize("name", ["turtle", "turtle.yaml", "turtle.launch.yaml"])
+def test_a_supplied_file_is_found_with_or_without_its_ending(name: str) -> None:
+    """Alone and after `tfbus`, a file of tfbus goes by its name or its file name."""
+    assert find_in("tfbus", name) == find_launch_file(name) == installed_launch_files()["turtle"]
+
+
+@pytest.mark.parametrize("name", ["turtle.launch.py", "nope.yaml"])
+def test_a_file_that_is_not_there_is_answered_by_those_there_are(name: str) -> None:
+    """A launch file of ROS in Python, and a file name that nothing has, list what there is."""
+    with pytest.raises(LaunchError, match=r"available: .*turtle"):
+        find_in("tfbus", name)

@@ -760,3 +760,12 @@ def test_messages_are_not_published_among_transforms(bus: Bus) -> None:
         with pytest.raises(InvalidNameError, match="is of transforms"):
             node.create_publisher(Pose, name)
         node.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "ours"), [("get_logger", "log"), ("get_clock", "clock"), ("destroy_node", "close")]
+)
+def test_names_of_rclpy_are_answered_by_ours(bus: Bus, name: str, ours: str) -> None:
+    """A method of rclpy's Node is missing, with a hint."""
+    with pytest.raises(AttributeError, match=rf"no attribute '{name}'; use: node\.{ours}"):
+        getattr(bus.node("talker"), name)

@@ -38,6 +38,13 @@ if TYPE_CHECKING:
 
 M = TypeVar("M")
 
+# Names of a node in rclpy, and what does the same here.
+_IN_RCLPY = {
+    "destroy_node": "node.close()",
+    "get_clock": "node.clock, or node.now_ns()",
+    "get_logger": "node.log",
+}
+
 
 class Node:
     """A named member of the bus, from its construction until `close()` or the end of its `with`.
@@ -171,6 +178,16 @@ class Node:
         if self._parameters_are_typed_in and isinstance(error, ParameterError):
             raise SystemExit(f"Error: {error}") from None
         return stopped_by_signal
+
+    if not TYPE_CHECKING:  # type checkers find what is missing themselves
+
+        def __getattr__(self, name: str) -> Any:
+            """No attribute; the error names what stands for one of rclpy."""
+            ours = _IN_RCLPY.get(name)
+            hint = f"; use: {ours}" if ours else ""
+            raise AttributeError(
+                f"'Node' object has no attribute {name!r}{hint}", name=name, obj=self
+            )
 
     # How long it lives
 

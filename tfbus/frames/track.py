@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.trajectory.table import POSE_COLUMNS
+from tfbus.trajectory.csv_columns import POSE_COLUMNS
 
 if TYPE_CHECKING:
     import numpy as np

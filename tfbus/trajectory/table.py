@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.runtime.whole_file import replacing
+from tfbus.trajectory.csv_columns import CSV_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from tfbus.trajectory.lines import lines_of, pose_of, whole_stamp
 from tfbus.trajectory.trajectory import FilePath, Trajectory, in_order
 from tfbus.wording import listed, printable
-
-FRAME_COLUMNS = ("frame_id", "child_frame_id")
-POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-CSV_COLUMNS = ("stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS, "roll", "pitch", "yaw")
 
 _Pair = tuple[str, str]
 _Rows = dict[_Pair, tuple[list[int], list[list[float]]]]

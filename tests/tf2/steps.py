@@ -205,6 +205,9 @@ class LatestCommonTime(Step):
     def for_tf2(self) -> list[Any]:
         return ["latest", self.target, self.source]
 
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        return ((self.target, self.source),)
+
     def python(self) -> str:
         return f"buffer.latest_common_time({self.target!r}, {self.source!r})"
 

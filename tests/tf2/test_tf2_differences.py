@@ -10,6 +10,7 @@ import pytest
 from tests.tf2.steps import (
     CanTransform,
     Clear,
+    Frames,
     Insert,
     LatestCommonTime,
     Lookup,
@@ -41,6 +42,12 @@ def test_a_leading_slash_is_refused_on_insert_as_it_is_on_lookup(tf2: Oracle) ->
     assert ours.word == theirs.word == "InvalidArgumentException"
 
 
+def test_a_name_that_cannot_be_comes_before_one_that_is_unknown(tf2: Oracle) -> None:
+    """tf2 checks one name whole, then the next; tfbus waits for no frame beside such a name."""
+    ours, theirs = last_answers(tf2, Insert("map", "base", S, HERE), Lookup("nowhere", "/map", S))
+    assert (ours.word, theirs.word) == ("InvalidArgumentException", "LookupException")
+
+
 @pytest.mark.parametrize(
     ("question", "word"),
     [
@@ -57,6 +64,15 @@ def test_an_unknown_frame_is_unknown_from_itself_too(
     assert ours.word == word
     if not isinstance(question, LatestCommonTime):
         assert theirs.word in ("transform", "yes")
+
+
+def test_a_sample_that_is_too_old_makes_no_frame_known(tf2: Oracle) -> None:
+    """Both refuse it; tf2 knows its parent from then on, tfbus changes nothing."""
+    inserts = Insert("map", "base", 60 * S, HERE), Insert("nowhere", "base", S, HERE)
+    ours, theirs = last_answers(tf2, *inserts)
+    assert ours.word == theirs.word == "rejected"
+    ours, theirs = last_answers(tf2, *inserts, Frames())
+    assert (ours.names, theirs.names) == (("base", "map"), ("base", "map", "nowhere"))
 
 
 @pytest.mark.parametrize("number", [inf, -inf])

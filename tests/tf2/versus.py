@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -117,15 +117,18 @@ def first_mismatch(
 def _is_meant(tf2: Oracle, before: Sequence[Step], mismatch: Mismatch) -> bool:
     """Whether it is one of the differences that no choice of steps can keep out.
 
-    They are shown in test_tf2_differences.py: frames of two trees are unconnected whatever the
-    time; what was cleared has no data, the latest neither; and for tf2 a loop of parents of
-    different times is in the way, wherever it is.
+    They are shown in test_tf2_differences.py: a name that cannot be is refused before one that is
+    unknown; frames of two trees are unconnected whatever the time; what was cleared has no data,
+    the latest neither; and for tf2 a loop of parents of different times is in the way, wherever it
+    is.
     """
 
     def tf2_says(*questions: Step) -> list[Answer]:
         return tf2.ask([*before, *questions])[len(before) :]
 
     question, words = mismatch.steps[-1], (mismatch.tfbus.word, mismatch.tf2.word)
+    if words == ("InvalidArgumentException", "LookupException"):
+        return any(frame[:1] in ("", "/") for pair in question.pairs() for frame in pair)
     if words == ("ConnectivityException", "ExtrapolationException"):
         latest = tf2_says(*(LatestCommonTime(*pair) for pair in question.pairs()))
         return any(answer.word == "ConnectivityException" for answer in latest)
@@ -172,18 +175,24 @@ def shrunk(tf2: Oracle, mismatch: Mismatch, tolerance: float = TOLERANCE) -> Mis
 def as_tf2_takes(steps: Sequence[Step], ours: Sequence[Answer]) -> dict[int, Step]:
     """The steps by their index, but for those where tfbus means to differ.
 
-    An edge that tfbus refuses since it would close a loop is kept from tf2. Of equal stamps
-    between two questions tf2 is given the last arrival at the place of the first: Noetic would
-    keep the first, where ROS 2 and tfbus take the last.
+    An edge that tfbus refuses since it would close a loop is kept from tf2. A sample that is too
+    old makes no frame known: tf2 is given it under a parent that it knows. Of equal stamps between
+    two questions tf2 is given the last arrival at the place of the first: Noetic would keep the
+    first, where ROS 2 and tfbus take the last.
     """
     taken: dict[int, Step] = {}
     first_of: dict[tuple[str, int], int] = {}
+    parent_of: dict[str, str] = {}
     for index, (step, answer) in enumerate(zip(steps, ours, strict=True)):
         if not isinstance(step, Insert):
             first_of.clear()
         elif answer.word == "LoopException":
             continue
-        elif not step.static:
+        elif answer.word == "rejected":
+            step = replace(step, parent=parent_of[step.child])
+        elif answer.word == "accepted":
+            parent_of[step.child] = step.parent
+        if isinstance(step, Insert) and not step.static:
             first = first_of.setdefault((step.child, step.stamp_ns), index)
             if first != index:
                 taken[first] = step

@@ -145,14 +145,27 @@ class TestTools:
         assert err[0].startswith("Error: no service 'spwan'; ")
 
     @pytest.mark.parametrize(
-        "request_text",
-        ["x", "[1]", "{", "{[1]: 2}", "{x: !!timestamp 2022-12-07}", "{x: 99999999999999999999}"],
+        ("request_text", "mistake"),
+        [
+            ("x", "'spawn' is of type Spawn, not x"),
+            ("[1]", "Invalid value for REQUEST: "),
+            ("{", "Invalid value for REQUEST: "),
+            ("{[1]: 2}", "Invalid value for REQUEST: "),
+            (
+                "{x: !!timestamp 2022-12-07}",
+                "not a valid Spawn.Request: field 'x' must be a number",
+            ),
+            ("{name: 99999999999999999999}", "not a valid Spawn.Request: field 'name' must be"),
+        ],
     )
-    def test_a_request_that_cannot_be_is_a_usage_error(self, bus: Bus, request_text: str) -> None:
-        """A request must be a map of plain values, checked before it is sent."""
+    def test_a_request_that_cannot_be_is_a_usage_error(
+        self, bus: Bus, request_text: str, mistake: str
+    ) -> None:
+        """A request must be a map of the fields of its type, checked before it is sent."""
+        bus.node("sim").create_service(Spawn, "spawn", lambda request: Spawn.Response("a"))
         code, out, err = run(bus, "call", "spawn", request_text)
         assert (code, out) == (2, [])
-        assert err[-1].startswith("Error: Invalid value for REQUEST: ")
+        assert err[-1].startswith(f"Error: {mistake}")
 
     @pytest.mark.parametrize("timeout", ["0", "-1", "nan", "soon"])
     def test_a_timeout_that_cannot_be_is_a_usage_error(self, bus: Bus, timeout: str) -> None:

@@ -162,10 +162,12 @@ class TestServices:
             "Error: 'spawn' is of type Spawn, not Kill",
         )
 
-    def test_a_refusal_and_a_missing_service_end_with_1(self, bus: Bus, sim: Node) -> None:
-        """The error has the reason if the service refuses or does not exist."""
+    def test_a_missing_service_ends_with_1_and_an_unknown_field_with_2(
+        self, bus: Bus, sim: Node
+    ) -> None:
+        """Fields are checked before the request is sent."""
         code, _, report = run(bus, "service", "call", "spawn", "{z: 1}")
-        assert (code, report[:30]) == (1, "Error: there is no field 'z'; ")
+        assert (code, report[:39]) == (2, "Error: Spawn.Request has no field 'z'; ")
         assert run(bus, "service", "call", "spwan") == (
             1,
             "",

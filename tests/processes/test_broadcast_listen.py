@@ -239,7 +239,7 @@ def test_sending_after_the_node_is_closed_is_a_bus_error(sender: Node) -> None:
     """A broadcaster of a node that is closed says so."""
     broadcaster, static = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
     sender.close()
-    with pytest.raises(BusError, match="could not publish tf/sender: session closed"):
+    with pytest.raises(BusError, match="could not publish tf/sender: node 'sender' is closed"):
         broadcaster.send_transform(at(1))
     with pytest.raises(BusError, match="could not publish tf_static/sender"):
         static.send_transform(at(1))

@@ -27,6 +27,7 @@ _COMPLETE_VARIABLE = "_TFBUS_COMPLETE"
 # One line each, repeated here because importing all subcommands for `--help` is slow; a test
 # compares them.
 TOOLS = {
+    "bag": "Record a bus, replay it, and cut, convert and repair recordings.",
     "call": "Call a service or an action, and print its answers.",
     "completion": "Print the script that completes tfbus in your shell.",
     "create": "Create a small package with a node, a launch file and a test.",
@@ -44,7 +45,12 @@ TOOLS = {
     "why": "Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.",
 }
 # Tools of several files.
-_IN_PACKAGES = {"completion": "completion.command", "param": "param.group", "topic": "topic.group"}
+_IN_PACKAGES = {
+    "bag": "bag.group",
+    "completion": "completion.command",
+    "param": "param.group",
+    "topic": "topic.group",
+}
 
 NODES = {
     "broadcaster": "Broadcast the frames of a turtle and its drone.",
@@ -134,7 +140,6 @@ class Commands(Verbs):
 # Names in ROS of what is a command here.
 _CALLED_IN_ROS = {
     "action": "call",
-    "bag": "echo --format csv",
     "interface": "topic show, or tfbus service show",
     "pkg": "create",
     "rviz2": "view",

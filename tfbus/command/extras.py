@@ -6,7 +6,15 @@ from importlib import metadata
 from pathlib import Path
 
 # Where tfbus is run without having been installed.
-_MODULES = {"plot": "matplotlib", "sim": "pygame-ce", "top": "textual", "view": "viser"}
+_MODULES = {
+    "bag": "mcap",
+    "bags": "rosbags",
+    "foxglove": "foxglove-sdk",
+    "plot": "matplotlib",
+    "sim": "pygame-ce",
+    "top": "textual",
+    "view": "viser",
+}
 
 
 def install_command(extra: str) -> str:

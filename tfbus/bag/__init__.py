@@ -1,0 +1,1 @@
+"""From a bus into a recording, and from a recording onto a bus."""

@@ -1,0 +1,39 @@
+"""The verbs of `tfbus bag`, each imported when it is used."""
+
+from importlib import import_module
+
+import click
+
+from tfbus.cli.verbs import Verbs
+
+# One line each, repeated here because importing all of them for `--help` is slow; a test compares
+# them.
+VERBS: dict[str, str] = {}
+
+# Verbs of ros2 bag that have another name here.
+_CALLED_IN_ROS = {
+    "burst": "use: tfbus bag play --rate 1000",
+    "convert": "use: tfbus bag cut, merge, filter or export",
+    "list": "recordings are MCAP files; tfbus bag import reads other formats",
+    "reindex": "use: tfbus bag recover",
+}
+
+
+class _Bag(Verbs):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(VERBS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in VERBS:
+            return None
+        command: click.Command = import_module(f"tfbus.cli.bag.{name.replace('-', '_')}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(VERBS.items()))
+
+
+@click.group(cls=_Bag, hints=_CALLED_IN_ROS)
+def command() -> None:
+    """Record a bus, replay it, and cut, convert and repair recordings."""

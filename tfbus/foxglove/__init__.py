@@ -1,0 +1,1 @@
+"""The bus, or a recording, as Foxglove shows it live."""

@@ -1,0 +1,69 @@
+"""What a recording holds, item by item, each with the time at which it was received."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from tfbus.geometry.columns import Columns
+
+EventKind = Literal["stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped"]
+
+
+@dataclass(frozen=True)
+class RecordedStream:
+    """A stream in one epoch.
+
+    `name` is as a session without a namespace has it, `robot7/sim`, and `namespace` its part
+    `robot7`. `node` is the full name of its publisher, "" where no description had come. `split`
+    is whether each frame has a key of its own.
+    """
+
+    name: str
+    node: str = ""
+    namespace: str = ""
+    epoch_ns: int = 0
+    split: bool = False
+
+
+@dataclass(frozen=True)
+class TransformItem:
+    """A message of transforms. With `static` the rows are all static transforms of the stream, and
+    replace those before. `seq` counts the messages of its key in its epoch.
+    """
+
+    log_ns: int
+    stream: RecordedStream
+    rows: Columns
+    static: bool = False
+    seq: int | None = None
+
+
+@dataclass(frozen=True)
+class TopicItem:
+    """A message of a topic: its fields by name. `type_name` is the name of its type, as its
+    publisher's node says, "" where it does not.
+    """
+
+    log_ns: int
+    topic: str
+    type_name: str
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class EventItem:
+    """What happened on the bus, or to the recorder.
+
+    "stream": the stream `name` is there, or has another description, whose fields are `facts` (as
+    in docs/reference/wire.md). "node": the same of a node. "stream gone", "node gone": its token
+    was lost. "paused", "resumed": the recorder was. "dropped": `facts["messages"]` messages were
+    not recorded, as the disk or the machine was too slow.
+    """
+
+    log_ns: int
+    kind: EventKind
+    name: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+Item = TransformItem | TopicItem | EventItem

@@ -11,6 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -46,7 +47,12 @@ def build(folder: Path, compiler: str) -> None:
     wrapper = folder / "cc"
     wrapper.write_text(f'#!/bin/sh\nexec "{compiler}" "$@" {FLAGS}\n')
     wrapper.chmod(0o755)
-    run([sys.executable, "setup.py", "-q", "build_ext", "--inplace"], folder, CC=str(wrapper))
+    # What pip builds with, which is not otherwise installed.
+    tools = folder / "build_tools"
+    requires = tomllib.loads((ROOT / "pyproject.toml").read_text())["build-system"]["requires"]
+    run([sys.executable, "-m", "pip", "install", "-q", "--target", tools, *requires], folder)
+    build_ext = [sys.executable, "setup.py", "-q", "build_ext", "--inplace"]
+    run(build_ext, folder, CC=str(wrapper), PYTHONPATH=str(tools))
 
 
 def run(command: Iterable[str | Path], folder: Path, **env: str) -> None:

@@ -195,13 +195,15 @@ class Payloads:
 class CountingBuffer(Buffer):
     """Knows how many rows it was given, and what became of them."""
 
-    given = taken = 0
+    given = taken = refused = 0
 
     def set_transforms(self, batch: Any, **how: Any) -> int:
-        """As a buffer's."""
-        refused = self.rejected.rows
+        """As a buffer's; it may come to itself, where a change lets refused statics try again."""
+        before, before_here = self.rejected.rows, self.refused
         taken = super().set_transforms(batch, **how)
-        too_old = len(batch) - taken - (self.rejected.rows - refused)
+        refused = self.rejected.rows - before - (self.refused - before_here)
+        self.refused += refused
+        too_old = len(batch) - taken - refused
         assert too_old >= 0, f"{len(batch)} rows: more were taken or refused"
         self.given += len(batch)
         self.taken += taken

@@ -12,15 +12,12 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from tfbus.buffer.drawing import Drawing, display
 from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
-from tfbus.buffer.formats import as_dot, as_svg, as_text, as_yaml
 from tfbus.buffer.info import Change, ExpiredLookups, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.lookup import Lookup
 from tfbus.buffer.lookup_many import lookup_many
 from tfbus.buffer.store import Store
-from tfbus.buffer.trajectories import as_batch, check_span, samples_of
 from tfbus.core.held import Held
 from tfbus.core.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.core.sampling import TF2, Sampling
@@ -41,15 +38,18 @@ from tfbus.geometry.transform import (
     plain,
 )
 from tfbus.geometry.transform_array import TransformArray
-from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.signature import SourceSignature
 from tfbus.runtime.sources import why_not_installed
-from tfbus.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
+
+    # These are imported where they are used, which few processes do: a process is to start soon.
+    from tfbus.buffer.drawing import Drawing
+    from tfbus.geometry.twist import TwistStamped
+    from tfbus.trajectory.trajectory import Trajectory
 else:
     from tfbus.core import lazy_numpy as np
 
@@ -643,6 +643,8 @@ class Buffer:
         there are samples; None means the latest common time. Exact if the motion in the window is
         a line, a circle or a screw at constant speed. Raises as `lookup_transform`.
         """
+        from tfbus.geometry.twist import TwistStamped, fit_twist, pick_stamps
+
         check_seconds(window_s, "window_s", least=1e-9, most=LONGEST_NS / 1e9)
         observer = reference_frame if observation_frame is None else observation_frame
         now = self._lookup_at_once(reference_frame, frame, stamp_ns)
@@ -686,6 +688,8 @@ class Buffer:
 
         A static frame has one. Raises LookupException for an unknown frame.
         """
+        from tfbus.buffer.trajectories import samples_of
+
         frame = _text(frame, "frame")
         if parent is not None:
             parent = _text(parent, "parent")
@@ -710,6 +714,8 @@ class Buffer:
         way from it to the target, where all edges between have data. Raises as
         `lookup_transforms`.
         """
+        from tfbus.trajectory.trajectory import Trajectory
+
         if stamps_ns is not None:
             poses = self.lookup_transforms(target_frame, source_frame, stamps_ns, sampling=sampling)
             return Trajectory(target_frame, source_frame, stamps_ns, poses.xyz, poses.quat_xyzw)
@@ -739,6 +745,9 @@ class Buffer:
         Raises InvalidArgumentException, and stores nothing, if it is longer than the buffer keeps;
         `Buffer(cache_time_s=math.inf)` keeps all. Raises LoopException.
         """
+        from tfbus.buffer.trajectories import as_batch, check_span
+        from tfbus.trajectory.trajectory import Trajectory
+
         if not isinstance(trajectory, Trajectory):
             raise InvalidArgumentException(
                 f"trajectory: expected a tfbus.Trajectory, got a {type(trajectory).__name__}"
@@ -767,6 +776,8 @@ class Buffer:
 
         Raises as `Trajectory.read_tum` and `set_trajectory`.
         """
+        from tfbus.trajectory.trajectory import Trajectory
+
         trajectory = Trajectory.read_tum(path, frame_id, child_frame_id)
         self.set_trajectory(trajectory, authority=authority)
         return trajectory
@@ -855,14 +866,20 @@ class Buffer:
 
     def all_frames_as_yaml(self) -> str:
         """Every edge as YAML, in the form of tf2's `allFramesAsYAML`."""
+        from tfbus.buffer.formats import as_yaml
+
         return as_yaml(self.all_frames())
 
     def all_frames_as_dot(self) -> str:
         """The trees as a Graphviz graph, in the form of tf2's view_frames."""
+        from tfbus.buffer.formats import as_dot
+
         return as_dot(self.all_frames())
 
     def all_frames_as_text(self) -> str:
         """The trees as lines of text, children below their parent."""
+        from tfbus.buffer.formats import as_text
+
         return as_text(self.all_frames())
 
     def show(
@@ -878,11 +895,15 @@ class Buffer:
         of an unknown frame. `tfbus.view.show(buffer)` opens a page with all frames in three
         dimensions.
         """
+        from tfbus.buffer.drawing import display
+
         display(self._drawing(target_frame, source_frame, stamp_ns))
 
     def _drawing(
         self, target_frame: str | None, source_frame: str | None, stamp_ns: int | None
     ) -> Drawing:
+        from tfbus.buffer.drawing import Drawing
+
         if target_frame is None and source_frame is None:
             return Drawing(self.all_frames())
         if target_frame is None or source_frame is None:
@@ -900,9 +921,13 @@ class Buffer:
         return Drawing(self.all_frames(), tuple(names), answer)
 
     def _repr_html_(self) -> str:
+        from tfbus.buffer.drawing import Drawing
+
         return Drawing(self.all_frames())._repr_html_()
 
     def _repr_svg_(self) -> str:
+        from tfbus.buffer.formats import as_svg
+
         return as_svg(self.all_frames())
 
     def __repr__(self) -> str:

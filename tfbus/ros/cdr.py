@@ -84,8 +84,8 @@ class CdrReader:
         start = self.at + (HEADER_SIZE - self.at) % align
         if size > self.end - start:
             raise DecodeError(
-                f"the message ends too early: {counted(size, 'byte')} should begin at byte {start}, "
-                f"and it has {self.end}"
+                f"the message ends too early: {counted(size, 'byte')} should begin at byte "
+                f"{start}, and it has {self.end}"
             )
         self.at = start + size
         return start

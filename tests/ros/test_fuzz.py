@@ -33,10 +33,10 @@ def transforms(count: int) -> list[bytes]:
     return [encode_tf_message(Columns.of_transforms(each)) for each in (rows, others)]
 
 
-def swapped(message: bytes) -> bytes:
-    """A message of one transform in the other byte order."""
-    words = [message[start : start + 4] for start in range(4, len(message), 4)]
-    return b"\0\0\0\0" + b"".join([word[::-1] for word in words])
+def big_endian() -> bytes:
+    """The message with one transform, in the other byte order."""
+    names = b"\0\0\0\2a\0\0\0" + b"\0\0\0\2b\0" + bytes(6)
+    return bytes(4) + struct.pack(">IiI", 1, 2, 3) + names + struct.pack(">7d", *range(7))
 
 
 def spoilt(data: bytes, chance: random.Random) -> bytes:
@@ -71,8 +71,10 @@ def test_spoilt_transforms_are_read_or_refused(pytestconfig: pytest.Config) -> N
     """
     chance = random.Random(1)
     samples = [each for count in (0, 1, 1, 2, 8, 30) for each in transforms(count)]
-    samples.append(swapped(transforms(1)[0]))
+    samples.append(big_endian())
     reader = TFMessageReader()
+    for each in samples * 2:
+        reader.read(each)
     read = 0
     for _ in range(pytestconfig.getoption("--fuzz-messages") // 2):
         data = spoilt(chance.choice(samples), chance)

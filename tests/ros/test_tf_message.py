@@ -114,18 +114,20 @@ def test_what_is_written_is_what_rosbags_writes(rows: Columns) -> None:
 
 @given(columns(), st.booleans())
 def test_what_rosbags_writes_is_read(rows: Columns, little_endian: bool) -> None:
-    """Rows come back bit by bit, in both byte orders, the first time and the second."""
+    """Rows come back bit by bit, in both byte orders, the first time and, from the layout that is
+    kept then, the third.
+    """
     data = by_rosbags(rows_of(rows), little_endian=little_endian)
     reader = TFMessageReader()
-    assert rows_of(reader.read(data)) == rows_of(rows)
-    assert rows_of(reader.read(data)) == rows_of(rows)
+    for _ in range(3):
+        assert rows_of(reader.read(data)) == rows_of(rows)
 
 
 @given(columns(), columns())
 def test_messages_do_not_mix(one: Columns, other: Columns) -> None:
     """A reader and a writer tell messages of other frames, or of other numbers, from another."""
     writer, reader = TFMessageWriter(), TFMessageReader()
-    for rows in (one, other, one):
+    for rows in (one, other, one, one, other, other, one):
         assert rows_of(reader.read(writer.write(rows))) == rows_of(rows)
 
 
@@ -134,6 +136,7 @@ def test_repeated_messages_share_their_frames() -> None:
     reader = TFMessageReader()
     for count in (1, 3):
         data = encode_tf_message(Columns.of_transforms([at(0, f"j{row}") for row in range(count)]))
+        reader.read(data)
         reader.read(data)
         assert reader.read(data).frames is reader.read(data).frames
 
@@ -216,6 +219,7 @@ def test_layouts_are_not_kept_without_end() -> None:
     for number in range(2500):
         rows = [at(0, f"{number}_{row}") for row in range(1 + number % 3)]
         data = writer.write(Columns.of_transforms(rows))
-        assert list(reader.read(data)) == rows
-    kept = [writer._layouts, reader._names, *reader._layouts.values()]
+        for _ in range(3):
+            assert list(reader.read(data)) == rows
+    kept = [writer._layouts, reader._names, reader._once, *reader._layouts.values()]
     assert all(len(each) <= 1024 for each in kept)

@@ -4,6 +4,7 @@ A codec is made once for a type; then numbers that follow each other are written
 """
 
 import struct
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import isnan
@@ -15,6 +16,9 @@ from tfbus.errors import DecodeError
 from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
 from tfbus.wire.msgpack_items import MOST_ITEMS, too_many_items
+
+
+_NATIVE = "<" if sys.byteorder == "little" else ">"
 
 
 class UnfitError(Exception):
@@ -224,6 +228,9 @@ def _numbers_codec(name: str) -> _Items:
 
     def read(reader: ValueReader, count: int) -> list[Any]:
         start = reader.skip(count * size, size)
+        if reader.order == _NATIVE and code != "?":
+            # In half the time and memory: an occupancy grid has millions.
+            return memoryview(reader.data)[start : reader.at].cast(code).tolist()
         return list(struct.unpack_from(f"{reader.order}{count}{code}", reader.data, start))
 
     return _Items(list, size, write, read)

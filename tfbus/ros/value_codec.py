@@ -17,7 +17,6 @@ from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
 from tfbus.wire.msgpack_items import MOST_ITEMS, too_many_items
 
-
 _NATIVE = "<" if sys.byteorder == "little" else ">"
 
 
@@ -230,7 +229,8 @@ def _numbers_codec(name: str) -> _Items:
         start = reader.skip(count * size, size)
         if reader.order == _NATIVE and code != "?":
             # In half the time and memory: an occupancy grid has millions.
-            return memoryview(reader.data)[start : reader.at].cast(code).tolist()
+            view: Any = memoryview(reader.data)[start : reader.at]
+            return list(view.cast(code))
         return list(struct.unpack_from(f"{reader.order}{count}{code}", reader.data, start))
 
     return _Items(list, size, write, read)

@@ -177,3 +177,20 @@ def test_a_large_count_takes_no_memory(definition: Definition, count: int) -> No
         assert tracemalloc.get_traced_memory()[1] < 100_000
     finally:
         tracemalloc.stop()
+
+
+def test_a_message_of_more_than_a_million_values_is_refused() -> None:
+    """Each takes up to a hundred bytes: maps, texts, and the values in MessagePack."""
+    maps = Definition("a/msg/T", f"N[] x\n{_SEPARATOR}\nMSG: a/N\n")
+    texts = Definition("a/msg/T", "string[] x\n")
+    packed = Definition("tfbus_msgs/msg/T", "Msgpack[] x\n")
+    blob = b"\xdc\xea\x60" + b"\x80" * 60_000
+    blobs = (struct.pack("<I", len(blob)) + blob + bytes(-len(blob) % 4)) * 20
+    for definition, count, items in [
+        (maps, 1_000_001, bytes(1_000_001)),
+        (texts, 1_000_001, bytes(4) * 1_000_001),
+        (packed, 20, blobs),
+    ]:
+        codec = MessageCodec.of_definition(definition)
+        with pytest.raises(DecodeError, match="more than 1000000 values"):
+            codec.decode(b"\0\1\0\0" + struct.pack("<I", count) + items)

@@ -130,13 +130,13 @@ class _Definitions:
         """The message of this full name, in those `inside` of which it is."""
         if name in self._made:
             return self._made[name]
+        if name == MSGPACK.name:
+            return MSGPACK
         shown = printable(name, 100)
         if name in inside or len(inside) >= _MOST_DEPTH:
             raise DecodeError(f"the definition of {shown} contains itself, or too many others")
         if name not in self._sections:
             raise DecodeError(f"the definition of {shown} is missing")
-        if name == MSGPACK.name:
-            return MSGPACK
         fields, kind = [], "fields"
         for line in self._sections[name]:
             remark = line.removeprefix(_REMARK) if _is_ours(name) else ""

@@ -15,7 +15,7 @@ import msgpack
 from tfbus.errors import DecodeError
 from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
 from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
-from tfbus.wire.msgpack_items import MOST_ITEMS, too_many_items
+from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, values_in
 
 _NATIVE = "<" if sys.byteorder == "little" else ">"
 
@@ -42,12 +42,19 @@ class ValueReader(CdrReader):
     def __init__(self, data: bytes) -> None:
         super().__init__(data)
         self._values = 0
+        self._packed = 0
 
     def spend(self, values: int) -> None:
         """Raise DecodeError where the message has more than a million maps, lists and texts."""
         self._values += values
         if self._values > MOST_ITEMS:
             raise DecodeError(f"the message has more than {MOST_ITEMS} values")
+
+    def spend_packed(self, data: bytes) -> None:
+        """The same for values in MessagePack, which are counted where they could be many."""
+        self._packed += len(data)
+        if self._packed > HARMLESS_SIZE:
+            self.spend(values_in(data, MOST_ITEMS))
 
 
 def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCodec:
@@ -156,7 +163,11 @@ def _text_codec(most: int) -> ValueCodec:
             raise UnfitError
         writer.text(value)
 
-    return ValueCodec(4, write, CdrReader.text)
+    def read(reader: ValueReader) -> str:
+        reader.spend(1)
+        return reader.text()
+
+    return ValueCodec(4, write, read)
 
 
 # Sequences
@@ -244,7 +255,6 @@ def _items_codec(item: ValueCodec) -> _Items:
             write_item(writer, each)
 
     def read(reader: ValueReader, count: int) -> list[Any]:
-        reader.spend(count)
         return [read_item(reader) for _ in range(count)]
 
     return _Items(list, item.least_size, write, read)
@@ -361,8 +371,7 @@ _nothing = ValueCodec(0, _write_nothing, lambda reader: None)
 
 def _read_packed(reader: ValueReader) -> Any:
     data = reader.octets()
-    if mistake := too_many_items(data):
-        raise DecodeError(mistake)
+    reader.spend_packed(data)
     try:
         return msgpack.unpackb(data, strict_map_key=False)
     except (ValueError, TypeError, msgpack.UnpackException) as error:

@@ -8,7 +8,7 @@ a payload alone does not bound that; the number of its values does.
 MOST_ITEMS = 1_000_000
 
 # A payload of this size cannot hold enough values to harm.
-_HARMLESS_SIZE = 64 * 1024
+HARMLESS_SIZE = 64 * 1024
 
 
 def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
@@ -16,7 +16,7 @@ def too_many_items(data: bytes, most: int = MOST_ITEMS) -> str:
 
     Binary data and text are one value, however long. What is no msgpack is not found here.
     """
-    if len(data) <= _HARMLESS_SIZE or not _has_more(data, most):
+    if len(data) <= HARMLESS_SIZE or values_in(data, most) <= most:
         return ""
     return f"it has more than {most} values; send many numbers as bytes"
 
@@ -44,7 +44,10 @@ def _fill_tables() -> None:
 _fill_tables()
 
 
-def _has_more(data: bytes, most: int) -> bool:
+def values_in(data: bytes, most: int) -> int:
+    """How many values the payload says it has; where they are more than `most`, some number above
+    it.
+    """
     at, end = 0, len(data)
     seen, announced = 0, 1
     while announced and at < end:
@@ -62,5 +65,5 @@ def _has_more(data: bytes, most: int) -> bool:
             else:
                 at += length + (head in _EXTENSIONS)
         if seen + announced > most:
-            return True
-    return False
+            break
+    return seen + announced

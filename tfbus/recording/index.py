@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
-from tfbus.names import mistake_in
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -151,7 +150,7 @@ def encode_index(index: Index) -> bytes:
     """The bytes of the attachment."""
     import zstandard
 
-    columns = (
+    columns: tuple[NDArray[Any], ...] = (
         index.chunk,
         index.channel,
         index.edge,
@@ -169,7 +168,7 @@ def encode_index(index: Index) -> bytes:
             for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True)
         },
     }
-    found: bytes = zstandard.compress(msgpack.packb(said, unicode_errors="surrogatepass"))
+    found: bytes = zstandard.compress(msgpack.packb(said))
     return found
 
 
@@ -205,6 +204,8 @@ def _index_of(
     if said["v"] != _VERSION:
         raise DecodeError("the index has another version")
     columns = [np.frombuffer(said[name], kind) for name, kind in _COLUMNS.items()]
+    if sys.byteorder != "little":
+        columns = [column.astype(column.dtype.newbyteorder("=")) for column in columns]
     chunk, channel, edge, first, last, count = columns
     found = np.frombuffer(said["chunks"], "<u8")
     edges = tuple((str(parent), str(child)) for parent, child in said["edges"])
@@ -214,12 +215,8 @@ def _index_of(
         and set(np.unique(channel).tolist()) <= set(channels)
         and (not len(chunk) or (int(chunk.max()) < len(found) and int(edge.max()) < len(edges)))
         and (first <= last).all()
-        and not any(mistake_in(name) for each in edges for name in each)
     )
     if not is_ours:
         raise DecodeError("the index is not that of this file")
     changes = tuple((int(number), int(log_ns)) for number, log_ns in said["changes"])
-    if sys.byteorder != "little":
-        columns = [column.astype(column.dtype.newbyteorder("=")) for column in columns]
-    return Index(tuple(found.tolist()), edges, *columns, changes)
-
+    return Index(tuple(found.tolist()), edges, chunk, channel, edge, first, last, count, changes)

@@ -21,8 +21,8 @@ from tfbus.recording.layout import (
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
-from tfbus.recording.topic_codecs import decoder_of
-from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.wording import printable
 
@@ -121,7 +121,11 @@ class Part:
 def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
     if schema is None or (channel.encoding, schema.encoding) != (ENCODING, SCHEMA_ENCODING):
         return None
-    return decoder_of(schema.name, schema.data)
+    try:
+        definition = Definition(schema.name, schema.data.decode())
+        return MessageCodec.of_definition(definition).decode
+    except (DecodeError, UnicodeDecodeError):
+        return None
 
 
 class StoredChunk:

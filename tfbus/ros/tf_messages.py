@@ -18,7 +18,9 @@ _ONE = HEADER + b"\x01\x00\x00\x00"
 _FEW = 4
 
 
-def read_many(reader: TFMessageReader, messages: Sequence[bytes]) -> list[tuple[list[int], Columns]]:
+def read_many(
+    reader: TFMessageReader, messages: Sequence[bytes]
+) -> list[tuple[list[int], Columns]]:
     """The transforms of these messages, bit by bit: groups of messages with the same frames, as
     their indices and the rows of all of them, each message's after the other's.
 
@@ -47,7 +49,9 @@ def _groups(
     return groups + [([at], reader.read(messages[at])) for at in members]
 
 
-def _like_first(reader: TFMessageReader, messages: list[bytes]) -> tuple[Columns, list[bool]] | None:
+def _like_first(
+    reader: TFMessageReader, messages: list[bytes]
+) -> tuple[Columns, list[bool]] | None:
     """The rows of the messages with the frames of the first, and which these are; None where the
     first is not as others are written, or a stamp is none.
     """

@@ -217,8 +217,9 @@ class Samples:
         first, last = rows[:, 4], rows[:, 5]
         wanted = (first <= last_ns) & (last >= first_ns)
         if around and len(rows):
-            wanted |= _best(child, last, last < first_ns, np.maximum, FIRST_NS)
-            wanted |= _best(child, first, first > last_ns, np.minimum, LAST_NS)
+            counts = rows[:, 6]
+            wanted |= _best(child, last, last < first_ns, counts, np.maximum)
+            wanted |= _best(child, first, first > last_ns, counts, np.minimum)
         found: NDArray[np.int64] = rows[wanted]
         return found
 
@@ -392,14 +393,21 @@ def _best(
     child: NDArray[np.int64],
     values: NDArray[np.int64],
     allowed: NDArray[np.bool_],
+    counts: NDArray[np.int64],
     best: np.ufunc,
-    worst: int,
 ) -> NDArray[np.bool_]:
-    """Of the rows of each child, which come together, those of the best value that is allowed."""
+    """Of the rows of each child, which come together, those of the best value that is allowed;
+    where that is one sample, the next best, too.
+    """
+    worst = FIRST_NS if best is np.maximum else LAST_NS
     starts = np.flatnonzero(np.r_[True, child[1:] != child[:-1]])
-    found = best.reduceat(np.where(allowed, values, worst), starts)
     lengths = np.diff(np.r_[starts, len(child)])
+    found = best.reduceat(np.where(allowed, values, worst), starts)
     is_best: NDArray[np.bool_] = allowed & (values == np.repeat(found, lengths))
+    if (is_best & (counts == 1)).any():
+        allowed = allowed & ~is_best
+        found = best.reduceat(np.where(allowed, values, worst), starts)
+        is_best |= allowed & (values == np.repeat(found, lengths))
     return is_best
 
 

@@ -87,16 +87,16 @@ class Capture:
         self._streams = StreamWatch(
             node.session, self._on_state, everywhere=everywhere, log=node.log
         )
-        self._roster = NodeRoster(
-            node.session, self._on_node, everywhere=everywhere, log=node.log
-        )
+        self._roster = NodeRoster(node.session, self._on_node, everywhere=everywhere, log=node.log)
 
     def close(self) -> None:
         """Take nothing further. Twice is fine."""
         self._streams.close()
         self._roster.close()
-        for declaration in (*self._declarations, *self._topics.values()):
+        for declaration in self._declarations:
             declaration.close()
+        for topic in self._topics.values():
+            topic.close()
 
     def source(self, key: str, *, static: bool = False) -> TransformSource | None:
         """What the messages of a key of transforms are; None where they are not recorded."""
@@ -219,8 +219,6 @@ class Capture:
         put = partial(self._queue.put, TopicSource(name, self.types))
         try:
             topic = check_no_transforms(relative(topic, self._node.namespace))
-            self._topics[name] = self._node.create_raw_subscription(
-                topic, put, type_name=type_name
-            )
+            self._topics[name] = self._node.create_raw_subscription(topic, put, type_name=type_name)
         except InvalidNameError as error:
             self._once.warning("topic", "Did not record a topic: %s", error)

@@ -26,6 +26,9 @@ class Splits:
     most_s: float | None = None
 
 
+UNSPLIT = Splits()
+
+
 class Keeping(Protocol):
     """Takes messages in the order in which they came."""
 

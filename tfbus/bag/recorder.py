@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tfbus.bag.keeping import InFiles, Keeping, LastSeconds, Splits
+from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import Raw, RawQueue
@@ -95,7 +95,7 @@ class Recorder:
         log: logging.Logger,
         *,
         selection: Selection,
-        splits: Splits = Splits(),
+        splits: Splits = UNSPLIT,
         snapshots: Snapshots | None = None,
         past: Past | None = None,
         source: SourceOf = lambda key: None,
@@ -103,6 +103,8 @@ class Recorder:
     ) -> None:
         self.counts = Counts()
         self.failure = ""
+        # How many messages came, also such as are only held.
+        self.received = 0
         self.began_s = time.monotonic()
         self._queue = queue
         self._parts = parts
@@ -132,6 +134,11 @@ class Recorder:
         self._thread.start()
 
     # From any thread
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it records still: False after `close()`, and after a failure."""
+        return self._thread.is_alive() and not self.failure
 
     @property
     def is_paused(self) -> bool:
@@ -208,11 +215,12 @@ class Recorder:
         return time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS
 
     def _take(self, raw: Raw) -> None:
+        self.received += raw.source is not EVENTS
         event = self._keeping.take(raw)
-        if event is not None and self._triggers is not None:
-            if why := self._triggers.fulfilled_by(event):
-                with suppress(TfbusError):  # nothing is kept
-                    self._split(why)
+        if event is None or self._triggers is None:
+            return
+        if why := self._triggers.fulfilled_by(event):
+            self._split(why)
 
     def _read(self, raw: Raw) -> Item | None:
         try:

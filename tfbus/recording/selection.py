@@ -13,9 +13,10 @@ class Selection:
 
     `topics` are names of topics: given, only those, and no transforms unless `streams` or `frames`
     are given too; `tf` and `tf_static` among them stand for the transforms of all streams,
-    `robot7/tf` for those of a namespace. `streams` are names of streams: given, only those. `frames` are child frames:
-    given, only their transforms. `regex` and `exclude` are regular expressions, found anywhere in
-    the name of a topic or stream. Names are full, as a session without a namespace has them.
+    `robot7/tf` for those of a namespace. `streams` are names of streams: given, only those.
+    `frames` are child frames: given, only their transforms. `regex` and `exclude` are regular
+    expressions, found anywhere in the name of a topic or stream. Names are full, as a session
+    without a namespace has them.
     """
 
     topics: tuple[str, ...] = ()

@@ -107,6 +107,8 @@ class PartsWritten:
         _sync(path.parent)
         for item in items:
             self._writer.write(item)
+        # From now on it is a recording, if a short one.
+        self._writer.flush()
         return path
 
     def write(self, item: Item) -> None:

@@ -267,8 +267,9 @@ class Recorder:
     def _note_dropped(self) -> None:
         dropped = Counter(self._queue.dropped)
         # What the queue has dropped is missing too.
-        if missing := self._missed.count - dropped["transforms"]:
-            self.counts.lost[MISSING] = max(0, missing)
+        missing = self._missed.count - dropped["transforms"]
+        if missing > 0:
+            self.counts.lost[MISSING] = missing
         news = dropped - self._dropped_noted
         if not news:
             return

@@ -14,7 +14,7 @@ from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
 from tfbus.bag.missed import MissedMessages
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import Raw, RawQueue
+from tfbus.bag.raw_queue import Raw, RawQueue, Source
 from tfbus.bag.sources import EVENTS
 from tfbus.bag.trigger import Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
@@ -35,7 +35,7 @@ _DESCRIBED_WITHIN_NS = 250_000_000
 _DROPPED_EVERY_S = 1.0
 
 # A service, or a key, waits at most this long for the thread.
-_ANSWER_WITHIN_S = 10.0
+_ANSWER_WITHIN_S = 60.0
 
 UNREADABLE, REFUSED, MISSING = "unreadable", "refused", "missing"
 
@@ -118,6 +118,8 @@ class Recorder:
         self._source = source
         self._on_file = on_file
         self._pending: deque[Raw] = deque()
+        # Sources whose messages wait no further.
+        self._undescribed: set[Source] = set()
         self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._dropped_noted: Counter[str] = Counter()
         self._flushed_s = self._noted_s = self.began_s
@@ -213,10 +215,13 @@ class Recorder:
         self._parts.close()
 
     def _waits(self, raw: Raw) -> bool:
-        """Whether a message waits for what describes it."""
-        if raw.source.is_described():
+        """Whether a message waits for what describes it: the first of its source, for a moment."""
+        if raw.source in self._undescribed or raw.source.is_described():
             return False
-        return time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS
+        if time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
+            return True
+        self._undescribed.add(raw.source)
+        return False
 
     def _take(self, raw: Raw) -> None:
         self.received += raw.source is not EVENTS

@@ -11,6 +11,7 @@ from tfbus.cli.verbs import Verbs
 # them.
 VERBS: dict[str, str] = {
     "info": "Show what is in a recording: streams, rates, gaps, static transforms, topics, events.",
+    "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
 }
 
 # Verbs of ros2 bag that have another name here.

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.keyboard import KeyReader as KeyReader
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
@@ -33,6 +34,7 @@ _MODULE_OF = {
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.declared",
     "KeyReader": "tfbus.command.keyboard",
+    "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.declared",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",

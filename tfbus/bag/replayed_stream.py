@@ -67,8 +67,13 @@ class ReplayedStream:
         return self._life is not None
 
     @property
+    def heard(self) -> bool:
+        """Whether a process subscribes to its dynamic transforms now."""
+        return self._keys.heard
+
+    @property
     def is_unread(self) -> bool:
-        """Whether it has dynamic transforms, and no process subscribes to them now."""
+        """Whether it has sent dynamic transforms, and no process subscribes to them now."""
         return bool(self._tables) and not self._keys.heard
 
     def describe(self, description: StreamDescription) -> None:

@@ -1,6 +1,7 @@
 """Reads the items of a recording ahead, on a thread of its own."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
@@ -10,6 +11,10 @@ from tfbus.recording.items import EventItem, Item, TransformItem
 # At most this many items are kept ready, and about this much memory.
 _MOST_ITEMS = 2000
 _MOST_BYTES = 64 * 2**20
+
+# With so many ready, reading gives way to playing after each item, for this long.
+_ENOUGH_ITEMS = 100
+_GIVES_WAY_S = 0.0002
 
 # What Python's objects of an item take, about, and the columns of one transform.
 _ITEM_BYTES = 1000
@@ -76,8 +81,11 @@ class ReadAhead:
                     return
                 with self._changed:
                     self._ready.append(item)
-                    if len(self._ready) == 1:
+                    ready = len(self._ready)
+                    if ready == 1:
                         self._changed.notify_all()
+                if ready > _ENOUGH_ITEMS:
+                    time.sleep(_GIVES_WAY_S)
         except Exception as error:  # raised again where the items are taken
             self._error = error
         with self._changed:

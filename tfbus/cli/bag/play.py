@@ -4,7 +4,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,21 +36,11 @@ _LOG_EVERY_S = 10.0
 # How often the time is published, as ros2 bag does.
 _CLOCK_HZ = 40.0
 
-_SEEK_S = 5.0
-
-# One press of a key makes it faster by a tenth, as in ros2 bag.
-_FASTER = 1.1
-
 # A plain number up to here is a time after the beginning: ten years.
 _EARLY_NS = 315_360_000 * 10**9
 
 # With that, threads take turns often enough for the player to be on time.
 _SWITCH_INTERVAL_S = 0.0005
-
-_KEYS = (
-    "space pauses, . plays one message, left and right seek 5 s, up and down change the rate, "
-    "q ends"
-)
 
 
 class _InRecording(MomentType):
@@ -358,10 +348,17 @@ def _span(reader: "RecordingReader", plan: _Plan) -> tuple[int, int]:
     end_ns = last_ns if plan.until is None else plan.until.within(first_ns, last_ns)
     if plan.duration_s is not None:
         end_ns = min(end_ns, max(start_ns, first_ns) + round(plan.duration_s * 1e9))
-    if start_ns > last_ns or end_ns < first_ns or end_ns < start_ns:
+    mistake = ""
+    if start_ns > last_ns:
+        mistake = f"--start, {wall(start_ns)}, is after its end"
+    elif end_ns < first_ns:
+        mistake = f"--until, {wall(end_ns)}, is before its beginning"
+    elif end_ns < start_ns:
+        mistake = f"--until, {wall(end_ns)}, is before --start, {wall(start_ns)}"
+    if mistake:
         raise click.UsageError(
-            f"nothing is recorded from {wall(start_ns)} to {wall(end_ns)}: the recording is from "
-            f"{wall(first_ns)} to {wall(last_ns)} ({duration((last_ns - first_ns) / 1e9)})"
+            f"the recording is from {wall(first_ns)} to {wall(last_ns)} "
+            f"({duration((last_ns - first_ns) / 1e9)}): {mistake}"
         )
     return start_ns, end_ns
 
@@ -454,18 +451,19 @@ def _go_on(
     node: "Node", plan: _Plan, player: "Player", replay: "Replay", run: _Run, line: Any
 ) -> None:
     """Show how far it is and follow keys, to the end, Ctrl-C, or the service `stop`."""
+    from tfbus.cli.bag.play_keys import KEYS, follow
     from tfbus.cli.bag.play_status import log_text
     from tfbus.cli.bag.typed_keys import typed_keys
 
     shows = is_terminal() and not plan.is_quiet
     logged_s, was_paused = time.monotonic(), plan.is_paused
     with typed_keys(_LOOK_EVERY_S, wanted=plan.has_keys) as read_keys:
-        node.ready(_what(plan, player, replay) + (f"; {_KEYS}" if read_keys and shows else ""))
+        node.ready(_what(plan, player, replay) + (f"; {KEYS}" if read_keys and shows else ""))
         while node.ok and run.goes_on:
             if read_keys is None:
                 if not node.wait(_LOOK_EVERY_S):
                     return
-            elif not all(_follow(key, player) for key in read_keys()):
+            elif not all(follow(key, player) for key in read_keys()):
                 return
             progress = player.progress
             now_s = time.monotonic()
@@ -487,23 +485,3 @@ def _what(plan: _Plan, player: "Player", replay: "Replay") -> str:
     return (
         f"Playing {duration(player.progress.duration_s)}{rate}{state}: {', '.join(what)}; {stamps}"
     )
-
-
-def _follow(key: str, player: "Player") -> bool:
-    """Do what a key is for; whether to go on."""
-    jobs: dict[str, Callable[[], object]] = {
-        " ": player.toggle_paused,
-        ".": player.step,
-        "right": lambda: player.seek_by(_SEEK_S),
-        "left": lambda: player.seek_by(-_SEEK_S),
-        "up": lambda: _change_rate(player, _FASTER),
-        "down": lambda: _change_rate(player, 1.0 / _FASTER),
-    }
-    if key in jobs:
-        jobs[key]()
-    return key not in ("q", "Q", "\x03")
-
-
-def _change_rate(player: "Player", factor: float) -> None:
-    rate = round(player.progress.rate * factor, 4)
-    player.set_rate(min(max(rate, SLOWEST), FASTEST))

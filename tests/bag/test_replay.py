@@ -1,0 +1,562 @@
+"""Recordings on a bus again: streams, statics, topics and the simulated time."""
+
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+
+from tests.builders import S, at, x_of
+from tests.fakes import InAThread, Lines
+from tests.live_bus import Bus, eventually
+from tfbus import (
+    Buffer,
+    InvalidNameError,
+    Node,
+    TransformBroadcaster,
+    TransformListener,
+)
+from tfbus.bag.player import Player
+from tfbus.bag.player_services import serve
+from tfbus.bag.replay import Replay
+from tfbus.bag.replayed_names import ReplayedNames
+from tfbus.bag.stream_epochs import StreamEpochs
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped
+from tfbus.listen.stream_state import StreamState
+from tfbus.listen.watch import StreamWatch
+from tfbus.messages import Clock, Empty, PlayNext, PlayProgress, Seek, SetRate
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import Selection
+from tfbus.recording.writer import RecordingWriter
+
+pytest.importorskip("mcap")
+
+BEGAN_NS = 1_700_000_000 * S
+MS = 1_000_000
+SIM = RecordedStream("sim", "/sim", epoch_ns=BEGAN_NS)
+
+
+def moving(s: float, x: float, child: str = "turtle1", stream: RecordedStream = SIM) -> Item:
+    """A dynamic transform that came `s` seconds after the beginning, with a stamp of then."""
+    log_ns = BEGAN_NS + round(s * S)
+    rows = Columns.of_transforms([at(x, child, log_ns)])
+    return TransformItem(log_ns, stream, rows, seq=None)
+
+
+def static(s: float, *frames: TransformStamped, stream: RecordedStream = SIM) -> Item:
+    """The whole set of static transforms of a stream."""
+    log_ns = BEGAN_NS + round(s * S)
+    return TransformItem(log_ns, stream, Columns.of_transforms(frames), static=True)
+
+
+def described(
+    s: float, *frames: tuple[str, bool], stream: RecordedStream = SIM, **more: Any
+) -> EventItem:
+    """A description of a stream with these child frames of `world`, and whether each is static."""
+    facts = {
+        "v": 1,
+        "node": stream.node,
+        "epoch": stream.epoch_ns,
+        "frames": [["world", child, is_static] for child, is_static in frames],
+        "host": "robot",
+        "pid": 7,
+        "session": "abc",
+        "split": stream.split,
+        "history_s": 10.0,
+        "started_ns": stream.epoch_ns,
+        **more,
+    }
+    return EventItem(BEGAN_NS + round(s * S), "stream", stream.name, facts)
+
+
+def gone(s: float, stream: RecordedStream = SIM) -> EventItem:
+    """The token of the stream was lost."""
+    return EventItem(BEGAN_NS + round(s * S), "stream gone", stream.name)
+
+
+class Played:
+    """A recording of these items that is played on the bus; paused at first, so that the test says
+    how far.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        path: Path,
+        items: Iterable[Item],
+        *,
+        node: Node | None = None,
+        at_end: Any = "wait",
+        selection: Selection | None = None,
+        **given: Any,
+    ) -> None:
+        with RecordingWriter(path) as writer:
+            for item in items:
+                writer.write(item)
+        self.node = node or bus.node("player")
+        self._reader = RecordingReader(path)
+        chosen = {} if selection is None else {"selection": selection}
+        self.player = Player(self._reader, paused=True, at_end=at_end, **chosen)
+        self.replay = Replay(
+            self.node, self._reader, lambda: self.player.progress, **chosen, **given
+        )
+        self._run = InAThread(lambda: self.player.run(self.replay))
+
+    def step(self, messages: int = 1) -> None:
+        """Play the next messages, once all streams have a listener."""
+        eventually(lambda: all(stream.heard for stream in self.replay._streams.values()))
+        self.player.step(messages)
+
+    def close(self) -> None:
+        """End it, and raise what ended it before."""
+        self.player.stop()
+        error = self._run.result()
+        self._reader.close()
+        if error is not None:
+            raise error
+
+
+@pytest.fixture
+def played(bus: Bus, tmp_path: Path) -> Iterator[Any]:
+    """Plays items on the bus, until the test ends."""
+    all_played: list[Played] = []
+
+    def play(items: Sequence[Item], **given: Any) -> Played:
+        path = tmp_path / f"{len(all_played)}.mcap"
+        all_played.append(Played(bus, path, items, **given))
+        return all_played[-1]
+
+    yield play
+    for each in all_played:
+        each.close()
+
+
+@pytest.fixture
+def states(receiver: Node) -> Iterator[dict[str, Any]]:
+    """What the streams on the bus say of themselves, by name, always the last."""
+    found: dict[str, Any] = {}
+
+    def note(state: StreamState) -> None:
+        found[state.name] = state
+
+    watch = StreamWatch(receiver.session, note, everywhere=True)
+    yield found
+    watch.close()
+
+
+# Streams
+
+
+def test_a_stream_has_its_name_and_node_again(played: Any, states: dict[str, Any]) -> None:
+    """The description is the recorded one but for host, session and epoch."""
+    played([described(0, ("turtle1", False), priority=3), moving(0, 1.0), moving(1, 2.0)])
+    description = eventually(lambda: "sim" in states and states["sim"].description)
+    assert description.node == "/sim"
+    assert description.host == "recorded"
+    assert description.pid == 7
+    assert description.priority == 3
+    assert description.frames == (("world", "turtle1", False),)
+    assert description.epoch > BEGAN_NS
+    assert eventually(lambda: states["sim"].confirmed)
+
+
+def test_lookups_are_the_same_at_the_same_stamps(played: Any, buffer: Buffer) -> None:
+    """With recorded stamps a lookup between two of them gives what it gave."""
+    items = [described(0, ("turtle1", False)), moving(0, 1.0), moving(1, 2.0), moving(2, 4.0)]
+    run = played(items, stamps="recorded")
+    run.step(3)
+    middle_ns = BEGAN_NS + 3 * S // 2
+    eventually(lambda: buffer.can_transform("world", "turtle1", middle_ns))
+    assert buffer.lookup_transform("world", "turtle1", middle_ns).transform.x == 3.0
+
+
+def test_stamps_of_now_are_moved_by_one_number(played: Any, buffer: Buffer, receiver: Node) -> None:
+    """At rate 1 the time between two stamps stays to the nanosecond, and the last is of now."""
+    run = played([described(0, ("turtle1", False)), moving(0, 1.0), moving(0.123456789, 2.0)])
+    run.step(0)
+    before_ns = receiver.now_ns()
+    run.player.resume()
+    eventually(lambda: x_of(buffer) == 2.0)
+    last_ns = buffer.lookup_transform("world", "turtle1").stamp_ns
+    assert before_ns < last_ns <= receiver.now_ns() + 10 * MS
+    first = buffer.lookup_transform("world", "turtle1", last_ns - 123_456_789)
+    assert first.transform.x == 1.0
+
+
+def test_static_transforms_reach_who_comes_late(played: Any, bus: Bus) -> None:
+    """They are retained, as those of a broadcaster."""
+    items = [described(0, ("drone", True)), static(0, at(5.0, "drone")), moving(1, 1.0)]
+    run = played(items)
+    eventually(lambda: run.replay._is_there("sim"))
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("late")):
+        eventually(lambda: x_of(buffer, source="drone") == 5.0)
+
+
+def test_the_last_messages_reach_who_comes_late(played: Any, bus: Bus) -> None:
+    """A listener that joins later queries what was sent before."""
+    run = played([described(0, ("turtle1", False)), moving(0, 1.0), moving(1, 2.0)])
+    run.player.step(2)
+    eventually(lambda: run.player.progress.sent == 2)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("late"), history_s=5.0):
+        eventually(lambda: x_of(buffer) == 2.0)
+
+
+def test_a_stream_goes_as_it_went(played: Any, buffer: Buffer) -> None:
+    """Where the publisher was gone, its frames are marked as gone, and stay."""
+    items = [described(0, ("turtle1", False)), moving(0, 1.0), gone(1), moving(2, 9.0, "other")]
+    run = played(items)
+    run.step()
+    eventually(lambda: x_of(buffer) == 1.0)
+    run.player.seek(BEGAN_NS + 3 * S // 2)
+    eventually(lambda: buffer.frame("turtle1").gone)
+    assert x_of(buffer) == 1.0
+
+
+def test_a_frame_is_removed_as_it_was(played: Any, buffer: Buffer) -> None:
+    """A frame that the next description does not list leaves the buffers."""
+    items = [
+        described(0, ("turtle1", False), ("drone", False)),
+        moving(0, 1.0),
+        moving(0, 2.0, "drone"),
+        described(1, ("drone", False)),
+        moving(1, 3.0, "drone"),
+    ]
+    run = played(items)
+    run.step(2)
+    eventually(lambda: x_of(buffer) == 1.0 and x_of(buffer, source="drone") == 2.0)
+    run.step()
+    eventually(lambda: x_of(buffer, source="drone") == 3.0)
+    eventually(lambda: x_of(buffer) is None)
+
+
+def test_conflicts_are_as_they_were(played: Any, bus: Bus) -> None:
+    """Of two recorded publishers of a frame the one that was first then is first now."""
+    other = RecordedStream("late", "/late", epoch_ns=BEGAN_NS + S)
+    items = [
+        described(0, ("turtle1", False), stream=other),
+        described(0, ("turtle1", False)),
+        moving(0, 9.0, stream=other),
+        moving(0, 1.0),
+    ]
+    run = played(items)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener"), conflicts="first") as listener:
+        eventually(lambda: [each.alive for each in listener.streams()] == [True, True])
+        run.step(2)
+        eventually(lambda: x_of(buffer) == 1.0)
+        late = next(each for each in listener.streams() if each.name == "late")
+        assert late.excluded == 1
+
+
+def test_a_restart_is_one_again(played: Any, buffer: Buffer, states: dict[str, Any]) -> None:
+    """A later epoch of the recording is a later one now: what was sent before is forgotten."""
+    again = RecordedStream("sim", "/sim", epoch_ns=BEGAN_NS + 5 * S)
+    items = [
+        described(0, ("turtle1", False)),
+        moving(0, 1.0),
+        described(5, ("drone", False), stream=again, pid=8),
+        moving(5, 2.0, "drone", stream=again),
+    ]
+    run = played(items)
+    run.step()
+    eventually(lambda: x_of(buffer) == 1.0)
+    first_ns = states["sim"].description.epoch
+    run.step()
+    eventually(lambda: x_of(buffer, source="drone") == 2.0)
+    assert states["sim"].description.epoch > first_ns
+    assert x_of(buffer) is None
+
+
+def test_a_split_stream_has_a_key_for_each_frame(played: Any, receiver: Node) -> None:
+    """A program can subscribe to one frame of it."""
+    keys: list[str] = []
+    receiver.session.subscriber("tf/**", lambda key, payload: keys.append(key))
+    split = RecordedStream("sim", "/sim", epoch_ns=BEGAN_NS, split=True)
+    items = [
+        described(0, ("turtle1", False), ("drone", False), stream=split),
+        moving(0, 1.0, stream=split),
+        moving(0, 2.0, "drone", stream=split),
+    ]
+    run = played(items)
+    run.step(2)
+    eventually(lambda: sorted(keys) == ["tf/sim/drone", "tf/sim/turtle1"])
+
+
+def test_a_stream_without_a_description_gets_one(played: Any, states: dict[str, Any]) -> None:
+    """Recordings of other programs have no descriptions: it lists what was sent."""
+    run = played([moving(0, 1.0), moving(1, 2.0, "drone")])
+    run.player.step(2)
+    rows = {("world", "turtle1", False), ("world", "drone", False)}
+    eventually(lambda: "sim" in states and states["sim"].description)
+    eventually(lambda: {*states["sim"].description.frames} == rows)
+    assert states["sim"].description.node == "/sim"
+
+
+def test_streams_of_robots_stay_in_their_namespaces(played: Any, states: dict[str, Any]) -> None:
+    """A stream of robot7 is one of robot7 again."""
+    robot = RecordedStream("robot7/sim", "/robot7/sim", "robot7", BEGAN_NS)
+    played([described(0, ("turtle1", False), stream=robot), moving(0, 1.0, stream=robot)])
+    assert eventually(lambda: states.get("robot7/sim")).key == "robot7/@tfbus/stream/sim"
+
+
+def test_a_prefix_puts_all_names_below_it(played: Any, states: dict[str, Any]) -> None:
+    """With a prefix a recording does not meet the live streams of the same names."""
+    run = played(
+        [described(0, ("turtle1", False)), moving(0, 1.0), topic(1, "turtle1/pose")],
+        names=ReplayedNames("old/run"),
+    )
+    assert eventually(lambda: states.get("old/run/sim")).key == "old/run/@tfbus/stream/sim"
+    assert run.replay.topics == ["old/run/turtle1/pose"]
+
+
+def test_streams_and_topics_can_be_renamed(played: Any, states: dict[str, Any]) -> None:
+    """A name given by hand gets no prefix."""
+    names = ReplayedNames("old", {"/sim": "robot7/other", "turtle1/pose": "/pose"})
+    run = played([described(0), moving(0, 1.0), topic(1, "turtle1/pose")], names=names)
+    assert eventually(lambda: states.get("robot7/other")).key == "robot7/@tfbus/stream/other"
+    assert run.replay.topics == ["pose"]
+
+
+def test_two_streams_cannot_get_one_name(played: Any, bus: Bus, tmp_path: Path) -> None:
+    """Their messages would be taken for those of one."""
+    other = RecordedStream("other", "/other", epoch_ns=BEGAN_NS)
+    items = [moving(0, 1.0), moving(0, 1.0, stream=other)]
+    with pytest.raises(InvalidNameError, match="'other' and 'sim' would both be called 'sim'"):
+        Played(bus, tmp_path / "two.mcap", items, names=ReplayedNames("", {"other": "sim"}))
+
+
+def test_frames_can_be_chosen(played: Any, buffer: Buffer, states: dict[str, Any]) -> None:
+    """With some frames only, descriptions list no others."""
+    items = [
+        described(0, ("turtle1", False), ("drone", False)),
+        moving(0, 1.0),
+        moving(0, 2.0, "drone"),
+        moving(1, 3.0, "drone"),
+    ]
+    run = played(items, selection=Selection(frames=("drone",)))
+    run.step(2)
+    eventually(lambda: x_of(buffer, source="drone") == 3.0)
+    assert x_of(buffer) is None
+    assert states["sim"].description.frames == (("world", "drone", False),)
+
+
+# Seeking
+
+
+def test_a_seek_back_is_a_new_epoch(played: Any, buffer: Buffer, states: dict[str, Any]) -> None:
+    """Listeners forget what comes later in the recording; static transforms stay."""
+    items = [
+        described(0, ("turtle1", False), ("drone", True)),
+        static(0, at(5.0, "drone")),
+        *(moving(s, float(s)) for s in range(6)),
+    ]
+    run = played(items, stamps="recorded")
+    run.step(7)
+    eventually(lambda: x_of(buffer) == 5.0)
+    epoch_ns = states["sim"].description.epoch
+    run.player.seek(BEGAN_NS + 2 * S)
+    eventually(lambda: states["sim"].description.epoch > epoch_ns)
+    run.step()
+    eventually(lambda: x_of(buffer) == 2.0)
+    assert not buffer.can_transform("world", "turtle1", BEGAN_NS + 4 * S)
+    assert x_of(buffer, source="drone") == 5.0
+
+
+def test_a_seek_back_before_a_stream_takes_it_away(played: Any, buffer: Buffer) -> None:
+    """Its frames are not marked as gone: they have not been there yet."""
+    other = RecordedStream("other", "/other", epoch_ns=BEGAN_NS)
+    items = [
+        described(0, ("turtle1", False)),
+        moving(0, 1.0),
+        described(5, ("drone", False), ("camera", True), stream=other),
+        static(5, at(4.0, "camera"), stream=other),
+        moving(5, 2.0, "drone", stream=other),
+    ]
+    run = played(items)
+    run.step(3)
+    eventually(lambda: x_of(buffer, source="drone") == 2.0)
+    eventually(lambda: x_of(buffer, source="camera") == 4.0)
+    run.player.seek(BEGAN_NS)
+    eventually(lambda: "drone" not in buffer.frames())
+    eventually(lambda: "camera" not in buffer.frames())
+
+
+def test_a_seek_ahead_has_what_is_in_force_there(played: Any, buffer: Buffer) -> None:
+    """Static transforms that were sent in between are there."""
+    items = [
+        described(0, ("drone", True)),
+        static(0, at(5.0, "drone")),
+        described(3, ("drone", True), ("camera", True)),
+        static(3, at(6.0, "drone"), at(7.0, "camera")),
+        moving(9, 1.0),
+    ]
+    run = played(items)
+    eventually(lambda: x_of(buffer, source="drone") == 5.0)
+    run.player.seek(BEGAN_NS + 6 * S)
+    eventually(lambda: x_of(buffer, source="drone") == 6.0)
+    eventually(lambda: x_of(buffer, source="camera") == 7.0)
+
+
+def test_a_loop_goes_on_with_stamps_of_now(played: Any, buffer: Buffer, receiver: Node) -> None:
+    """Each round begins new epochs, and its stamps are later than those before."""
+    items = [described(0, ("turtle1", False)), *(moving(n / 50, float(n)) for n in range(10))]
+    run = played(items, at_end="loop")
+    run.player.resume()
+    eventually(lambda: run.player.progress.loops >= 3)
+    eventually(lambda: buffer.can_transform("world", "turtle1"))
+    later_ns = receiver.now_ns() + S
+    eventually(lambda: buffer.can_transform("world", "turtle1", later_ns))
+
+
+def test_epochs_keep_their_order_and_grow_from_run_to_run() -> None:
+    """Also where the clock stands still between two runs, and for epochs of a moment."""
+    epochs = StreamEpochs([("sim", 30), ("sim", 10), ("sim", 20)], lambda: 1000 * S)
+    epochs.begin_run()
+    first = [epochs.of("sim", epoch_ns) for epoch_ns in (10, 20, 30)]
+    assert first == sorted(set(first))
+    epochs.begin_run()
+    assert epochs.of("sim", 10) > first[-1]
+
+
+# Topics
+
+
+def topic(s: float, name: str, values: dict[str, Any] | None = None) -> TopicItem:
+    """A message of a topic."""
+    return TopicItem(BEGAN_NS + round(s * S), name, "Pose", values or {"x": 1.0})
+
+
+def test_messages_of_topics_are_the_same_bytes(played: Any, receiver: Node) -> None:
+    """Integers stay integers, floats floats, in the same order."""
+    values = {"stamp_ns": 5, "x": 1.5, "name": "a", "flag": True, "rows": [1.0, 2.0], "raw": b"\0"}
+    payloads: list[bytes] = []
+    receiver.create_raw_subscription("turtle1/pose", payloads.append)
+    items = [topic(n / 50, "turtle1/pose", values) for n in range(3)]
+    run = played(items, at_end="loop")
+    run.player.resume()
+    eventually(lambda: payloads)
+    assert payloads[0] == msgpack.packb(values)
+    assert run.node.describe()["publishes"]["turtle1/pose"] == "Pose"
+
+
+# The simulated time
+
+
+@pytest.fixture
+def follower(bus: Bus) -> Node:
+    """A node with simulated time."""
+    return bus.node("follower", sim_time=True)
+
+
+def test_the_clock_is_that_of_the_recording(played: Any, follower: Node) -> None:
+    """Paused it stands at the beginning, and moves with each step and seek."""
+    items = [described(0, ("turtle1", False)), *(moving(s, float(s)) for s in range(9))]
+    run = played(items, stamps="recorded", clock_hz=40.0)
+    assert follower.wait_for_clock(20.0)
+    assert follower.now_ns() == BEGAN_NS
+    run.player.step(3)
+    run.player.resume()
+    eventually(lambda: follower.now_ns() > BEGAN_NS + 2 * S)
+    run.player.pause()
+    eventually(lambda: follower.now_ns() == run.player.progress.log_ns)
+    run.player.seek(BEGAN_NS + 7 * S)
+    eventually(lambda: follower.now_ns() == BEGAN_NS + 7 * S)
+    run.player.seek(BEGAN_NS + S)
+    eventually(lambda: follower.now_ns() == BEGAN_NS + S)
+
+
+def test_the_clock_says_how_it_goes(played: Any, receiver: Node) -> None:
+    """Its rate is the player's, and it says when it stands."""
+    clocks: list[Clock] = []
+    receiver.create_subscription(Clock, "clock", clocks.append)
+    run = played([moving(s / 10, 1.0) for s in range(900)], stamps="recorded", clock_hz=100.0)
+    eventually(lambda: clocks and clocks[-1].paused)
+    run.player.set_rate(2.0)
+    run.player.resume()
+    eventually(lambda: not clocks[-1].paused and clocks[-1].rate == 2.0)
+
+
+def test_a_recorded_clock_is_the_clock(played: Any, follower: Node) -> None:
+    """Where the recorded nodes followed a simulated time, that one is published."""
+    items = [
+        moving(0, 1.0),
+        TopicItem(
+            BEGAN_NS + S, "clock", "Clock", {"stamp_ns": 5 * S, "rate": 1.0, "paused": False}
+        ),
+        TopicItem(BEGAN_NS + 2 * S, "clock", "Clock", {"stamp_ns": 9 * S, "rate": 1.0}),
+    ]
+    run = played(items, stamps="recorded", clock_hz=40.0)
+    run.player.step(2)
+    eventually(lambda: follower.now_ns() == 5 * S)
+    run.player.step()
+    eventually(lambda: follower.now_ns() == 9 * S)
+
+
+def test_stamps_of_a_simulated_time_are_moved_from_it(played: Any, buffer: Buffer) -> None:
+    """Stamps that are years from the log times come out as those of now all the same."""
+    rows = [Columns.of_transforms([at(float(n), stamp_ns=n * S + S)]) for n in range(3)]
+    items = [TransformItem(BEGAN_NS + n * S, SIM, rows[n]) for n in range(3)]
+    run = played(items)
+    run.step()
+    eventually(lambda: x_of(buffer) == 0.0)
+    age_ns = time.time_ns() - buffer.lookup_transform("world", "turtle1").stamp_ns
+    assert abs(age_ns) < 60 * S
+
+
+# Services
+
+
+def test_services_do_what_keys_do(played: Any, bus: Bus) -> None:
+    """Other programs pause, step, seek and change the rate, and read how far it is."""
+    run = played([moving(s, 1.0) for s in range(100)])
+    stopped = threading.Event()
+    serve(run.node, run.player, stopped.set)
+    caller = bus.node("caller")
+
+    def call(kind: Any, name: str, *values: Any) -> Any:
+        client = caller.create_client(kind, f"player/{name}")
+        return client.call(kind.Request(*values), timeout_s=20.0)
+
+    assert call(Seek, "seek", 12.5).log_ns == BEGAN_NS + 25 * S // 2
+    assert call(Seek, "seek", 1.0, BEGAN_NS + S).offset_s == 2.0
+    call(PlayNext, "play_next", 3)
+    eventually(lambda: call(PlayProgress, "progress").sent == 3)
+    call(SetRate, "set_rate", 4.0)
+    assert call(PlayProgress, "progress").rate == 4.0
+    with pytest.raises(Exception, match=r"the rate must be from 0\.001"):
+        call(SetRate, "set_rate", 0.0)
+    call(Empty, "resume")
+    assert not call(PlayProgress, "progress").paused
+    call(Empty, "toggle_paused")
+    assert call(PlayProgress, "progress").paused
+    call(Empty, "stop")
+    assert stopped.is_set()
+
+
+# Who else is there
+
+
+def test_a_stream_that_lives_is_named(played: Any, sender: Node, bus: Bus) -> None:
+    """Two streams of one name cannot be told apart: the player warns, and says what to do."""
+    TransformBroadcaster(sender, stream="sim").send_transform(at(1.0))
+    node = bus.node("player")
+    lines = Lines(node.log)
+    eventually(lambda: node.session.living("@tfbus/stream/*"))
+    run = played([moving(0, 1.0)], node=node, names=ReplayedNames())
+    run.replay.warn_of_living()
+    assert "'sim'" in lines.lines[-1] and "--prefix" in lines.lines[-1]
+
+
+def test_a_description_that_cannot_be_read_is_left_out(played: Any, buffer: Buffer) -> None:
+    """A damaged one is logged, and the rest is played."""
+    items = [described(0, ("turtle1", False), epoch="now"), moving(0, 1.0), moving(1, 2.0)]
+    run = played(items)
+    run.step(2)
+    eventually(lambda: x_of(buffer) == 2.0)

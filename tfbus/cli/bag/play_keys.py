@@ -1,0 +1,35 @@
+"""The keys of `tfbus bag play`, those of ros2 bag where it has the same."""
+
+from collections.abc import Callable
+
+from tfbus.bag.player import FASTEST, SLOWEST, Player
+
+KEYS = (
+    "space pauses, . plays one message, left and right seek 5 s, up and down change the rate, "
+    "q ends"
+)
+
+_SEEK_S = 5.0
+
+# One press makes it faster by a tenth.
+_FASTER = 1.1
+
+
+def follow(key: str, player: Player) -> bool:
+    """Do what a key is for; whether to go on."""
+    jobs: dict[str, Callable[[], object]] = {
+        " ": player.toggle_paused,
+        ".": player.step,
+        "right": lambda: player.seek_by(_SEEK_S),
+        "left": lambda: player.seek_by(-_SEEK_S),
+        "up": lambda: _change_rate(player, _FASTER),
+        "down": lambda: _change_rate(player, 1.0 / _FASTER),
+    }
+    if key in jobs:
+        jobs[key]()
+    return key not in ("q", "Q", "\x03")
+
+
+def _change_rate(player: Player, factor: float) -> None:
+    rate = round(player.progress.rate * factor, 4)
+    player.set_rate(min(max(rate, SLOWEST), FASTEST))

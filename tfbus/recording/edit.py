@@ -31,7 +31,9 @@ class Span:
             )
 
 
-def cut(reader: RecordingReader, spans: Sequence[Span], selection: Selection = ALL) -> Iterator[Item]:
+def cut(
+    reader: RecordingReader, spans: Sequence[Span], selection: Selection = ALL
+) -> Iterator[Item]:
     """The items of these spans, with what is in force at the beginning of each.
 
     Between two spans the recorder was paused, as the recording then says. Spans that overlap are

@@ -9,7 +9,11 @@ from typing import Any
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError, InvalidNameError
 from tfbus.geometry.columns import Columns
-from tfbus.recording.foreign.decoders import transforms_decoder, values_decoder
+from tfbus.recording.foreign.decoders import (
+    ValuesDecoder,
+    transforms_decoder,
+    values_decoder,
+)
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
@@ -149,16 +153,16 @@ class _Importer:
             self._counts.transforms += item.rows.count
 
 
-def _topic_of(
-    channel: ForeignChannel, topic: str, values_of: Callable[[bytes], Mapping[str, Any]]
-) -> _Read:
-    if channel.type_name == _CLOCK and topic.rpartition("/")[2] == CLOCK_TOPIC:
-        return lambda message: TopicItem(
-            message.log_ns, topic, "Clock", _clock_of(values_of(message.data))
-        )
-    return lambda message: TopicItem(
-        message.log_ns, topic, channel.type_name, values_of(message.data)
-    )
+def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Read:
+    is_clock = channel.type_name == _CLOCK and topic.rpartition("/")[2] == CLOCK_TOPIC
+
+    def read(message: ForeignMessage) -> TopicItem:
+        values, encoded = decode(message.data)
+        if is_clock:
+            return TopicItem(message.log_ns, topic, "Clock", _clock_of(values))
+        return TopicItem(message.log_ns, topic, channel.type_name, values, encoded)
+
+    return read
 
 
 def _clock_of(values: Mapping[str, Any]) -> dict[str, Any]:

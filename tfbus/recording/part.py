@@ -22,7 +22,7 @@ from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.topic_codecs import decoder_of
-from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.wording import printable
 
@@ -41,12 +41,15 @@ class StreamChannel:
 
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
-    """A channel with messages of a topic; `decode` is None where tfbus does not read them."""
+    """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
+    `definition` where it is no text.
+    """
 
     id: int
     topic: str
     type_name: str
     decode: Decode | None
+    definition: Definition | None = None
 
     @property
     def is_readable(self) -> bool:
@@ -115,7 +118,15 @@ class Part:
             printable(topic_of(channel.topic, channel.metadata)),
             printable(channel.metadata.get("tfbus.type", schema.name if schema else "")),
             _decoder(channel, schema),
+            _definition(schema),
         )
+
+
+def _definition(schema: Schema | None) -> Definition | None:
+    try:
+        return None if schema is None else Definition(schema.name, schema.data.decode())
+    except UnicodeDecodeError:
+        return None
 
 
 def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
@@ -186,7 +197,8 @@ class StoredChunk:
             raise DecodeError(
                 f"{self.part.name} is damaged: a message of topic '{topic.topic}': {error}"
             ) from error
-        return TopicItem(message.log_ns, topic.topic, topic.type_name, values)
+        encoded = None if topic.definition is None else (topic.definition, message.data)
+        return TopicItem(message.log_ns, topic.topic, topic.type_name, values, encoded)
 
     def _transforms(self, message: Message, channel: StreamChannel) -> TransformItem:
         try:

@@ -178,7 +178,7 @@ class RecordingWriter:
         self._index.add(channel, item)
 
     def _write_topic(self, item: TopicItem) -> None:
-        definition, data = self._topics.encode(item)
+        definition, data = item.encoded or self._topics.encode(item)
         key = (item.topic, item.type_name, definition)
         channel = self._topic_channels.get(key)
         if channel is None:

@@ -10,7 +10,7 @@ from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
-from tfbus.wording import counted, stamp_text
+from tfbus.wording import stamp_text
 
 # Two recorders may have received the same message at times as far apart, by their clocks.
 _SAME_MESSAGE_NS = 60_000_000_000

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from heapq import merge
 
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
@@ -85,6 +85,36 @@ def without(items: Iterator[Item], names: Collection[str]) -> Iterator[Item]:
             rows = item.rows.without(names)
             if rows.count or item.static:
                 yield replace(item, rows=rows)
+
+
+def in_namespace(items: Iterator[Item], namespace: str) -> Iterator[Item]:
+    """The items with their streams, topics and nodes below a namespace, as those of one robot of a
+    fleet.
+    """
+    for item in items:
+        if isinstance(item, TopicItem):
+            yield replace(item, topic=f"{namespace}/{item.topic}")
+        elif isinstance(item, TransformItem):
+            yield replace(item, stream=_stream_in(item.stream, namespace))
+        else:
+            yield _event_in(item, namespace)
+
+
+def _stream_in(stream: RecordedStream, namespace: str) -> RecordedStream:
+    below = f"{namespace}/{stream.namespace}" if stream.namespace else namespace
+    node = f"/{namespace}{stream.node}" if stream.node else ""
+    return replace(stream, name=f"{namespace}/{stream.name}", node=node, namespace=below)
+
+
+def _event_in(event: EventItem, namespace: str) -> EventItem:
+    if event.kind in ("stream", "stream gone"):
+        facts = dict(event.facts)
+        if facts.get("node"):
+            facts["node"] = f"/{namespace}{facts['node']}"
+        return replace(event, name=f"{namespace}/{event.name}", facts=facts)
+    if event.kind in ("node", "node gone"):
+        return replace(event, name=f"/{namespace}/{event.name.removeprefix('/')}")
+    return event
 
 
 def conflicting_epochs(readers: Sequence[RecordingReader]) -> tuple[str, ...]:

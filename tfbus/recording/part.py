@@ -21,10 +21,13 @@ from tfbus.recording.layout import (
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
-from tfbus.recording.topic_codecs import decoder_of
 from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.wording import printable
+
+# Before the names of types that tfbus made up.
+OWN_PACKAGE = "tfbus_msgs/"
 
 Decode = Callable[[bytes], dict[str, Any]]
 
@@ -42,7 +45,7 @@ class StreamChannel:
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
     """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
-    `definition` where it is no text.
+    `definition` where it is one of ours.
     """
 
     id: int
@@ -123,8 +126,13 @@ class Part:
 
 
 def _definition(schema: Schema | None) -> Definition | None:
+    """A definition that others wrote. One of ours is made again where it is written, under a name
+    that is free there.
+    """
+    if schema is None or schema.name.startswith(OWN_PACKAGE):
+        return None
     try:
-        return None if schema is None else Definition(schema.name, schema.data.decode())
+        return Definition(schema.name, schema.data.decode())
     except UnicodeDecodeError:
         return None
 
@@ -132,7 +140,11 @@ def _definition(schema: Schema | None) -> Definition | None:
 def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
     if schema is None or (channel.encoding, schema.encoding) != (ENCODING, SCHEMA_ENCODING):
         return None
-    return decoder_of(schema.name, schema.data)
+    try:
+        definition = Definition(schema.name, schema.data.decode())
+        return MessageCodec.of_definition(definition).decode
+    except (DecodeError, UnicodeDecodeError):
+        return None
 
 
 class StoredChunk:

@@ -2,7 +2,7 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -51,6 +51,7 @@ def imported(
     counts: Imported,
     *,
     selection: Selection = ALL,
+    topics: Collection[str] = (),
     only_transforms: bool = False,
     default_stream: str = "",
 ) -> Iterator[Item]:
@@ -60,17 +61,22 @@ def imported(
     else as one stream `ros` or `foxglove`, or `default_stream`. Those of `/robot7/tf` are in the
     namespace `robot7`. Leading slashes of frames are removed, as tf2 does. A static transform stays
     until another one of its child comes on the same stream.
+
+    Of other topics, `topics` alone where it names any, and none with `only_transforms`.
     """
-    return _Importer(counts, selection, only_transforms, default_stream).items(messages)
+    importer = _Importer(counts, selection, frozenset(topics), default_stream)
+    importer.only_transforms = only_transforms
+    return importer.items(messages)
 
 
 class _Importer:
     def __init__(
-        self, counts: Imported, selection: Selection, only_transforms: bool, default_stream: str
+        self, counts: Imported, selection: Selection, topics: frozenset[str], default_stream: str
     ) -> None:
         self._counts = counts
         self._selection = selection
-        self._only_transforms = only_transforms
+        self._topics = topics
+        self.only_transforms = False
         self._default_stream = default_stream
         self._reads: dict[ForeignChannel, _Read | None] = {}
         self._epochs: dict[str, int] = {}
@@ -101,9 +107,11 @@ class _Importer:
             columns_of = transforms_decoder(channel)
             if columns_of is not None:
                 return self._transforms_of(channel, columns_of)
-            if self._only_transforms:
+            if self.only_transforms:
                 return None
             topic = check_no_transforms(check_topic(channel.topic.lstrip("/")))
+            if self._topics and topic not in self._topics:
+                return None
             if not self._selection.takes_topic(topic):
                 return None
             return _topic_of(channel, topic, values_decoder(channel))

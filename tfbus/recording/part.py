@@ -22,12 +22,10 @@ from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.message_type import PACKAGE
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.wording import printable
-
-# Before the names of types that tfbus made up.
-OWN_PACKAGE = "tfbus_msgs/"
 
 Decode = Callable[[bytes], dict[str, Any]]
 
@@ -129,7 +127,7 @@ def _definition(schema: Schema | None) -> Definition | None:
     """A definition that others wrote. One of ours is made again where it is written, under a name
     that is free there.
     """
-    if schema is None or schema.name.startswith(OWN_PACKAGE):
+    if schema is None or schema.name.startswith(PACKAGE):
         return None
     try:
         return Definition(schema.name, schema.data.decode())

@@ -2,14 +2,21 @@
 
 from importlib import import_module
 from keyword import iskeyword
+from typing import Any
 
 import click
 
 from tfbus.cli.verbs import Verbs
+from tfbus.errors import TfbusError
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.
-VERBS: dict[str, str] = {}
+VERBS: dict[str, str] = {
+    "cut": "Write a part of a recording into a new one.",
+    "filter": "Write a recording without some of its topics, streams and frames.",
+    "import": "Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.",
+    "merge": "Write several recordings into one, in order of time.",
+}
 
 # Verbs of ros2 bag that have another name here.
 _CALLED_IN_ROS = {
@@ -21,6 +28,12 @@ _CALLED_IN_ROS = {
 
 
 class _Bag(Verbs):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except TfbusError as error:
+            raise click.ClickException(str(error)) from error
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted(VERBS)
 

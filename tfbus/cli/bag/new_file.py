@@ -171,7 +171,7 @@ def with_progress(items: Iterable[Item], span: tuple[int, int], label: str) -> I
 
 @contextmanager
 def needing(extra: str) -> Iterator[None]:
-    """Raises TfbusError with the command that installs an extra, where a module of it is missing."""
+    """Raises TfbusError, with the command that installs an extra, where a module is missing."""
     try:
         yield
     except ImportError as error:

@@ -23,16 +23,7 @@ class BareMcap:
         self.start_ns = min((chunk.from_ns for chunk in self._chunks), default=0)
         self.end_ns = max((chunk.to_ns for chunk in self._chunks), default=0)
         self._channels: dict[int, ForeignChannel] = {}
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether tfbus wrote it."""
-        return self._file.library.startswith("tfbus ")
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether it ends as it should, and is not cut short."""
-        return self._file.is_complete
+        self.note = self._note()
 
     def close(self) -> None:
         """Close the file."""
@@ -52,6 +43,13 @@ class BareMcap:
                 taken += 1
         while waiting:
             yield self._message(heapq.heappop(waiting)[-1])
+
+    def _note(self) -> str:
+        if self._file.library.startswith("tfbus "):
+            return f"{self.name} is a recording of tfbus, which needs no import"
+        if not self._file.is_complete:
+            return f"{self.name} is cut short: what is there is read"
+        return ""
 
     def _message(self, message: Message) -> ForeignMessage:
         channel = self._channels.get(message.channel)

@@ -20,6 +20,7 @@ ValuesDecoder = Callable[[bytes], DecodedValues]
 
 _TF_MESSAGES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _FOXGLOVE_ROS = ("foxglove_msgs/msg/FrameTransform", "foxglove_msgs/msg/FrameTransforms")
+_HEADER = "std_msgs/msg/Header"
 _FOXGLOVE = ("foxglove.FrameTransform", "foxglove.FrameTransforms")
 
 
@@ -71,7 +72,11 @@ def _ros1_values(channel: ForeignChannel) -> ValuesDecoder:
     name = channel.type_name
     try:
         store = get_typestore(Stores.EMPTY)
-        store.register(get_types_from_msg(channel.definition, name))
+        types = get_types_from_msg(channel.definition, name)
+        if _HEADER in types:  # ROS 2 has no sequence number in it
+            constants, fields = types[_HEADER]
+            types[_HEADER] = (constants, [each for each in fields if each[0] != "seq"])
+        store.register(types)
         text, _ = store.generate_msgdef(name, ros_version=2)
     except Exception as error:  # rosbags raises what its parts do
         raise DecodeError(f"the definition of its type cannot be read: {error}") from error

@@ -34,9 +34,11 @@ class ForeignFile(Protocol):
     """One file, or the files of one rosbag2 recording.
 
     `start_ns` and `end_ns` are the log times of the first and last message, both 0 without any.
+    `note` is what a user should know of it, "" for nothing.
     """
 
     name: str
+    note: str
     start_ns: int
     end_ns: int
 

@@ -20,6 +20,8 @@ class RosbagsFile:
 
     def __init__(self, path: Path) -> None:
         self.name = printable(str(path))
+        self.note = ""
+        self._path = path
         self._is_ros1 = path.suffix == ".bag"
         if self._is_ros1:
             from rosbags.rosbag1 import Reader
@@ -67,7 +69,7 @@ class RosbagsFile:
         )
 
     def _unreadable(self, error: Exception) -> DecodeError:
-        said = str(error) or type(error).__name__
+        said = str(error).replace(f"File {str(self._path)!r} ", "it ") or type(error).__name__
         if "not indexed" in said:
             said = "it was not closed: `rosbag reindex` of ROS 1 repairs it"
         return DecodeError(f"{self.name} cannot be read: {said}")

@@ -73,9 +73,10 @@ class IndexBuilder:
         # The numbers of edges by frames and the edges of a message.
         self._numbers: dict[tuple[tuple[str, ...], bytes], NDArray[np.int64]] = {}
 
-    def add(self, channel: int, rows: Columns) -> None:
-        """Note a message in the chunk."""
-        key = (channel, rows.frames, rows.edges_bytes())
+    def add(self, channel: int, rows: Columns, messages: int = 1) -> None:
+        """Note a message in the chunk, or several with the same edges, one after the other."""
+        edges = rows.edges_bytes()
+        key = (channel, rows.frames, edges[: len(edges) // messages])
         self._stamps.setdefault(key, []).append(rows.stamps_bytes())
 
     def add_change(self, channel: int, log_ns: int) -> None:

@@ -65,10 +65,17 @@ class TopicChannel:
 
 
 class Part:
-    """One file. Raises OSError, and DecodeError for what is no recording."""
+    """One file, of which `read` makes a McapFile. Raises OSError, and DecodeError for what is no
+    recording.
+    """
 
-    def __init__(self, path: str | os.PathLike[str], number: int = 0) -> None:
-        self.file = McapFile(path)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        number: int = 0,
+        read: Callable[[str | os.PathLike[str]], McapFile] = McapFile,
+    ) -> None:
+        self.file = read(path)
         self.path = self.file.path
         self.number = number
         self.size = self.file.size
@@ -226,7 +233,7 @@ class StoredChunk:
             if channel not in taken:
                 taken[channel] = self._is_taken(channel, selection)
             if taken[channel]:
-                item = self._item(message)
+                item = self.item(message)
                 if item is not None:
                     yield item
 
@@ -260,7 +267,8 @@ class StoredChunk:
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 
-    def _item(self, message: Message) -> Item | None:
+    def item(self, message: Message) -> Item | None:
+        """The item of a message; None where tfbus does not read it. Raises DecodeError."""
         stream = self.part.stream_channels.get(message.channel)
         if stream is not None:
             return self._transforms(message, stream)

@@ -15,6 +15,7 @@ VERBS: dict[str, str] = {
     "cut": "Write a part of a recording into a new one.",
     "filter": "Write a recording without some of its topics, streams and frames.",
     "import": "Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.",
+    "recover": "Write what can be read of a recording that is cut short or damaged.",
     "merge": "Write several recordings into one, in order of time.",
 }
 

@@ -1,11 +1,11 @@
 """MCAP files that others wrote: with messages of ROS 1, ROS 2 or Foxglove."""
 
-import heapq
 from collections.abc import Iterator
 from pathlib import Path
 
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
 from tfbus.recording.mcap_file import McapFile
+from tfbus.recording.ordered import in_order
 from tfbus.recording.records import Message
 from tfbus.wording import printable
 
@@ -33,16 +33,9 @@ class BareMcap:
         """All messages in order of log time, whatever that of the file. Raises DecodeError where
         the file is damaged.
         """
-        waiting: list[tuple[int, int, Message]] = []
-        taken = 0
-        for chunk in self._chunks:
-            while waiting and waiting[0][0] < chunk.from_ns:
-                yield self._message(heapq.heappop(waiting)[-1])
-            for message in self._file.messages(chunk):
-                heapq.heappush(waiting, (message.log_ns, taken, message))
-                taken += 1
-        while waiting:
-            yield self._message(heapq.heappop(waiting)[-1])
+        groups = ((chunk.from_ns, self._file.messages(chunk)) for chunk in self._chunks)
+        for message in in_order(groups, lambda message: message.log_ns):
+            yield self._message(message)
 
     def _note(self) -> str:
         if self._file.library.startswith("tfbus "):

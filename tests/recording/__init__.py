@@ -1,1 +1,1 @@
-"""Recordings in files, without a bus."""
+"""Tests of recordings in files."""

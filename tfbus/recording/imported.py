@@ -25,6 +25,7 @@ from tfbus.wire.keys import (
     check_no_transforms,
     check_topic,
 )
+from tfbus.wording import stamp_text
 
 _NS_PER_S = 1_000_000_000
 _CLOCK = "rosgraph_msgs/msg/Clock"
@@ -129,6 +130,7 @@ class _Importer:
 
         def read(message: ForeignMessage) -> TransformItem | None:
             rows = _without_slashes(columns_of(message.data))
+            _check_stamps(rows)
             epoch_ns = self._epochs.setdefault(name, message.log_ns)
             stream = RecordedStream(name, node, namespace, epoch_ns)
             if not is_static:
@@ -178,6 +180,16 @@ def _clock_of(values: Mapping[str, Any]) -> dict[str, Any]:
     clock = values["clock"]
     nanoseconds = clock["nanosec"] if "nanosec" in clock else clock["nsec"]
     return {"stamp_ns": clock["sec"] * _NS_PER_S + nanoseconds, "rate": 1.0, "paused": False}
+
+
+def _check_stamps(rows: Columns) -> None:
+    """Raises DecodeError for a stamp that no message of ROS 2, and so no recording, can hold."""
+    for stamp_ns in rows.stamps_as_ints():
+        if not -(2**31) <= stamp_ns // _NS_PER_S < 2**31:
+            raise DecodeError(
+                f"the stamp {stamp_text(stamp_ns)} s is not between 1901 and 2038, as recordings "
+                "can hold"
+            )
 
 
 def _without_slashes(rows: Columns) -> Columns:

@@ -1,13 +1,21 @@
 """Reads many messages of transforms at once: those with the same frames in one step."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from functools import lru_cache
+from struct import iter_unpack
+from typing import TYPE_CHECKING
 
-from tfbus.core import lazy_numpy as np
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns
 from tfbus.ros.cdr import HEADER, HEADER_SIZE
 from tfbus.ros.tf_message import TFMessageReader
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 _SECOND_NS = 1_000_000_000
 _STAMP_AT = HEADER_SIZE + 4
@@ -19,10 +27,13 @@ _FEW = 4
 
 
 def read_many(
-    reader: TFMessageReader, messages: Sequence[bytes]
+    reader: TFMessageReader,
+    messages: Sequence[bytes],
+    children: Collection[str] | None = None,
 ) -> list[tuple[list[int], Columns]]:
-    """The transforms of these messages, bit by bit: groups of messages with the same frames, as
-    their indices and the rows of all of them, each message's after the other's.
+    """The transforms of these messages with all child frames or these, bit by bit: groups of
+    messages with the same frames, as their indices and the rows of all of them, each message's
+    after the other's.
 
     Raises as `TFMessageReader.read`.
     """
@@ -31,32 +42,41 @@ def read_many(
         # Names of one transform are between its numbers; those of several are compared later.
         is_one = data[:_STAMP_AT] == _ONE
         alike.setdefault(data[_NAMES_AT:-POSE_SIZE] if is_one else len(data), []).append(at)
-    return [group for members in alike.values() for group in _groups(reader, messages, members)]
+    groups = []
+    for members in alike.values():
+        groups += _groups(reader, messages, members, children)
+    return groups
 
 
 def _groups(
-    reader: TFMessageReader, messages: Sequence[bytes], members: list[int]
+    reader: TFMessageReader,
+    messages: Sequence[bytes],
+    members: list[int],
+    children: Collection[str] | None,
 ) -> list[tuple[list[int], Columns]]:
     """The same of messages that have one size."""
     groups: list[tuple[list[int], Columns]] = []
     while len(members) >= _FEW and len(groups) < _FEW:
-        found = _like_first(reader, [messages[at] for at in members])
+        found = _like_first(reader, [messages[at] for at in members], children)
         if found is None:
             break
         rows, taken = found
         groups.append(([at for at, is_in in zip(members, taken, strict=True) if is_in], rows))
         members = [at for at, is_in in zip(members, taken, strict=True) if not is_in]
-    return groups + [([at], reader.read(messages[at])) for at in members]
+    for at in members:
+        rows = reader.read(messages[at])
+        groups.append(([at], rows if children is None else rows.only(children)))
+    return groups
 
 
 def _like_first(
-    reader: TFMessageReader, messages: list[bytes]
+    reader: TFMessageReader, messages: list[bytes], children: Collection[str] | None
 ) -> tuple[Columns, list[bool]] | None:
     """The rows of the messages with the frames of the first, and which these are; None where the
     first is not as others are written, or a stamp is none.
     """
     first = reader.read(messages[0])
-    places = _places(first, len(messages[0]))
+    places = _places(first.frames, first.edges_bytes(), len(messages[0]))
     if places is None or messages[0][:HEADER_SIZE] != HEADER:
         return None
     stamp_at, pose_at = places
@@ -66,25 +86,33 @@ def _like_first(
     same = (words[:, is_fixed] == words[0, is_fixed]).all(axis=1)
     if not same.all():
         words = words[same]
-    nanoseconds = words[:, stamp_at + 1]
-    if not first.count or nanoseconds.max() >= _SECOND_NS:
+    if not first.count or words[:, stamp_at + 1].max() >= _SECOND_NS:
         return None
+    edges = first.edges_bytes()
+    if children is not None:
+        pairs = np.frombuffer(edges, np.uint32).reshape(-1, 2)
+        kept = np.array([frame in children for frame in first.frames], bool)[pairs[:, 1]]
+        edges, stamp_at = pairs[kept].tobytes(), stamp_at[kept]
+        pose_at = pose_at.reshape(len(kept), -1)[kept].ravel()
+    nanoseconds = words[:, stamp_at + 1]
     stamps = words[:, stamp_at].astype(np.int32) * np.int64(_SECOND_NS) + nanoseconds
     poses = words[:, pose_at]
     if sys.byteorder != "little":
         poses = poses.astype("<u4").view("<f8").astype(np.float64)
-    edges = first.edges_bytes() * len(words)
-    rows = Columns.of_bytes(first.frames, edges, stamps.tobytes(), poses.tobytes())
+    rows = Columns.of_bytes(first.frames, edges * len(words), stamps.tobytes(), poses.tobytes())
     return rows, same.tolist()
 
 
-def _places(rows: Columns, size: int) -> "tuple[np.ndarray, np.ndarray] | None":
+@lru_cache(256)
+def _places(
+    frames: tuple[str, ...], edges: bytes, size: int
+) -> "tuple[NDArray[np.intp], NDArray[np.intp]] | None":
     """Where the stamps and the numbers of the poses are in a message, in words of four bytes; None
     where the message has another size.
     """
-    lengths = [len(name.encode()) + 1 for name in rows.frames]
+    lengths = [len(name.encode()) + 1 for name in frames]
     stamp_at, pose_at, at = [], [], _STAMP_AT
-    for edge in rows.pairs():
+    for edge in iter_unpack("=2I", edges):
         stamp_at.append(at)
         at += STAMP_SIZE
         for frame in edge:

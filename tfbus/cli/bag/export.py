@@ -85,7 +85,7 @@ def command(
     end: Moment | None,
     force: bool,
 ) -> None:
-    """Write where SOURCE was, seen from TARGET, or all transforms, or the messages of a topic.
+    """Write where SOURCE was, seen from TARGET, or all transforms, or a topic.
 
     Of a pair there is a pose at each sample of SOURCE, in CSV as of tfbus echo, in TUM's or in
     KITTI's format, which has no times. Without a pair all transforms as they came are written, in

@@ -13,11 +13,12 @@ from tfbus.errors import TfbusError
 # them.
 VERBS: dict[str, str] = {
     "cut": "Write a part of a recording into a new one.",
-    "export": "Write where SOURCE was, seen from TARGET, or all transforms, or a topic's messages.",
+    "export": "Write where SOURCE was, seen from TARGET, or all transforms, or a topic.",
     "filter": "Write a recording without some of its topics, streams and frames.",
     "import": "Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.",
-    "recover": "Write what can be read of a recording that is cut short or damaged.",
+    "info": "Show what is in a recording: streams, rates, gaps, static transforms, topics, events.",
     "merge": "Write several recordings into one, in order of time.",
+    "recover": "Write what can be read of a recording that is cut short or damaged.",
 }
 
 # Verbs of ros2 bag that have another name here.

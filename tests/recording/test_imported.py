@@ -29,7 +29,7 @@ Row = tuple[str, str, int, tuple[float, ...]]
 
 def raw(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> RawTransform:
     """A transform that is turned."""
-    return RawTransform(stamp_ns, parent, child, (x, -0.0, 1e-300, *TURN))
+    return RawTransform(stamp_ns, parent, child, (float(x), -0.0, 1e-300, *TURN))
 
 
 SENT = [
@@ -202,11 +202,11 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
 
 
 def test_a_stamp_that_a_recording_cannot_hold_is_told(tmp_path: Path) -> None:
-    """ROS 1 counts seconds to 2106, ROS 2 and recordings to 2038."""
+    """ROS 1 and Foxglove count seconds to 2106 at least, ROS 2 and recordings to 2038."""
     late_ns = 3_000_000_000 * S
     sent = [Sent(START_NS + at, [raw(at or late_ns, "map", "odom")]) for at in range(2)]
     counts = Imported()
-    items = items_of(write_bag(tmp_path / "r.bag", sent), counts=counts)
+    items = items_of(write_foxglove_json(tmp_path / "r.mcap", sent), counts=counts)
     assert [item.log_ns for item in items] == [START_NS + 1]
     assert counts.failed == {"/tf": 1}
     assert "2038" in counts.why_failed["/tf"]

@@ -1,6 +1,6 @@
 """Recordings out of recordings: a part of one, several in one, and with less in it."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -12,8 +12,10 @@ from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.wording import stamp_text
 
-# Two recorders may have received the same message at times as far apart, by their clocks.
-_SAME_MESSAGE_NS = 60_000_000_000
+# How far apart, by their clocks, two recorders may have received the same message: one with a
+# number, and one that is known by its content only.
+_SAME_NUMBERED_NS = 60_000_000_000
+_SAME_CONTENT_NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,8 @@ def joined(readers: Sequence[RecordingReader], selection: Selection = ALL) -> It
     """The items of several recordings in order of log time.
 
     A stream or topic that several have is one in the result. A message that several recorders of
-    one bus received, up to a minute apart by their clocks, comes once.
+    one bus received comes once, if their clocks agree: to a minute for numbered transforms, to a
+    second for other messages.
     """
     state = BusState()
     repeated = _Repeated([Span(reader.start_ns, reader.end_ns) for reader in readers])
@@ -167,34 +170,51 @@ def _numbered(
 
 
 class _Repeated:
-    """Finds messages that another recording gave already, where two overlap in time."""
+    """Finds messages that another recording gave already, where two overlap in time.
+
+    A message is the same by its content and number. Without a number the same content may be sent
+    again: then it is the same message only if it was received within a second, while both recorded.
+    """
 
     def __init__(self, spans: Sequence[Span]) -> None:
         self._spans = spans
-        # By message, how often each recording has had it; and when, to forget it.
-        self._counts: dict[int, Counter[int]] = {}
-        self._when: deque[tuple[int, int]] = deque()
+        # By content: when a message was received first, and the recordings that had it so far.
+        self._received: dict[int, list[tuple[int, set[int]]]] = {}
+        self._in_order: deque[tuple[int, int]] = deque()
 
     def is_of_another(self, item: Item, number: int) -> bool:
-        """Whether another recording had the message as often before. Items come in order."""
-        if isinstance(item, EventItem) or not self._overlaps(item.log_ns, number):
+        """Whether another recording had the message before. Items come in order of log time."""
+        if isinstance(item, EventItem):
             return False
-        while self._when and self._when[0][0] < item.log_ns - _SAME_MESSAGE_NS:
-            self._counts.pop(self._when.popleft()[1], None)
+        is_numbered = isinstance(item, TransformItem) and item.seq is not None
+        apart_ns = _SAME_NUMBERED_NS if is_numbered else _SAME_CONTENT_NS
+        if not self._overlaps(item.log_ns, number, apart_ns if is_numbered else 0):
+            return False
+        self._forget_before(item.log_ns - _SAME_NUMBERED_NS)
         digest = _digest(item)
-        counts = self._counts.get(digest)
-        if counts is None:
-            counts = self._counts[digest] = Counter()
-            self._when.append((item.log_ns, digest))
-        counts[number] += 1
-        return any(counts[other] >= counts[number] for other in counts if other != number)
+        received = self._received.setdefault(digest, [])
+        for log_ns, numbers in reversed(received):
+            if item.log_ns - log_ns <= apart_ns and number not in numbers:
+                numbers.add(number)
+                return True
+        received.append((item.log_ns, {number}))
+        self._in_order.append((item.log_ns, digest))
+        return False
 
-    def _overlaps(self, log_ns: int, number: int) -> bool:
+    def _overlaps(self, log_ns: int, number: int, slack_ns: int) -> bool:
         return any(
-            span.from_ns - _SAME_MESSAGE_NS <= log_ns <= span.to_ns + _SAME_MESSAGE_NS
+            span.from_ns - slack_ns <= log_ns <= span.to_ns + slack_ns
             for at, span in enumerate(self._spans)
             if at != number
         )
+
+    def _forget_before(self, log_ns: int) -> None:
+        while self._in_order and self._in_order[0][0] < log_ns:
+            _, digest = self._in_order.popleft()
+            received = self._received[digest]
+            del received[0]
+            if not received:
+                del self._received[digest]
 
 
 def _digest(item: TransformItem | TopicItem) -> int:

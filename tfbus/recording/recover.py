@@ -148,7 +148,12 @@ class _DamagedFile(McapFile):
         self.size = os.fstat(self._file).st_size
         self._read_header()
         self._read_definitions()
+        known = len(self.channels)
         self._scan()
+        if self.orphans and len(self.channels) > known:
+            # Their channels stand behind them, in a summary that is not where the footer says.
+            self._forget_all_but_definitions()
+            self._scan()
 
     def _read_definitions(self) -> None:
         """Those of the summary, if there is one: the chunk that has them may be lost."""
@@ -157,14 +162,20 @@ class _DamagedFile(McapFile):
         except DecodeError:
             self._clear()
             return
+        self._forget_all_but_definitions()
+
+    def _forget_all_but_definitions(self) -> None:
         schemas, channels = dict(self.schemas), dict(self.channels)
         self._clear()
+        self.lost_bytes = self.orphans = self.skipped_chunks = 0
+        self._counted.clear()
         self.schemas.update(schemas)
         self.channels.update(channels)
 
     def _scan(self) -> None:
         at = len(MAGIC)
         bare_at = None  # where messages without a chunk begin
+        is_summary = False
         while at < self.size:
             opcode, end = self._record_at(at)
             if bare_at is not None and opcode not in (MESSAGE, SCHEMA, CHANNEL):
@@ -173,9 +184,13 @@ class _DamagedFile(McapFile):
             if opcode == 0:
                 end = self._next_chunk(at + 1)
                 self.lost_bytes += end - at
-            elif opcode in (FOOTER, DATA_END):
+            elif opcode == FOOTER:
                 self.is_complete = self._ends_well(at)
                 return
+            elif opcode == DATA_END:
+                is_summary = True
+            elif is_summary and opcode in (SCHEMA, CHANNEL):
+                self._take_definition(opcode, self._content(opcode, at, end - at))
             elif opcode in (CHUNK, METADATA, ATTACHMENT):
                 self._scan_record(opcode, at, end - at)
             elif opcode in (MESSAGE, SCHEMA, CHANNEL) and bare_at is None:
@@ -187,7 +202,8 @@ class _DamagedFile(McapFile):
     def _record_at(self, at: int) -> tuple[int, int]:
         """The opcode of the record here, and where it ends; opcode 0 where there is none."""
         found, end = self._prefix_at(at)
-        if not found or end == self.size or self._prefix_at(end)[0]:
+        is_last = end == self.size or (found == FOOTER and end + len(MAGIC) == self.size)
+        if not found or is_last or self._prefix_at(end)[0]:
             return found, end
         # What follows is none: one of the two lengths is wrong, unless the file is cut just there.
         try:

@@ -49,17 +49,21 @@ _SEARCH_BYTES = 2**22
 
 @dataclass(frozen=True)
 class Loss:
-    """What could not be read: damaged chunks and other bytes, messages whose channel is not known,
-    and messages that are none. `is_cut_short` is whether the file does not end as it should.
+    """What could not be read: damaged chunks and other bytes, those behind the last whole record,
+    messages whose channel is not known, and messages that are none. `is_cut_short` is whether the
+    file does not end as it should.
     """
 
     chunks: int
     bytes: int
+    tail_bytes: int
     messages: int
     is_cut_short: bool
 
     def __bool__(self) -> bool:
-        return bool(self.chunks or self.bytes or self.messages or self.is_cut_short)
+        return bool(
+            self.chunks or self.bytes or self.tail_bytes or self.messages or self.is_cut_short
+        )
 
     def __str__(self) -> str:
         parts = []
@@ -69,8 +73,9 @@ class Loss:
             parts.append(f"{size_text(self.bytes)} that are no records")
         if self.messages:
             parts.append(counted(self.messages, "message"))
-        if not parts:
-            return "nothing but the end of the file"
+        if self.is_cut_short:
+            left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
+            parts.append(f"the end{left}")
         return listed(parts)
 
 
@@ -104,6 +109,7 @@ class Salvage:
         return Loss(
             file.skipped_chunks,
             file.lost_bytes,
+            file.tail_bytes,
             file.orphans + self._unreadable,
             not file.is_complete,
         )
@@ -139,11 +145,12 @@ def _log_ns(item: Item) -> int:
 class _DamagedFile(McapFile):
     """Reads the records one after the other, and goes on at the next chunk where there is none.
 
-    `lost_bytes` were no records; `orphans` are messages of channels that are not known.
+    `lost_bytes` were no records, `tail_bytes` neither, at the end; `orphans` are messages of
+    channels that are not known.
     """
 
     def _open(self) -> None:
-        self.lost_bytes = self.orphans = 0
+        self.lost_bytes = self.tail_bytes = self.orphans = 0
         self._counted: set[int] = set()
         self.size = os.fstat(self._file).st_size
         self._read_header()
@@ -167,7 +174,7 @@ class _DamagedFile(McapFile):
     def _forget_all_but_definitions(self) -> None:
         schemas, channels = dict(self.schemas), dict(self.channels)
         self._clear()
-        self.lost_bytes = self.orphans = self.skipped_chunks = 0
+        self.lost_bytes = self.tail_bytes = self.orphans = self.skipped_chunks = 0
         self._counted.clear()
         self.schemas.update(schemas)
         self.channels.update(channels)
@@ -183,7 +190,10 @@ class _DamagedFile(McapFile):
                 bare_at = None
             if opcode == 0:
                 end = self._next_chunk(at + 1)
-                self.lost_bytes += end - at
+                if end == self.size:
+                    self.tail_bytes += end - at
+                else:
+                    self.lost_bytes += end - at
             elif opcode == FOOTER:
                 self.is_complete = self._ends_well(at)
                 return

@@ -7,30 +7,18 @@ is made small, and printed as a program against tfbus that shows the answer. Mor
 
 import os
 from itertools import pairwise
-from pathlib import Path
 from random import Random
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from tests import needs
+from tests.tf2 import recorded
 from tests.tf2.cases import random_case
 from tests.tf2.steps import Clear, Frames, Insert, LatestCommonTime, Lookup, Step
 from tests.tf2.versus import CACHE_TIME_S, Oracle, first_mismatch, shrunk
 from tfbus import Buffer, TransformBatch
 
 LOOKUPS_PER_CASE = 200
-
-RECORDINGS = (
-    "long_20hz",
-    "pr2_full_tree",
-    "turtlebot3_no_static",
-    "turtlesim_pair",
-    "two_publishers_may16",
-    "walker_repeats",
-)
 
 
 def test_random_trees_are_answered_as_tf2_answers_them(
@@ -50,21 +38,21 @@ def test_random_trees_are_answered_as_tf2_answers_them(
             pytest.fail(f"--seed {seed}\n\n{shrunk(tf2, mismatch)}", pytrace=False)
 
 
-@pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.parametrize("name", recorded.RECORDINGS)
 def test_recorded_robots_are_answered_as_tf2_answers_them(tf2: Oracle, name: str) -> None:
     """What real robots sent, with their clocks and repeats, is taken and answered as tf2 does."""
     # Some hardly turn, and tf2 does not interpolate the smallest rotations: see the differences.
     tolerance = 5e-8
-    steps = _with_questions(_recorded(name), Random(name))
+    steps = _with_questions(recorded.inserts(name), Random(name))
     if mismatch := first_mismatch(tf2, steps, tolerance):
         pytest.fail(str(shrunk(tf2, mismatch, tolerance)), pytrace=False)
 
 
-@pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.parametrize("name", recorded.RECORDINGS)
 def test_recorded_messages_are_taken_as_ros_2_takes_them(name: str) -> None:
     """Of each message of a recording as many transforms are kept as ROS 2's tf2 keeps."""
-    columns = _columns(name)
-    inserts = _recorded(name)
+    columns = recorded.columns(name)
+    inserts = recorded.inserts(name)
     buffer = Buffer(CACHE_TIME_S)
     starts = np.flatnonzero(np.diff(columns["msg_index"], prepend=-1))
     for start, end in pairwise((*starts.tolist(), len(inserts))):
@@ -73,30 +61,6 @@ def test_recorded_messages_are_taken_as_ros_2_takes_them(name: str) -> None:
             batch = TransformBatch.from_transforms(inserts[row].stamped() for row in rows)
             kept = buffer.set_transforms(batch, static=static)
             assert kept == columns["ros2_accepted"][rows].sum()
-
-
-def _columns(name: str) -> dict[str, NDArray[Any]]:
-    folder = os.environ.get("TFBUS_RECORDINGS")
-    if not folder:
-        needs.skip("recordings", "TFBUS_RECORDINGS names no folder of them")
-    with np.load(Path(folder) / f"{name}.npz") as columns:
-        return dict(columns)
-
-
-def _recorded(name: str) -> list[Insert]:
-    """tf2 strips a leading slash, which robots of ROS 1 still sent; tfbus refuses it."""
-    columns = _columns(name)
-    return [
-        Insert(parent.removeprefix("/"), child.removeprefix("/"), stamp_ns, tuple(pose), static)
-        for parent, child, stamp_ns, pose, static in zip(
-            columns["parent"].tolist(),
-            columns["child"].tolist(),
-            columns["stamp_ns"].tolist(),
-            np.hstack((columns["xyz"], columns["quat_xyzw"])).tolist(),
-            columns["static"].tolist(),
-            strict=True,
-        )
-    ]
 
 
 def _with_questions(inserts: list[Insert], rng: Random) -> list[Step]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from tfbus.geometry.columns import Columns
+from tfbus.ros.definitions import Definition
 
 EventKind = Literal["stream", "stream gone", "node", "node gone", "paused", "resumed", "dropped"]
 
@@ -42,12 +43,16 @@ class TransformItem:
 class TopicItem:
     """A message of a topic: its fields by name. `type_name` is the name of its type, as its
     publisher's node says, "" where it does not.
+
+    `encoded` is the same message as ROS 2 has it, with the definition of its type, where it comes
+    from a file: so it is written again as it was.
     """
 
     log_ns: int
     topic: str
     type_name: str
     values: Mapping[str, Any]
+    encoded: tuple[Definition, bytes] | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

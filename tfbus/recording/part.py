@@ -27,6 +27,7 @@ from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.message_type import PACKAGE
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.ros.tf_messages import read_many
@@ -47,12 +48,15 @@ class StreamChannel:
 
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
-    """A channel with messages of a topic; `decode` is None where tfbus does not read them."""
+    """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
+    `definition` where it is one of ours.
+    """
 
     id: int
     topic: str
     type_name: str
     decode: Decode | None
+    definition: Definition | None = None
 
     @property
     def is_readable(self) -> bool:
@@ -61,10 +65,17 @@ class TopicChannel:
 
 
 class Part:
-    """One file. Raises OSError, and DecodeError for what is no recording."""
+    """One file, of which `read` makes a McapFile. Raises OSError, and DecodeError for what is no
+    recording.
+    """
 
-    def __init__(self, path: str | os.PathLike[str], number: int = 0) -> None:
-        self.file = McapFile(path)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        number: int = 0,
+        read: Callable[[str | os.PathLike[str]], McapFile] = McapFile,
+    ) -> None:
+        self.file = read(path)
         self.path = self.file.path
         self.number = number
         self.size = self.file.size
@@ -155,7 +166,20 @@ class Part:
             printable(topic_of(channel.topic, channel.metadata)),
             printable(channel.metadata.get("tfbus.type", schema.name if schema else "")),
             _decoder(channel, schema),
+            _definition(schema),
         )
+
+
+def _definition(schema: Schema | None) -> Definition | None:
+    """A definition that others wrote. One of ours is made again where it is written, under a name
+    that is free there.
+    """
+    if schema is None or schema.name.startswith(PACKAGE):
+        return None
+    try:
+        return Definition(schema.name, schema.data.decode())
+    except UnicodeDecodeError:
+        return None
 
 
 def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
@@ -209,7 +233,7 @@ class StoredChunk:
             if channel not in taken:
                 taken[channel] = self._is_taken(channel, selection)
             if taken[channel]:
-                item = self._item(message)
+                item = self.item(message)
                 if item is not None:
                     yield item
 
@@ -247,7 +271,8 @@ class StoredChunk:
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 
-    def _item(self, message: Message) -> Item | None:
+    def item(self, message: Message) -> Item | None:
+        """The item of a message; None where tfbus does not read it. Raises DecodeError."""
         stream = self.part.stream_channels.get(message.channel)
         if stream is not None:
             return self._transforms(message, stream)
@@ -260,7 +285,8 @@ class StoredChunk:
             raise DecodeError(
                 f"{self.part.name} is damaged: a message of topic '{topic.topic}': {error}"
             ) from error
-        return TopicItem(message.log_ns, topic.topic, topic.type_name, values)
+        encoded = None if topic.definition is None else (topic.definition, message.data)
+        return TopicItem(message.log_ns, topic.topic, topic.type_name, values, encoded)
 
     def _transforms(self, message: Message, channel: StreamChannel) -> TransformItem:
         with self.part.reading(channel):

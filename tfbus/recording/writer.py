@@ -182,19 +182,23 @@ class RecordingWriter:
         return channel
 
     def _write_topic(self, item: TopicItem) -> None:
-        codec, data = self._topics.encode(item.type_name or item.topic, item.values)
-        key = (item.topic, item.type_name, codec.definition)
+        definition, data = item.encoded or self._encoded(item)
+        key = (item.topic, item.type_name, definition)
         channel = self._topic_channels.get(key)
         if channel is None:
             check_text(item.topic)
             check_text(item.type_name)
-            channel = self._new_channel(f"/{item.topic}", codec.definition, topic_metadata(item))
+            channel = self._new_channel(f"/{item.topic}", definition, topic_metadata(item))
             self._topic_channels[key] = channel
         stamp = item.values.get("stamp_ns")
         publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns
         sequence = self._sequences.get(channel, 0)
         self._sequences[channel] = sequence + 1
         self._add(channel, item.log_ns, data, publish_ns, sequence)
+
+    def _encoded(self, item: TopicItem) -> tuple[Definition, bytes]:
+        codec, data = self._topics.encode(item.type_name or item.topic, item.values)
+        return codec.definition, data
 
     def _add(self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int) -> None:
         self._mcap.add_message(channel, log_ns, data, max(0, publish_ns), sequence % _SEQUENCES)

@@ -20,13 +20,24 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with place.open("wb") as file:
             yield file
         return
+    with taking_place_of(path) as beside, beside.open("xb") as file:
+        if place.exists():
+            os.chmod(beside, place.stat().st_mode & 0o7777)
+        yield file
+
+
+@contextmanager
+def taking_place_of(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """The path of a file to make, beside `path`, which takes its place at the end of the `with`.
+
+    After an error, or an interrupt, that file is removed and nothing has changed. Raises OSError,
+    which names `path`.
+    """
+    place = Path(os.path.realpath(path))
     beside = place.with_name(f".{place.name[:200]}.{secrets.token_hex(4)}")
     try:
-        with beside.open("xb") as file:
-            if place.exists():
-                os.chmod(beside, place.stat().st_mode & 0o7777)
-            yield file
-            file.flush()
+        yield beside
+        with beside.open("rb") as file:
             os.fsync(file.fileno())
         os.replace(beside, place)
     except BaseException as error:

@@ -2,17 +2,25 @@
 
 from importlib import import_module
 from keyword import iskeyword
+from typing import Any
 
 import click
 
 from tfbus.cli.verbs import Verbs
+from tfbus.errors import TfbusError
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.
 VERBS: dict[str, str] = {
+    "cut": "Write a part of a recording into a new one.",
+    "export": "Write where SOURCE was, seen from TARGET, or all transforms, or a topic.",
+    "filter": "Write a recording without some of its topics, streams and frames.",
+    "import": "Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.",
     "info": "Show what is in a recording: streams, rates, gaps, static transforms, topics, events.",
+    "merge": "Write several recordings into one, in order of time.",
     "play": "Replay a recording: its streams, topics and static transforms, as they were.",
     "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
+    "recover": "Write what can be read of a recording that is cut short or damaged.",
 }
 
 # Verbs of ros2 bag that have another name here.
@@ -25,6 +33,12 @@ _CALLED_IN_ROS = {
 
 
 class _Bag(Verbs):
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except TfbusError as error:
+            raise click.ClickException(str(error)) from error
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted(VERBS)
 

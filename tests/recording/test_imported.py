@@ -1,0 +1,247 @@
+"""Files of ROS and Foxglove become recordings."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+from tests import needs
+from tests.recording.foreign_files import (
+    RawTransform,
+    Sent,
+    write_bag,
+    write_bare_mcap,
+    write_foxglove_json,
+    write_rosbag2,
+)
+from tfbus.errors import DecodeError
+from tfbus.recording.foreign.files import opened
+from tfbus.recording.imported import Imported, imported
+from tfbus.recording.items import Item, TransformItem
+from tfbus.recording.selection import Selection
+
+S = 1_000_000_000
+START_NS = 1_700_000_000 * S
+TURN = (0.0, 0.0, 0.6, 0.8)
+
+Row = tuple[str, str, int, tuple[float, ...]]
+
+
+def raw(stamp_ns: int, parent: str, child: str, x: float = 0.0) -> RawTransform:
+    """A transform that is turned."""
+    return RawTransform(stamp_ns, parent, child, (float(x), -0.0, 1e-300, *TURN))
+
+
+SENT = [
+    Sent(START_NS, [raw(START_NS, "/base", "/laser", 0.1)], "/tf_static", "/arm/state"),
+    Sent(START_NS + 1, [raw(START_NS, "base", "camera", 0.2)], "/tf_static", "/arm/state"),
+    *(
+        Sent(START_NS + i * S // 10, [raw(START_NS + i, "map", "odom", i), raw(i, "odom", "base")])
+        for i in range(1, 50)
+    ),
+    Sent(START_NS + 6 * S, [], "/tf"),
+    Sent(START_NS + 7 * S, [raw(START_NS, "map", "base")], "/robot7/tf"),
+]
+
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "bag": lambda folder: write_bag(folder / "r.bag", SENT),
+    "db3": lambda folder: write_rosbag2(folder / "r", SENT, storage="SQLITE3"),
+    "rosbag2 mcap": lambda folder: write_rosbag2(folder / "r", SENT, storage="MCAP"),
+    "mcap of ROS 2": lambda folder: write_bare_mcap(folder / "r.mcap", SENT, ros=2),
+    "mcap of ROS 1": lambda folder: write_bare_mcap(folder / "r.mcap", SENT, ros=1),
+    "mcap of Foxglove": lambda folder: write_foxglove_json(folder / "r.mcap", SENT),
+}
+
+
+def items_of(*paths: Path, counts: Imported | None = None, **options: object) -> list[Item]:
+    """What is imported of these files."""
+    with opened(*paths) as files:
+        return list(imported(files.messages(), counts or Imported(), **options))  # type: ignore[arg-type]
+
+
+def rows_of(item: TransformItem) -> list[Row]:
+    """The transforms of an item."""
+    rows = item.rows
+    batch = rows.as_batch()
+    return [
+        (rows.frames[parent], rows.frames[child], stamp_ns, tuple(pose))
+        for (parent, child), stamp_ns, pose in zip(
+            rows.pairs(), rows.stamps_as_ints(), batch.poses.tolist(), strict=True
+        )
+    ]
+
+
+def sent_rows(sent: Iterable[Sent], topic: str) -> list[list[Row]]:
+    """The same of what was sent on a topic, leading slashes removed."""
+    return [
+        [
+            (ts.frame_id.lstrip("/"), ts.child_frame_id.lstrip("/"), ts.stamp_ns, tuple(ts.pose))
+            for ts in each.transforms
+        ]
+        for each in sent
+        if each.topic == topic
+    ]
+
+
+@pytest.fixture(params=WRITERS)
+def foreign(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A file of each kind with what was sent."""
+    return WRITERS[request.param](tmp_path)
+
+
+def test_every_transform_is_imported_bit_by_bit(foreign: Path) -> None:
+    """Names, stamps, log times and poses are those that were written, signs of zero too."""
+    items = [item for item in items_of(foreign) if isinstance(item, TransformItem)]
+    dynamic = [item for item in items if not item.static and not item.stream.namespace]
+    assert [repr(rows_of(item)) for item in dynamic] == list(map(repr, sent_rows(SENT, "/tf")))
+    assert [item.log_ns for item in items] == [each.log_ns for each in SENT]
+
+
+def test_static_transforms_add_up(foreign: Path) -> None:
+    """ROS sends some of them at a time; a recording has all of a stream each time."""
+    statics = [
+        item for item in items_of(foreign) if isinstance(item, TransformItem) and item.static
+    ]
+    assert [[row[1] for row in rows_of(item)] for item in statics] == [
+        ["laser"],
+        ["laser", "camera"],
+    ]
+
+
+def test_a_namespace_before_tf_is_that_of_the_stream(foreign: Path) -> None:
+    """Transforms on /robot7/tf are apart from those on /tf."""
+    last = items_of(foreign)[-1]
+    assert isinstance(last, TransformItem)
+    assert last.stream.namespace == "robot7"
+    assert last.stream.name in ("robot7/ros", "robot7/foxglove")
+
+
+def test_each_publisher_of_ros_1_is_a_stream(tmp_path: Path) -> None:
+    """Rosbag1 says who sent a message; its name has no slash here."""
+    sent = [
+        Sent(START_NS + 1, [raw(1, "map", "odom")], "/tf", "/slam"),
+        Sent(START_NS + 2, [raw(2, "odom", "base")], "/tf", "/robot/ekf"),
+    ]
+    items = items_of(write_bag(tmp_path / "r.bag", sent))
+    assert [(item.stream.name, item.stream.node) for item in items] == [  # type: ignore[union-attr]
+        ("slam", "/slam"),
+        ("robot_ekf", "/robot/ekf"),
+    ]
+
+
+def test_several_files_are_one_in_order_of_time(tmp_path: Path) -> None:
+    """The parts of a recording, given in any order."""
+    later = write_bag(tmp_path / "b.bag", [Sent(START_NS + S, [raw(2, "map", "odom")])])
+    first = write_rosbag2(tmp_path / "a", [Sent(START_NS, [raw(1, "map", "odom")])], storage="MCAP")
+    assert [item.log_ns for item in items_of(later, first)] == [START_NS, START_NS + S]
+
+
+def test_a_folder_without_metadata_is_read_by_its_files(tmp_path: Path) -> None:
+    """As where the recorder of rosbag2 was killed; part 10 comes after part 9."""
+    folder = tmp_path / "r"
+    folder.mkdir()
+    for part in (9, 10):
+        sent = [Sent(START_NS + part, [raw(part, "map", "odom")])]
+        write_bare_mcap(folder / f"r_{part}.mcap", sent, ros=2)
+    assert [item.log_ns for item in items_of(folder)] == [START_NS + 9, START_NS + 10]
+
+
+def test_topics_keep_their_type_and_bytes(tmp_path: Path) -> None:
+    """A message of ROS 1 becomes the same of ROS 2; the clock becomes that of tfbus."""
+    needs.module("rosbags.typesys")
+    from rosbags.rosbag1 import Writer
+
+    from tests.recording.foreign_files import store_of
+
+    store = store_of(1)
+    types = store.types
+    time = types["builtin_interfaces/msg/Time"](5, 7)
+    header = types["std_msgs/msg/Header"](3, time, "base")
+    point = types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
+    messages = {
+        "/goal": types["geometry_msgs/msg/PointStamped"](header, point),
+        "/clock": types["rosgraph_msgs/msg/Clock"](time),
+    }
+    with Writer(tmp_path / "r.bag") as bag:
+        for at, (topic, message) in enumerate(messages.items()):
+            name = message.__msgtype__
+            connection = bag.add_connection(topic, name, typestore=store)
+            bag.write(connection, START_NS + at, bytes(store.serialize_ros1(message, name)))
+    goal, clock = items_of(tmp_path / "r.bag")
+    assert (goal.topic, goal.type_name) == ("goal", "geometry_msgs/msg/PointStamped")  # type: ignore[union-attr]
+    assert goal.values == {  # type: ignore[union-attr]
+        "header": {"stamp": {"sec": 5, "nanosec": 7}, "frame_id": "base"},
+        "point": {"x": 1.0, "y": 2.0, "z": 3.0},
+    }
+    assert (clock.topic, clock.type_name, clock.values["stamp_ns"]) == (  # type: ignore[union-attr]
+        "clock",
+        "Clock",
+        5 * S + 7,
+    )
+    definition, data = goal.encoded  # type: ignore[union-attr,misc]
+    assert store_of(2).deserialize_cdr(data, definition.name).header.frame_id == "base"
+
+
+def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
+    """By topic, with the reason; the rest is imported."""
+    writer_module = needs.module("mcap.writer")
+    path = tmp_path / "r.mcap"
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file)
+        writer.start("", "somebody else")
+        for topic, encoding in (("/points", "flatbuffer"), ("/pose", "json"), ("/a b", "json")):
+            channel = writer.register_channel(topic, encoding, 0)
+            writer.add_message(channel, START_NS, b'{"x": 1}', START_NS)
+        writer.add_message(2, START_NS + 1, b"{", START_NS)
+        writer.finish()
+    counts = Imported()
+    assert [item.values for item in items_of(path, counts=counts)] == [{"x": 1}]  # type: ignore[union-attr]
+    assert sorted(counts.left_out) == ["/a b", "/points"]
+    assert "flatbuffer" in counts.left_out["/points"]
+    assert counts.failed == {"/pose": 1}
+
+
+def test_a_stamp_that_a_recording_cannot_hold_is_told(tmp_path: Path) -> None:
+    """ROS 1 and Foxglove count seconds to 2106 at least, ROS 2 and recordings to 2038."""
+    late_ns = 3_000_000_000 * S
+    sent = [Sent(START_NS + at, [raw(at or late_ns, "map", "odom")]) for at in range(2)]
+    counts = Imported()
+    items = items_of(write_foxglove_json(tmp_path / "r.mcap", sent), counts=counts)
+    assert [item.log_ns for item in items] == [START_NS + 1]
+    assert counts.failed == {"/tf": 1}
+    assert "2038" in counts.why_failed["/tf"]
+
+
+def test_a_selection_is_imported(tmp_path: Path) -> None:
+    """Streams by a regular expression, and transforms alone."""
+    path = write_bag(tmp_path / "r.bag", SENT)
+    streams = {item.stream.name for item in items_of(path, selection=Selection(exclude="arm"))}  # type: ignore[union-attr]
+    assert streams == {"ros", "robot7/ros"}
+    assert len(items_of(path, only_transforms=True)) == len(SENT)
+
+
+@pytest.mark.parametrize("name", ["r.bag", "r.db3", "r.mcap"])
+@pytest.mark.parametrize("content", [b"", b"not a recording at all\n", b"#ROSBAG V2.0\n" * 9])
+def test_a_file_of_another_kind_is_refused(tmp_path: Path, name: str, content: bytes) -> None:
+    """With a DecodeError in one sentence, which names the file."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DecodeError, match=name):
+        items_of(tmp_path / name)
+
+
+def test_damaged_files_are_refused_wherever_they_are_cut(tmp_path: Path) -> None:
+    """With a DecodeError, or with what is there."""
+    for kind, write in WRITERS.items():
+        folder = tmp_path / kind.replace(" ", "_")
+        folder.mkdir()
+        whole = write(folder)
+        if whole.is_dir():
+            [whole] = [each for each in whole.iterdir() if each.suffix in (".db3", ".mcap")]
+        data = whole.read_bytes()
+        for end in range(1, len(data), len(data) // 15):
+            cut = tmp_path / f"cut{whole.suffix}"
+            cut.write_bytes(data[:end])
+            try:
+                items_of(cut)
+            except DecodeError as error:
+                assert "\n" not in str(error)

@@ -1,0 +1,206 @@
+"""`tfbus bag export`: a recording as a file of numbers."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tfbus.cli.bag.new_file import new_file, with_progress
+from tfbus.cli.output import say
+from tfbus.command.moment import Moment
+from tfbus.command.recordings import BagChoice, OpenBag
+from tfbus.command.types import POSITIVE, FrameName, MomentType
+from tfbus.recording.exported import (
+    poses_at,
+    stamps_at_rate,
+    stamps_received,
+    write_topic_csv,
+    write_transforms_csv,
+    write_transforms_npz,
+)
+from tfbus.recording.items import Item
+from tfbus.recording.selection import ALL, Selection
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, did_you_mean, duration
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tfbus.recording.recording import Recording
+
+    # Of a recording, from one stamp to another.
+    StampsOf = Callable[[Recording, int | None, int | None], NDArray[np.int64]]
+
+_FORMATS = ("csv", "tum", "kitti", "npz")
+_FORMAT_OF = {f".{form}": form for form in _FORMATS}
+
+
+@click.command(
+    epilog="Examples: tfbus bag export drive.mcap map base_link -o drive.tum; "
+    "tfbus bag export drive.mcap -o all.npz; "
+    "tfbus bag export drive.mcap --topic turtle1/pose -o pose.csv"
+)
+@click.argument("recording", type=click.Path(exists=True, path_type=Path))
+@click.argument("target", type=FrameName(), required=False)
+@click.argument("source", type=FrameName(), required=False)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="The file to write; its ending is the format: .csv, .tum, .kitti or .npz.",
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(_FORMATS),
+    help="The format, where the ending is another, as .txt.",
+)
+@click.option("--topic", metavar="NAME", help="Write the messages of a topic (csv).")
+@click.option(
+    "--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Poses per second, interpolated."
+)
+@click.option(
+    "--samples-of",
+    type=FrameName(),
+    metavar="FRAME",
+    help="A pose at each sample of this frame (default: of SOURCE).",
+)
+@click.option("--from", "begin", type=MomentType(), metavar="TIME", help="Begin here.")
+@click.option("--to", "end", type=MomentType(), metavar="TIME", help="End here.")
+@click.option("--force", is_flag=True, help="Replace the file if it exists.")
+def command(
+    recording: Path,
+    target: str | None,
+    source: str | None,
+    output: Path,
+    form: str | None,
+    topic: str | None,
+    rate_hz: float | None,
+    samples_of: str | None,
+    begin: Moment | None,
+    end: Moment | None,
+    force: bool,
+) -> None:
+    """Write where SOURCE was, seen from TARGET, or all transforms, or a topic.
+
+    Of a pair there is a pose at each sample of SOURCE, in CSV as of tfbus echo, in TUM's or in
+    KITTI's format, which has no times. Without a pair all transforms as they came are written, in
+    CSV or npz.
+    """
+    form = form or _FORMAT_OF.get(output.suffix)
+    if form is None:
+        raise click.UsageError(
+            f"{output}: the format is not clear: end the name with {', '.join(_FORMAT_OF)}, or "
+            "give --format"
+        )
+    is_pair = target is not None and source is not None
+    if (target is None) != (source is None):
+        raise click.UsageError("name two frames, TARGET and SOURCE, or none")
+    if (rate_hz is not None or samples_of is not None) and not is_pair:
+        raise click.UsageError("--rate and --samples-of are for a pair of frames")
+    if rate_hz is not None and samples_of is not None:
+        raise click.UsageError("--rate and --samples-of are mutually exclusive")
+    if topic is not None and (is_pair or form != "csv"):
+        raise click.UsageError("--topic writes the messages of one topic as .csv, without frames")
+    if is_pair and form == "npz":
+        raise click.UsageError("npz has all transforms: omit the frames, or write .csv or .tum")
+    if not is_pair and form in ("tum", "kitti"):
+        raise click.UsageError(f"{form} has the poses of one frame: name TARGET and SOURCE")
+    with BagChoice((recording,), begin=begin, end=end).opened() as bag:
+        if target is not None and source is not None:
+            what = _pair(
+                bag,
+                (target, source),
+                output,
+                form,
+                force,
+                _stamps_of(target, source, rate_hz, samples_of),
+            )
+        elif topic is not None:
+            what = _topic(bag, topic.removeprefix("/"), output, force)
+        else:
+            what = _all(bag, output, form, force)
+    click.echo(f"Wrote {output}: {size_text(output.stat().st_size)}, {what}")
+
+
+def _stamps_of(
+    target: str, source: str, rate_hz: float | None, samples_of: str | None
+) -> "StampsOf | None":
+    """The stamps of the poses, from one to another; None for those of the samples of the source."""
+    if samples_of is not None:
+        return lambda recording, first_ns, last_ns: (
+            recording.samples(samples_of, first_ns, last_ns).stamps_ns
+        )
+    if rate_hz is None:
+        return None
+
+    def at_rate(
+        recording: "Recording", first_ns: int | None, last_ns: int | None
+    ) -> "NDArray[np.int64]":
+        stamps_ns = recording.trajectory(target, source, first_ns, last_ns).stamps_ns
+        if not len(stamps_ns):
+            return stamps_ns
+        return stamps_at_rate(int(stamps_ns[0]), int(stamps_ns[-1]), rate_hz)
+
+    return at_rate
+
+
+def _pair(
+    bag: OpenBag,
+    pair: tuple[str, str],
+    output: Path,
+    form: str,
+    force: bool,
+    stamps_of: "StampsOf | None",
+) -> str:
+    from tfbus.recording.recording import Recording
+
+    with Recording(*bag.choice.paths) as recording:
+        first_ns, last_ns = None, None
+        if bag.choice.begin is not None or bag.choice.end is not None:
+            first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+        if stamps_of is None:
+            poses = recording.trajectory(*pair, first_ns, last_ns)
+        else:
+            poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
+    write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
+    with new_file(output, force=force) as beside:
+        write(beside)
+    if form == "kitti":
+        say("KITTI's format has no times: .csv and .tum have them")
+    return f"{counted(len(poses), 'pose')} of '{pair[1]}' in '{pair[0]}' over " + duration(
+        poses.span_s
+    )
+
+
+def _all(bag: OpenBag, output: Path, form: str, force: bool) -> str:
+    write = write_transforms_npz if form == "npz" else write_transforms_csv
+    items = with_progress(bag.reader.items(*bag.span, _no_topics(bag)), bag.span, output.name)
+    with new_file(output, force=force) as beside:
+        count = write(items, beside)
+    return f"{count:,} transforms"
+
+
+def _no_topics(bag: OpenBag) -> Selection:
+    streams = tuple({each.stream.name for each in bag.reader.streams})
+    return Selection(streams=streams) if streams else ALL
+
+
+def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
+    known = {each.name for each in bag.reader.topics}
+    if topic not in known:
+        raise click.UsageError(
+            f"there is no topic {topic!r} in the recording"
+            + did_you_mean(topic, known, none=", which has no topics")
+        )
+
+    def messages() -> Iterator[Item]:
+        return bag.reader.items(*bag.span, Selection(topics=(topic,)))
+
+    with new_file(output, force=force) as beside:
+        count = write_topic_csv(messages, beside)
+    return counted(count, "message")

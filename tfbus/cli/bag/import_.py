@@ -1,0 +1,118 @@
+"""`tfbus bag import`: recordings of ROS and Foxglove as recordings of tfbus."""
+
+from pathlib import Path
+
+import click
+
+from tfbus.cli.bag.new_file import (
+    compression_option,
+    needing,
+    output_option,
+    write_recording,
+)
+from tfbus.cli.output import say, warn
+from tfbus.errors import InvalidNameError, TfbusError
+from tfbus.names import is_printable
+from tfbus.recording.imported import Imported, imported
+from tfbus.recording.selection import Selection
+from tfbus.recording.writer import Compression
+from tfbus.wording import counted, listed, printable
+
+# Of the topics that were left out, as many are named, each with its reason.
+_NAMED = 12
+
+
+@click.command(
+    epilog="Examples: tfbus bag import drive.bag -o drive.mcap; "
+    "tfbus bag import rosbag2_2026_11_22/ --only-tf -o drive.mcap"
+)
+@click.argument(
+    "files",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, path_type=Path),
+    metavar="FILE...",
+)
+@click.option("--only-tf", is_flag=True, help="Import transforms only.")
+@click.option("--topics", multiple=True, metavar="NAMES", help="Of topics import only these.")
+@click.option(
+    "-e", "--regex", default="", metavar="REGEX", help="Import topics and streams that match."
+)
+@click.option(
+    "-x", "--exclude", default="", metavar="REGEX", help="Leave out topics and streams that match."
+)
+@click.option(
+    "--stream",
+    default="",
+    metavar="NAME",
+    help="The stream of transforms whose publisher is not in the file (default ros or foxglove).",
+)
+@output_option
+@compression_option
+def command(
+    files: tuple[Path, ...],
+    only_tf: bool,
+    topics: tuple[str, ...],
+    regex: str,
+    exclude: str,
+    stream: str,
+    output: Path,
+    force: bool,
+    compression: Compression,
+) -> None:
+    """Convert recordings of ROS or Foxglove: .bag, .db3, .mcap, or a folder of rosbag2.
+
+    Several files become one recording. Transforms are those of TFMessage and FrameTransform; those
+    on a topic tf_static are static. Other topics keep their messages as they are.
+    """
+    if stream and ("/" in stream or not is_printable(stream)):
+        raise click.BadParameter("letters without '/' are allowed", param_hint="--stream")
+    names = tuple(
+        name.strip().removeprefix("/")
+        for text in topics
+        for name in text.split(",")
+        if name.strip()
+    )
+    counts = Imported()
+    try:
+        with needing("bags"):
+            from tfbus.recording.foreign.files import opened
+
+            with opened(*files) as sources:
+                for source in sources.files:
+                    if source.note:
+                        warn(source.note)
+                items = imported(
+                    sources.messages(),
+                    counts,
+                    selection=Selection(regex=regex, exclude=exclude),
+                    topics=names,
+                    only_transforms=only_tf,
+                    default_stream=stream,
+                )
+                written = write_recording(
+                    items,
+                    output,
+                    force=force,
+                    span=(sources.start_ns, sources.end_ns),
+                    compression=compression,
+                )
+    except InvalidNameError as error:
+        raise TfbusError(str(error)) from error
+    _say_what_is_missing(counts)
+    click.echo(f"Wrote {output}: {written}")
+
+
+def _say_what_is_missing(counts: Imported) -> None:
+    by_reason: dict[str, list[str]] = {}
+    for topic, reason in sorted(counts.left_out.items()):
+        by_reason.setdefault(reason, []).append(printable(topic, 60))
+    for reason, topics in by_reason.items():
+        warn(f"left out {listed(topics, most=_NAMED)}: {reason}")
+    for topic, count in sorted(counts.failed.items()):
+        warn(
+            f"left out {counted(count, 'message')} of {printable(topic, 60)}: "
+            f"{counts.why_failed[topic]}"
+        )
+    if not counts.transforms and not counts.static_transforms:
+        say("There are no transforms in it: no message of TFMessage or FrameTransform")

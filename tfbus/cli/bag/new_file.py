@@ -1,0 +1,185 @@
+"""A recording that a tool writes: its options, its progress, and what was written."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from tfbus.cli.output import say
+from tfbus.command.extras import install_command
+from tfbus.command.types import OutputFile
+from tfbus.errors import TfbusError
+from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.runtime.signals import StopSignals
+from tfbus.runtime.whole_file import taking_place_of
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, duration, printable
+
+if TYPE_CHECKING:
+    from tfbus.recording.writer import Compression
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# The bar moves so many times.
+_STEPS = 200
+
+_COMPRESSIONS = ("zstd", "lz4", "none")
+
+
+@dataclass
+class Written:
+    """What a new recording holds; log times in nanoseconds."""
+
+    size: int = 0
+    transforms: int = 0
+    topic_messages: int = 0
+    streams: set[str] = field(default_factory=set)
+    topics: set[str] = field(default_factory=set)
+    from_ns: int | None = None
+    to_ns: int = 0
+
+    def take(self, item: Item) -> None:
+        """Count an item."""
+        if isinstance(item, EventItem):
+            return
+        self.from_ns = item.log_ns if self.from_ns is None else self.from_ns
+        self.to_ns = item.log_ns
+        if isinstance(item, TransformItem):
+            self.transforms += item.rows.count
+            self.streams.add(item.stream.name)
+        else:
+            self.topic_messages += 1
+            self.topics.add(item.topic)
+
+    def __str__(self) -> str:
+        if self.from_ns is None:
+            return f"{size_text(self.size)}, and no transform or message in it"
+        parts = [size_text(self.size), duration((self.to_ns - self.from_ns) / 1e9)]
+        if self.streams:
+            streams = counted(len(self.streams), "stream")
+            parts.append(f"{_many(self.transforms, 'transform')} of {streams}")
+        if self.topics:
+            topics = counted(len(self.topics), "topic")
+            parts.append(f"{_many(self.topic_messages, 'message')} of {topics}")
+        return ", ".join(parts)
+
+
+def output_option(function: F) -> F:
+    """Add `-o FILE` and `--force` to a click command, as `output` and `force`."""
+    function = click.option("--force", is_flag=True, help="Replace the file if it exists.")(
+        function
+    )
+    return click.option(
+        "-o",
+        "--output",
+        required=True,
+        type=OutputFile(".mcap"),
+        metavar="FILE",
+        help="The recording to write (.mcap).",
+    )(function)
+
+
+def compression_option(function: F) -> F:
+    """Add `--compression` to a click command."""
+    return click.option(
+        "--compression",
+        type=click.Choice(_COMPRESSIONS),
+        default=_COMPRESSIONS[0],
+        show_default=True,
+        help="How the file is compressed: zstd is the smallest, lz4 the fastest.",
+    )(function)
+
+
+@contextmanager
+def new_file(path: Path, *, force: bool) -> Iterator[Path]:
+    """The path of a file to make, which takes the place of `path` at the end of the `with`.
+
+    Ctrl-C and SIGTERM end the tool; then, and after an error, there is no such file, or the former.
+    Raises click.UsageError where it exists and `force` is not given.
+    """
+    if path.exists() and not force:
+        raise click.UsageError(
+            f"{printable(str(path))} exists: give another name, or --force to replace it"
+        )
+    signals = StopSignals()
+    try:
+        with taking_place_of(path) as beside:
+            yield beside
+    except KeyboardInterrupt:
+        was_there = "is as it was" if path.exists() else "was not written"
+        say(f"Interrupted: {path} {was_there}")
+        raise SystemExit(128 + signal.SIGINT) from None
+    except OSError as error:
+        raise TfbusError(
+            f"{printable(str(error.filename or path))} cannot be written: {error.strerror or error}"
+        ) from error
+    finally:
+        signals.uninstall()
+
+
+def write_recording(
+    items: Iterable[Item],
+    path: Path,
+    *,
+    force: bool,
+    span: tuple[int, int],
+    compression: "Compression" = "zstd",
+) -> Written:
+    """Write a recording with these items, which are within this span of log times.
+
+    A bar on stderr shows the progress where that is a terminal. Raises as `new_file`, and what
+    reading the items raises.
+    """
+    with needing("bag"):
+        from tfbus.recording.writer import RecordingWriter
+
+    written = Written()
+    with new_file(path, force=force) as beside:
+        with RecordingWriter(beside, compression=compression) as writer:
+            for item in with_progress(items, span, path.name):
+                writer.write(item)
+                written.take(item)
+        written.size = writer.size
+    return written
+
+
+def with_progress(items: Iterable[Item], span: tuple[int, int], label: str) -> Iterator[Item]:
+    """The items, with a bar on stderr that shows how far in the span they are."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    start_ns, end_ns = span
+    step_ns = max(1, (end_ns - start_ns) // _STEPS)
+    with click.progressbar(
+        length=_STEPS, label=printable(label, 30), file=sys.stderr, width=0
+    ) as bar:
+        done = 0
+        next_ns = start_ns + step_ns
+        for item in items:
+            yield item
+            if item.log_ns >= next_ns:
+                now = min(_STEPS, (item.log_ns - start_ns) // step_ns)
+                bar.update(now - done)
+                done, next_ns = now, start_ns + (now + 1) * step_ns
+        bar.update(_STEPS - done)
+
+
+@contextmanager
+def needing(extra: str) -> Iterator[None]:
+    """Raises TfbusError, with the command that installs an extra, where a module is missing."""
+    try:
+        yield
+    except ImportError as error:
+        name = (error.name or extra).partition(".")[0]
+        raise TfbusError(
+            f"this needs {name}, which is not installed: {install_command(extra)}"
+        ) from error
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"

@@ -1,0 +1,66 @@
+"""MCAP files that others wrote: with messages of ROS 1, ROS 2 or Foxglove."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
+from tfbus.recording.mcap_file import McapFile
+from tfbus.recording.ordered import in_order
+from tfbus.recording.records import Message
+from tfbus.wording import printable
+
+# What publishes a channel, as the converter of rosbag1 names it.
+_PUBLISHER = "callerid"
+
+
+class BareMcap:
+    """One MCAP file. Raises DecodeError where it is none, and OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self.name = printable(str(path))
+        self._file = McapFile(path)
+        self._chunks = sorted(self._file.chunks, key=lambda chunk: chunk.from_ns)
+        self.start_ns = min((chunk.from_ns for chunk in self._chunks), default=0)
+        self.end_ns = max((chunk.to_ns for chunk in self._chunks), default=0)
+        self._channels: dict[int, ForeignChannel] = {}
+        self.note = self._note()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def messages(self) -> Iterator[ForeignMessage]:
+        """All messages in order of log time, whatever that of the file. Raises DecodeError where
+        the file is damaged.
+        """
+        groups = ((chunk.from_ns, self._file.messages(chunk)) for chunk in self._chunks)
+        for message in in_order(groups, lambda message: message.log_ns):
+            yield self._message(message)
+
+    def _note(self) -> str:
+        if self._file.library.startswith("tfbus "):
+            return f"{self.name} is a recording of tfbus, which needs no import"
+        if not self._file.is_complete:
+            return f"{self.name} is cut short: what is there is read"
+        return ""
+
+    def _message(self, message: Message) -> ForeignMessage:
+        channel = self._channels.get(message.channel)
+        if channel is None:
+            channel = self._channels[message.channel] = self._channel(message.channel)
+        return ForeignMessage(message.log_ns, channel, message.data)
+
+    def _channel(self, number: int) -> ForeignChannel:
+        channel = self._file.channels[number]
+        schema = self._file.schemas.get(channel.schema_id)
+        if schema is None:
+            return ForeignChannel(channel.topic, "", channel.encoding)
+        is_text = schema.encoding in ("ros1msg", "ros2msg", "ros2idl", "jsonschema")
+        return ForeignChannel(
+            channel.topic,
+            ros_type_name(schema.name),
+            channel.encoding,
+            schema.encoding,
+            schema.data.decode(errors="replace") if is_text else "",
+            channel.metadata.get(_PUBLISHER, ""),
+        )

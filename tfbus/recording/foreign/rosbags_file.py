@@ -1,0 +1,75 @@
+"""Files of rosbag1 and rosbag2, read by the library rosbags."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tfbus.errors import DecodeError
+from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
+from tfbus.wording import printable
+
+# As rosbags names the formats of definitions.
+_DEFINITION_FORMATS = {1: "msg", 2: "idl"}
+
+
+class RosbagsFile:
+    """A .bag, a .db3, or the folder of a rosbag2 recording with its metadata.yaml.
+
+    Raises DecodeError where it cannot be read, OSError, and ImportError without rosbags.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.name = printable(str(path))
+        self.note = ""
+        self._path = path
+        self._is_ros1 = path.suffix == ".bag"
+        if self._is_ros1:
+            from rosbags.rosbag1 import Reader
+        else:
+            from rosbags.rosbag2 import Reader  # type: ignore[assignment]
+        try:
+            self._reader: Any = Reader(path)
+            self._reader.open()
+        except OSError:
+            raise
+        except Exception as error:  # rosbags raises what its parts do
+            raise self._unreadable(error) from error
+        self._channels = {self._key(each): self._channel(each) for each in self._reader.connections}
+        has_messages = self._reader.message_count > 0
+        self.start_ns = int(self._reader.start_time) if has_messages else 0
+        self.end_ns = int(self._reader.end_time) - 1 if has_messages else 0
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+    def messages(self) -> Iterator[ForeignMessage]:
+        """All messages in order of log time. Raises DecodeError where the file is damaged."""
+        try:
+            for connection, log_ns, data in self._reader.messages(self._reader.connections):
+                yield ForeignMessage(log_ns, self._channels[self._key(connection)], bytes(data))
+        except OSError:
+            raise
+        except Exception as error:
+            raise self._unreadable(error) from error
+
+    @staticmethod
+    def _key(connection: Any) -> tuple[int, int]:
+        return connection.id, id(connection.owner)
+
+    def _channel(self, connection: Any) -> ForeignChannel:
+        form = _DEFINITION_FORMATS.get(connection.msgdef.format.value, "")
+        return ForeignChannel(
+            connection.topic,
+            ros_type_name(connection.msgtype),
+            "ros1" if self._is_ros1 else "cdr",
+            f"{'ros1' if self._is_ros1 else 'ros2'}{form}" if form else "",
+            connection.msgdef.data,
+            (connection.ext.callerid or "") if self._is_ros1 else "",
+        )
+
+    def _unreadable(self, error: Exception) -> DecodeError:
+        said = str(error).replace(f"File {str(self._path)!r} ", "it ") or type(error).__name__
+        if "not indexed" in said:
+            said = "it was not closed: `rosbag reindex` of ROS 1 repairs it"
+        return DecodeError(f"{self.name} cannot be read: {said}")

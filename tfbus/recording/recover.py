@@ -1,0 +1,279 @@
+"""What can be read of a recording that was cut short or damaged."""
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from heapq import merge
+
+from tfbus.errors import DecodeError
+from tfbus.recording.items import Item
+from tfbus.recording.mcap_file import McapFile
+from tfbus.recording.ordered import in_order
+from tfbus.recording.part import Part, StoredChunk
+from tfbus.recording.records import (
+    ATTACHMENT,
+    CHANNEL,
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    MAGIC,
+    MESSAGE,
+    METADATA,
+    PREFIX,
+    SCHEMA,
+    Chunk,
+    Message,
+    chunk_records,
+    read_message,
+    records_in,
+)
+from tfbus.recording.state import BusState
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, listed
+
+# The greatest opcode of MCAP's own; those from the second on are left to others.
+_LAST_OPCODE, _PRIVATE_OPCODES = 15, 0x80
+
+# The length that these records have always.
+_FIXED_LENGTHS = {FOOTER: 20, DATA_END: 4}
+
+# The length of a chunk, of which the last four bytes are zero below 4 GB, behind its opcode; and
+# what a chunk has before the name of its compression, from its opcode on.
+_CHUNK_LIKE = re.compile(rb"(?=\x06.{4}\0{4})", re.DOTALL)
+_CHUNK_HEAD = PREFIX.size + 8 + 8 + 8 + 4
+_COMPRESSIONS = (b"zstd", b"lz4", b"")
+
+_SEARCH_BYTES = 2**22
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What could not be read: damaged chunks and other bytes, those behind the last whole record,
+    messages whose channel is not known, and messages that are none. `is_cut_short` is whether the
+    file does not end as it should.
+    """
+
+    chunks: int
+    bytes: int
+    tail_bytes: int
+    messages: int
+    is_cut_short: bool
+
+    def __bool__(self) -> bool:
+        return bool(
+            self.chunks or self.bytes or self.tail_bytes or self.messages or self.is_cut_short
+        )
+
+    def __str__(self) -> str:
+        parts = []
+        if self.chunks:
+            parts.append(counted(self.chunks, "damaged chunk"))
+        if self.bytes:
+            parts.append(f"{size_text(self.bytes)} that are no records")
+        if self.messages:
+            parts.append(counted(self.messages, "message"))
+        if self.is_cut_short:
+            left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
+            parts.append(f"the end{left}")
+        return listed(parts)
+
+
+class Salvage:
+    """Reads a file as far as it can. Raises DecodeError where nothing in it is of a recording, and
+    OSError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._file = file = _DamagedFile(path)
+        self._part = Part(path, read=lambda _: file)
+        self._unreadable = 0
+        if not file.chunks and not self._part.events:
+            self.close()
+            raise DecodeError(f"{self._part.name} holds no recording that could be read")
+        self.topics_left_out = tuple(
+            sorted({each.topic for each in self._part.topic_channels.values() if not each.decode})
+        )
+        chunks = file.chunks
+        self.start_ns = min((chunk.from_ns for chunk in chunks), default=0)
+        self.end_ns = max((chunk.to_ns for chunk in chunks), default=0)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._part.close()
+
+    @property
+    def loss(self) -> Loss:
+        """What could not be read, once the items were."""
+        file = self._file
+        return Loss(
+            file.skipped_chunks,
+            file.lost_bytes,
+            file.tail_bytes,
+            file.orphans + self._unreadable,
+            not file.is_complete,
+        )
+
+    def items(self) -> Iterator[Item]:
+        """The items in order of log time."""
+        chunks = sorted(self._part.chunks, key=lambda chunk: chunk.from_ns)
+        state = BusState()
+        for item in merge(
+            sorted(self._part.events, key=_log_ns),
+            in_order(((chunk.from_ns, self._items(chunk)) for chunk in chunks), _log_ns),
+            key=_log_ns,
+        ):
+            if not state.says(item):
+                state.take(item)
+                yield item
+
+    def _items(self, chunk: StoredChunk) -> Iterator[Item]:
+        for message in self._file.messages(chunk.chunk):
+            try:
+                item = chunk.item(message)
+            except DecodeError:
+                self._unreadable += 1
+                continue
+            if item is not None:
+                yield item
+
+
+def _log_ns(item: Item) -> int:
+    return item.log_ns
+
+
+class _DamagedFile(McapFile):
+    """Reads the records one after the other, and goes on at the next chunk where there is none.
+
+    `lost_bytes` were no records, `tail_bytes` neither, at the end; `orphans` are messages of
+    channels that are not known.
+    """
+
+    def _open(self) -> None:
+        self.lost_bytes = self.tail_bytes = self.orphans = 0
+        self._counted: set[int] = set()
+        self.size = os.fstat(self._file).st_size
+        self._read_header()
+        self._read_definitions()
+        known = len(self.channels)
+        self._scan()
+        if self.orphans and len(self.channels) > known:
+            # Their channels stand behind them, in a summary that is not where the footer says.
+            self._forget_all_but_definitions()
+            self._scan()
+
+    def _read_definitions(self) -> None:
+        """Those of the summary, if there is one: the chunk that has them may be lost."""
+        try:
+            self._read_summary()
+        except DecodeError:
+            self._clear()
+            return
+        self._forget_all_but_definitions()
+
+    def _forget_all_but_definitions(self) -> None:
+        schemas, channels = dict(self.schemas), dict(self.channels)
+        self._clear()
+        self.lost_bytes = self.tail_bytes = self.orphans = self.skipped_chunks = 0
+        self._counted.clear()
+        self.schemas.update(schemas)
+        self.channels.update(channels)
+
+    def _scan(self) -> None:
+        at = len(MAGIC)
+        bare_at = None  # where messages without a chunk begin
+        is_summary = False
+        while at < self.size:
+            opcode, end = self._record_at(at)
+            if bare_at is not None and opcode not in (MESSAGE, SCHEMA, CHANNEL):
+                self._scan_chunk(Chunk(bare_at, at - bare_at, 0, 0, is_bare=True))
+                bare_at = None
+            if opcode == 0:
+                end = self._next_chunk(at + 1)
+                if end == self.size:
+                    self.tail_bytes += end - at
+                else:
+                    self.lost_bytes += end - at
+            elif opcode == FOOTER:
+                self.is_complete = self._ends_well(at)
+                return
+            elif opcode == DATA_END:
+                is_summary = True
+            elif is_summary and opcode in (SCHEMA, CHANNEL):
+                self._take_definition(opcode, self._content(opcode, at, end - at))
+            elif opcode in (CHUNK, METADATA, ATTACHMENT):
+                self._scan_record(opcode, at, end - at)
+            elif opcode in (MESSAGE, SCHEMA, CHANNEL) and bare_at is None:
+                bare_at = at
+            at = end
+        if bare_at is not None:
+            self._scan_chunk(Chunk(bare_at, at - bare_at, 0, 0, is_bare=True))
+
+    def _record_at(self, at: int) -> tuple[int, int]:
+        """The opcode of the record here, and where it ends; opcode 0 where there is none."""
+        found, end = self._prefix_at(at)
+        is_last = end == self.size or (found == FOOTER and end + len(MAGIC) == self.size)
+        if not found or is_last or self._prefix_at(end)[0]:
+            return found, end
+        # What follows is none: one of the two lengths is wrong, unless the file is cut just there.
+        try:
+            if found == CHUNK:
+                chunk_records(self._content(CHUNK, at, end - at))
+            return (found, end) if found == CHUNK else (0, at)
+        except DecodeError:
+            return 0, at
+
+    def _prefix_at(self, at: int) -> tuple[int, int]:
+        if at + PREFIX.size > self.size:
+            return 0, at
+        opcode, length = PREFIX.unpack(self._read(at, PREFIX.size))
+        end = at + PREFIX.size + length
+        is_known = 0 < opcode <= _LAST_OPCODE or opcode >= _PRIVATE_OPCODES
+        if not is_known or end > self.size or _FIXED_LENGTHS.get(opcode, length) != length:
+            return 0, at
+        return opcode, end
+
+    def _next_chunk(self, at: int) -> int:
+        """Where the next chunk begins; the size of the file where there is none."""
+        while at < self.size:
+            block = self._read(at, min(_SEARCH_BYTES, self.size - at))
+            for found in _CHUNK_LIKE.finditer(block):
+                if self._is_chunk(at + found.start()):
+                    return at + found.start()
+            if at + len(block) == self.size:
+                break
+            at += len(block) - PREFIX.size
+        return self.size
+
+    def _is_chunk(self, at: int) -> bool:
+        opcode, end = self._prefix_at(at)
+        head = at + _CHUNK_HEAD
+        if opcode != CHUNK or head + 4 > end:
+            return False
+        size = int.from_bytes(self._read(head, 4), "little")
+        if size > 4 or head + 4 + size + 8 > end:
+            return False
+        name = self._read(head + 4, size)
+        length = int.from_bytes(self._read(head + 4 + size, 8), "little")
+        return name in _COMPRESSIONS and head + 4 + size + 8 + length == end
+
+    def _messages(self, chunk: Chunk) -> list[Message]:
+        if chunk.is_bare:
+            data = self._read(chunk.offset, chunk.length)
+        else:
+            data = chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
+        messages = []
+        orphans = 0
+        for opcode, start, end in records_in(data):
+            if opcode == MESSAGE:
+                message = read_message(data, start, end)
+                if message.channel in self.channels:
+                    messages.append(message)
+                else:
+                    orphans += 1
+            elif opcode in (SCHEMA, CHANNEL):
+                self._take_definition(opcode, data[start:end])
+        if chunk.offset not in self._counted:
+            self._counted.add(chunk.offset)
+            self.orphans += orphans
+        return messages

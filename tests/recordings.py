@@ -7,7 +7,7 @@ from typing import Any
 from tests.builders import Row, S, moved
 from tests.needs import module
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 
 # Log times begin here.
 T0 = 1_790_000_000 * S
@@ -123,3 +123,33 @@ def write(path: Path, *items: Item | Iterable[Item]) -> Path:
         for item in sorted(flat, key=lambda item: item.log_ns):
             writer.write(item)
     return path
+
+
+def write_robot(path: Path) -> Path:
+    """The recording that the docs look into: a minute of a robot.
+
+    odometry pauses from 42 to 44.1 s; arm is gone at 30 s; from 20 to 24 s a second node sends the
+    frame of localization.
+    """
+    localization, odometry = publisher("localization"), publisher("odometry")
+    model, arm, test = publisher("model"), publisher("arm"), publisher("old_localization", 20.0)
+    return write(
+        path,
+        *(node(each.node, streams=[each.name]) for each in (localization, odometry, model, arm)),
+        described(localization, 0.0, ("map", "odom", False), pid=211),
+        steadily(localization, 0.0, 60.0, ("map", "odom")),
+        described(odometry, 0.0, ("odom", "base_link", False), pid=212),
+        steadily(odometry, 0.0, 60.0, ("odom", "base_link"), rate_hz=50.0, pause=(42.0, 44.1)),
+        described(model, 0.0, ("base_link", "laser", True), pid=213),
+        statics(model, 0.0, ("base_link", "laser", 0.2)),
+        described(arm, 0.0, ("base_link", "gripper", False), pid=214),
+        steadily(arm, 0.0, 30.0, ("base_link", "gripper"), rate_hz=20.0),
+        gone(arm, 30.0),
+        described(test, 20.0, ("map", "odom", False), pid=305),
+        steadily(test, 20.05, 24.0, ("map", "odom"), rate_hz=5.0),
+        gone(test, 24.0),
+        [
+            TopicItem(at(each), "battery", "Battery", {"percent": 80 - each / 10, "volts": 24.1})
+            for each in range(60)
+        ],
+    )

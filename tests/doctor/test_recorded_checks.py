@@ -64,7 +64,7 @@ TROUBLE: dict[str, tuple[list[Item], str]] = {
     ),
     "gaps": (
         [*steadily(SIM, 0.0, 20.0, ("world", "base"), pause=(5.0, 8.0))],
-        "'base' paused 1 time, for 3.1 s from +4.900s on",
+        "'base' paused from +4.900s to +8.000s, for 3.1 s: lookups",
     ),
     "silent": ([described(BAD, 0.0, ("world", "cup", False)), *HEALTHY], "no transform of 'cup'"),
     "stale": (

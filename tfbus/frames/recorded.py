@@ -293,6 +293,26 @@ class RecordedFrames:
             simulated = simulated_time(self._nodes.values())
         return frame_tree(self.buffer, self.streams(), self.now_ns(), simulated)
 
+    def next_sample_ns(self, frame: str) -> int | None:
+        """When the next sample of a dynamic frame comes, from the publisher of its last, as a log
+        time; None where none does for 20 minutes.
+        """
+        if frame not in self.buffer.frames():
+            return None
+        stream = self._streams.get(self.buffer.frame(frame).authority)
+        if stream is None:
+            return None
+        to_ns = self._at_ns + _MOST_BACK_S * S
+        chosen = Selection(streams=(stream.full_name,))
+        for item in self._source.items(self._at_ns + 1, to_ns, chosen):
+            if (
+                isinstance(item, TransformItem)
+                and not item.static
+                and frame in self._children(item)
+            ):
+                return item.log_ns
+        return None
+
     def hint(self, frame: str = "") -> str:
         """Where in the recording a frame is to be found: later, or in another namespace."""
         first_ns: dict[str, int] = {}

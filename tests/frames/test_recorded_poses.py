@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import at, described, publisher, statics, steadily, write
-from tfbus import NodeSettings
+from tfbus import NodeSettings, Recording
 from tfbus.command.moment import parse_moment
 from tfbus.command.recordings import BagChoice
 from tfbus.errors import TfbusError
@@ -101,3 +101,13 @@ def test_a_track_has_all_poses(bag: BagChoice) -> None:
     track = recorded_track(bag, SETTINGS, None, "world", "base")
     assert len(track) == 100
     assert track.poses.xyz[:, 0] == pytest.approx(track.seconds)
+
+
+def test_the_poses_are_those_of_the_recording(bag: BagChoice) -> None:
+    """The same stamps and poses, bit by bit, as tfbus.Recording gives."""
+    with Recording(*bag.paths) as recording:
+        path = recording.trajectory("world", "tool")
+    track = recorded_track(bag, SETTINGS, None, "world", "tool")
+    assert track.stamps_ns.tolist() == path.stamps_ns.tolist()
+    assert track.poses.xyz.tolist() == path.xyz.tolist()
+    assert track.poses.quat_xyzw.tolist() == path.quat_xyzw.tolist()

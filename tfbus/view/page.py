@@ -22,6 +22,7 @@ from tfbus.view.model.view_state import ViewState
 from tfbus.view.origin import names_to_open
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
+from tfbus.view.replay import Replay
 from tfbus.view.scene.camera import Cameras, around, region_of
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
@@ -74,7 +75,8 @@ class _Choice:
 class Page:
     """A server of the page, from its construction until `close`.
 
-    Raises ServeError if it cannot listen.
+    With a `replay` the page shows a recording, and moves it: `node`, `buffer` and `listener` are
+    the replay's. Raises ServeError if it cannot listen.
     """
 
     def __init__(
@@ -85,9 +87,11 @@ class Page:
         serving: Serving,
         robot: Sequence[Visual] = (),
         guests: Sequence[Guest] = (),
+        replay: Replay | None = None,
     ) -> None:
         self._node = node
-        self._buffer = buffer
+        self._live_buffer = buffer
+        self._replay = replay
         self._listener = listener
         self._serving = serving
         self._guests = guests
@@ -99,7 +103,7 @@ class Page:
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
-        self._placed = place(buffer, "", (), None)
+        self._placed = place(self._buffer, "", (), None)
         self._seen_from = ""
         self._cameras = Cameras(self._server)
         self._names = Names(self._server, self._selections)
@@ -117,6 +121,7 @@ class Page:
             serving.path,
             serving.title,
             self._robot_scene.mistakes,
+            replay,
         )
         self._scene = Scene(self._server.scene, self._select)
 
@@ -167,6 +172,8 @@ class Page:
         now_s = time.monotonic()
         is_watched = self.is_watched
         is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
+        if self._replay and self._replay.move(now_s, is_watched=is_watched):
+            is_due = True
         self._was_watched = is_watched
         playback, settings = self.view.playback, self.view.settings
         if is_due:
@@ -201,6 +208,10 @@ class Page:
         # viser announces it on standard output.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+
+    @property
+    def _buffer(self) -> Buffer:
+        return self._replay.buffer if self._replay else self._live_buffer
 
     def _look(self, settings: ViewSettings) -> Frames:
         tree = frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())

@@ -84,7 +84,7 @@ def _explain_recorded(
     from tfbus.cli.recorded import frames_at, moment_line
 
     with frames_at(bag, settings, fleet) as heard:
-        explanation = explain(heard.tree(), heard.buffer, target, source, was=True)
+        explanation = explain(heard.tree(), heard.buffer, target, source)
         hints = filter(
             None,
             (heard.hint(each) for each in (target, source) if each not in heard.buffer.frames()),

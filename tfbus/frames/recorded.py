@@ -6,9 +6,9 @@ stale, are by the log times too: it makes no difference when the recording is lo
 """
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.other_namespaces import where_to_look
@@ -21,12 +21,14 @@ from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.selection import Selection
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import did_you_mean
+
+if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
 
 S = 1_000_000_000
 
@@ -35,49 +37,6 @@ S = 1_000_000_000
 _FIRST_STEP_S = 10
 _STEP_FACTOR = 4
 _MOST_BACK_S = 1200
-
-
-class State(Protocol):
-    """What is in force at a moment: the events and static sets that say so."""
-
-    def items(self, log_ns: int) -> list[Item]:
-        """They as items."""
-
-
-class Channel(Protocol):
-    """A summary of one stream in a recording."""
-
-    @property
-    def stream(self) -> RecordedStream:
-        """The stream, in one epoch."""
-
-
-class Source(Protocol):
-    """The part of a RecordingReader that is used here."""
-
-    @property
-    def streams(self) -> Sequence[Channel]:
-        """The streams whose messages are in it."""
-
-    @property
-    def start_ns(self) -> int:
-        """The first log time."""
-
-    @property
-    def end_ns(self) -> int:
-        """The last log time."""
-
-    @property
-    def events(self) -> tuple[EventItem, ...]:
-        """All events, in order of time."""
-
-    def items(
-        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
-    ) -> Iterator[Item]:
-        """The items from a log time to before another, in order."""
-
-    def state_at(self, log_ns: int, selection: Selection = ALL) -> State:
-        """What is in force at a log time."""
 
 
 class RecordedFrames:
@@ -90,7 +49,7 @@ class RecordedFrames:
 
     def __init__(
         self,
-        source: Source,
+        source: "RecordingReader",
         *,
         namespace: str = "",
         fleet: Fleet | None = None,
@@ -128,13 +87,12 @@ class RecordedFrames:
         """Go to a log time. `buffer` is another one from then on."""
         from_ns = at_ns - int(self._cache_time_s * S)
         before: list[Item] = [event for event in self._events if event.log_ns < from_ns]
-        state = self._source.state_at(from_ns, self._selection)
-        before += [item for item in state.items(from_ns) if isinstance(item, TransformItem)]
+        before += self._source.state_at(from_ns - 1, self._selection).statics.values()
+        before.sort(key=_log_ns)
         span = list(self._items(from_ns, at_ns))
         self._go_through(before, span, at_ns)
         if past := self._last_of_the_silent(from_ns):
-            merged = sorted([*past, *before], key=lambda item: item.log_ns)
-            self._go_through(merged, span, at_ns)
+            self._go_through(sorted([*before, *past], key=_log_ns), span, at_ns)
 
     def _go_through(self, before: Iterable[Item], span: Iterable[Item], at_ns: int) -> None:
         self._start()
@@ -142,24 +100,37 @@ class RecordedFrames:
             self.take(item)
         for item in span:
             self.take(item)
-        self._move_to(at_ns)
+        self.pass_time(at_ns)
 
     def advance(self, to_ns: int) -> None:
         """Go on to a later log time; to an earlier one as `seek`."""
         if to_ns < self._at_ns:
             self.seek(to_ns)
             return
-        for item in self._items(self._at_ns + 1, to_ns):
-            self.take(item)
-        self._move_to(to_ns)
+        for _ in self.play(to_ns):
+            pass
 
-    def _move_to(self, at_ns: int) -> None:
-        self._at_ns = at_ns
-        self._clock.log_ns = at_ns
+    def play(
+        self, to_ns: int, before: Callable[[int], object] = lambda log_ns: None
+    ) -> Iterator[Item]:
+        """Go on to a later log time; yields each item when it has been taken. Streams and frames in
+        it are called as here, and those that are not seen from here are left out. `before` is
+        called with the log time of the next item, and at last with `to_ns`.
+        """
+        for item in self._items(self._at_ns + 1, to_ns):
+            before(item.log_ns)
+            if (taken := self.take(item)) is not None:
+                yield taken
+        before(to_ns)
+        self.pass_time(to_ns)
+
+    def pass_time(self, at_ns: int) -> None:
+        """Go on to a later log time, before which there is no item."""
+        self._at_ns = self._clock.log_ns = at_ns
 
     def _items(self, from_ns: int, to_ns: int) -> Iterator[Item]:
         """The items from one log time to another, both included."""
-        return self._source.items(from_ns, to_ns + 1, self._selection)
+        return self._source.items(from_ns, to_ns, self._selection)
 
     def _last_of_the_silent(self, before_ns: int) -> list[Item]:
         """The last messages of frames that are listed, or were, and of which there is none."""
@@ -169,7 +140,7 @@ class RecordedFrames:
             if missing:
                 end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
                 found += self._last_messages(stream.full_name or name, missing, end_ns)
-        return sorted(found, key=lambda item: item.log_ns)
+        return found
 
     def _last_messages(self, name: str, missing: set[str], end_ns: int) -> list[Item]:
         """The last messages of a stream before a time that have these frames, a cache's time of
@@ -183,8 +154,9 @@ class RecordedFrames:
             from_ns = max(start_ns, end_ns - step_ns)
             part = [
                 item
-                for item in self._source.items(from_ns, end_ns, chosen)
+                for item in self._source.items(from_ns, end_ns - 1, chosen)
                 if isinstance(item, TransformItem)
+                and not item.static
                 and not missing.isdisjoint(self._names(item.stream).all_outside(item.rows.frames))
             ]
             if part:
@@ -198,24 +170,26 @@ class RecordedFrames:
 
     # Items
 
-    def take(self, item: Item) -> None:
-        """Take the next item."""
+    def take(self, item: Item) -> Item | None:
+        """Take the next item; it, as it is called here, None where it is not seen from here."""
         self._clock.log_ns = item.log_ns
         if isinstance(item, TransformItem):
-            self._take_transforms(item)
-        elif isinstance(item, EventItem):
+            return self._take_transforms(item)
+        if isinstance(item, EventItem):
             self._take_event(item)
         elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
             # The clock was set back: transforms in its future have not happened.
             self.buffer.clear(after_ns=self._clock.now_ns())
+        return item
 
-    def _take_transforms(self, item: TransformItem) -> None:
+    def _take_transforms(self, item: TransformItem) -> TransformItem | None:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None:
-            return
+            return None
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
         names = self._names(item.stream)
-        rows = item.rows.with_frames(names.all_outside(item.rows.frames))
+        called = names.all_outside(item.rows.frames)
+        rows = item.rows if called is item.rows.frames else item.rows.with_frames(called)
         message = TransformMessage(rows, item.stream.epoch_ns, item.seq)
         if item.stream.name not in self._described:
             stream.describe_by(item, rows.pairs(), rows.frames)
@@ -224,6 +198,9 @@ class RecordedFrames:
         else:
             key = rows.frames[rows.pairs()[0][1]] if item.stream.split and rows.count else ""
             stream.key(key).take_recorded(message, item.log_ns)
+        if rows is item.rows and name == item.stream.name:
+            return item
+        return replace(item, stream=replace(item.stream, name=name), rows=rows)
 
     def _take_event(self, event: EventItem) -> None:
         if event.kind == "node":
@@ -316,11 +293,7 @@ class RecordedFrames:
         if not frame and first_ns and min(first_ns.values()) > self._at_ns:
             later_s = (min(first_ns.values()) - self._source.start_ns) / S
             return f"the first frames come at +{later_s:.3f}s"
-        if found := where_to_look(elsewhere, frame):
-            return found
-        if frame and frame not in first_ns:
-            return did_you_mean(frame, first_ns).removeprefix("; ")
-        return ""
+        return where_to_look(elsewhere, frame)
 
 
 @dataclass
@@ -388,6 +361,10 @@ _READER = TransformReader()
 _SILENT = logging.Logger("recorded", level=logging.CRITICAL + 1)
 
 
+def _log_ns(item: Item) -> int:
+    return item.log_ns
+
+
 def _description_of(event: EventItem) -> StreamDescription | None:
     try:
         return from_map(StreamDescription, event.facts) if event.facts else None
@@ -413,7 +390,7 @@ def _namespace_of(event: EventItem) -> str:
     return event.name.rpartition("/")[0]
 
 
-def _only_namespace(source: Source, fleet: Fleet | None) -> str:
+def _only_namespace(source: "RecordingReader", fleet: Fleet | None) -> str:
     """The namespace of all streams, where none is in ours and there is one other."""
     if fleet is not None:
         return ""

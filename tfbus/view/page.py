@@ -171,11 +171,13 @@ class Page:
         """Look at the frames if that is due, and draw them if a browser watches."""
         now_s = time.monotonic()
         is_watched = self.is_watched
+        playback, settings = self.view.playback, self.view.settings
         is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
-        if self._replay and self._replay.move(now_s, is_watched=is_watched):
+        if self._replay and self._replay.move(
+            now_s, is_watched=is_watched, trail_s=settings.trail_s if settings.trails else 0.0
+        ):
             is_due = True
         self._was_watched = is_watched
-        playback, settings = self.view.playback, self.view.settings
         if is_due:
             self._frames = self._look(settings)
         if is_due or settings is not self._choice.settings:
@@ -214,7 +216,11 @@ class Page:
         return self._replay.buffer if self._replay else self._live_buffer
 
     def _look(self, settings: ViewSettings) -> Frames:
-        tree = frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())
+        tree = (
+            self._replay.tree()
+            if self._replay
+            else frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())
+        )
         before = settings.fixed_frame or self._frames.natural_fixed_frame()
         return frames_of(tree, self._buffer, before)
 

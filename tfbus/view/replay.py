@@ -1,77 +1,85 @@
-"""A recording as the page shows it: as the bus was at the cursor, and what it plays towards."""
+"""A recording as the page shows it: the frames as they were at the cursor."""
 
 import logging
 import threading
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.errors import DecodeError
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import Item, TransformItem
 from tfbus.runtime.clock import Clock
 from tfbus.view.model.playhead import Cursor, Playhead
-from tfbus.view.model.timeline import Timeline
+from tfbus.view.recorded_marks import known_timeline, whole_timeline
 
-# What was heard before the cursor, for rates and trails; and where it is more than this ahead of
-# what was read, that much is read instead of all in between.
-_BEFORE_S = 3.0
+if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
 
-# A pause of the machine is no part of the recording.
+# How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
+# in so many messages, and these at the least and at the most.
+_MESSAGES_BEFORE = 4000
+_LEAST_BEFORE_S = 3.0
+_MOST_BEFORE_S = 30.0
+
+# Where the cursor is this far ahead, nothing between is read.
+_SKIP_S = 3.0
+
+# A machine that sleeps lets the recording wait.
 _MOST_STEP_S = 0.25
 
-
-class Recorded(Protocol):
-    """A bus as it was, from the items that came."""
-
-    @property
-    def buffer(self) -> Buffer:
-        """What a listener's buffer held."""
-
-    def take(self, item: Item) -> object:
-        """Take the next item."""
-
-    def streams(self) -> Sequence[StreamInfo]:
-        """The streams as a listener saw them."""
-
-
-class Source(Protocol):
-    """Where the items come from: a recording."""
-
-    def bus_at(self, at_ns: int, before_s: float) -> tuple[Recorded, Iterator[Item]]:
-        """The bus at a time, with what came in the `before_s` before; and the items after it."""
-
-    def message_before(self, at_ns: int) -> int | None:
-        """When the last message with transforms before a time came."""
+_FIRST_SPAN_NS = 200_000_000
 
 
 class Replay:
     """The host, the publishers and the buffer of a page that shows a recording.
 
-    `move` is for the page's thread; the playhead is for any.
+    `move` is for the page's thread; the playhead is for any. The timeline has what the file says at
+    once, and after `measure` what is only found by reading it, as gaps.
     """
 
-    def __init__(self, source: Source, timeline: Timeline, cursor: Cursor) -> None:
+    def __init__(
+        self,
+        reader: "RecordingReader",
+        *,
+        cursor: Cursor,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        namespace: str = "",
+    ) -> None:
         self.log = logging.getLogger("tfbus.view")
-        self.timeline = timeline
-        self.playhead = Playhead(timeline.start_ns, timeline.end_ns, cursor)
-        self._source = source
+        self.mistake = ""
+        self._reader = reader
+        self._namespace = namespace
+        start_ns = reader.start_ns if start_ns is None else start_ns
+        end_ns = reader.end_ns if end_ns is None else end_ns
+        self.timeline = known_timeline(reader, start_ns, end_ns)
+        self.playhead = Playhead(start_ns, end_ns, cursor)
         self._ended = threading.Event()
         self._moved_s: float | None = None
-        self._before_s = _BEFORE_S
-        self._go(self.playhead.cursor.at_ns)
+        self._before_s = _before_s(reader)
+        self._seek(self.playhead.cursor.at_ns)
+
+    # What a page needs
 
     @property
     def buffer(self) -> Buffer:
         """The transforms up to the cursor."""
-        return self._bus.buffer
+        return self._frames.buffer
 
     def streams(self) -> Sequence[StreamInfo]:
         """The streams as they were at the cursor."""
-        return self._bus.streams()
+        return self._frames.streams()
+
+    def tree(self) -> FrameTree:
+        """The frames at the cursor."""
+        return self._frames.tree()
 
     def now_ns(self) -> int:
-        """The time of the cursor, by which ages are judged."""
-        return self._at_ns
+        """The time of the cursor; by the simulated clock where the publishers followed that."""
+        return self._frames.now_ns()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
         """Wait, at most until `end`; whether the page goes on."""
@@ -81,52 +89,109 @@ class Replay:
         """End the page."""
         self._ended.set()
 
-    def move(self, now_s: float, *, is_watched: bool, before_s: float = 0.0) -> bool:
+    # How it moves
+
+    def measure(self, reader: "RecordingReader") -> None:
+        """Complete the timeline by what this reader of the same recording finds; on any thread."""
+        try:
+            found = whole_timeline(reader, self.timeline, self._ended.is_set)
+        except DecodeError as error:
+            self.log.warning("The timeline lacks what cannot be read: %s", error)
+        else:
+            self.timeline = found or self.timeline
+
+    def move(self, now_s: float, *, is_watched: bool, trail_s: float = 0.0) -> bool:
         """Bring buffer and streams to the cursor, which plays while a browser watches; `now_s` is
         the time of a steady clock. Whether it has jumped, or other browsers must follow it.
 
-        At least `before_s` of what came before is there.
+        At least `trail_s` of what came before are there.
         """
         passed_s = 0.0 if self._moved_s is None or not is_watched else now_s - self._moved_s
         self._moved_s = now_s
-        if steps := self.playhead.take_steps():
-            self._step(steps)
         jumps = self.playhead.jumps
-        at_ns = self.playhead.advance(min(passed_s, _MOST_STEP_S)).at_ns
-        wants_more = before_s > self._before_s
-        if wants_more:
-            self._before_s = before_s
-        if wants_more or not 0 <= at_ns - self._at_ns <= _BEFORE_S * 1e9:
-            self._go(at_ns)
+        try:
+            if steps := self.playhead.take_steps():
+                self.playhead.seek(self._after_steps(steps))
+            at_ns = self.playhead.advance(min(passed_s, _MOST_STEP_S)).at_ns
+            if trail_s > self._before_s:
+                self._before_s = trail_s
+                self._seek(at_ns)
+                return True
+            return self._go_to(at_ns) or self.playhead.jumps != jumps
+        except DecodeError as error:
+            self._stop_at(str(error))
             return True
-        self._read_to(at_ns)
-        return self.playhead.jumps != jumps
 
-    def _go(self, at_ns: int) -> None:
-        self._bus, self._rest = self._source.bus_at(at_ns, self._before_s)
-        self._next = next(self._rest, None)
-        self._at_ns = at_ns
+    def _go_to(self, at_ns: int) -> bool:
+        """Whether it was a jump."""
+        ahead_ns = at_ns - self._frames.at_ns
+        if not ahead_ns:
+            return False
+        is_jump = not 0 < ahead_ns <= _SKIP_S * 1e9
+        if is_jump:
+            self._seek(at_ns)
+        else:
+            self._read_to(at_ns)
+        self.mistake = ""
+        return is_jump
+
+    def _seek(self, at_ns: int) -> None:
+        frames = RecordedFrames(
+            self._reader, namespace=self._namespace, cache_time_s=self._before_s
+        )
+        frames.seek(at_ns)
+        self._frames = frames
+        self._rest: Iterator[Item] | None = None
+        self._next: Item | None = None
 
     def _read_to(self, at_ns: int) -> None:
-        while self._next is not None and self._next.log_ns <= at_ns:
-            self._bus.take(self._next)
+        # Kept from one picture to the next: to begin again costs a chunk each time.
+        if self._rest is None:
+            self._rest = self._reader.items(self._frames.at_ns + 1, None, self._frames.selection)
             self._next = next(self._rest, None)
-        self._at_ns = at_ns
+        while self._next is not None and self._next.log_ns <= at_ns:
+            self._frames.take(self._next)
+            self._next = next(self._rest, None)
+        self._frames.pass_time(at_ns)
 
-    def _step(self, steps: int) -> None:
-        """Go that many messages of transforms forward, or back."""
-        for _ in range(steps):
-            while self._next is not None and not _moves(self._next):
-                self._bus.take(self._next)
-                self._next = next(self._rest, None)
-            if self._next is None:
+    def _stop_at(self, mistake: str) -> None:
+        """Here the file is damaged; a seek to another place is still possible."""
+        if mistake != self.mistake:
+            self.log.warning("%s", mistake)
+        self.mistake = mistake
+        self.playhead.play(False)
+
+    def _after_steps(self, steps: int) -> int:
+        """The time of the message so many messages after the cursor, or before."""
+        at_ns = self.playhead.cursor.at_ns
+        for _ in range(abs(steps)):
+            found = self._next_ns(at_ns) if steps > 0 else self._former_ns(at_ns)
+            if found is None:
                 break
-            self._read_to(self._next.log_ns)
-        at_ns: int | None = self._at_ns
-        for _ in range(-steps):
-            at_ns = self._source.message_before(at_ns) if at_ns is not None else None
-        self.playhead.seek(self.playhead.start_ns if at_ns is None else at_ns, plays=False)
+            at_ns = found
+        return at_ns
+
+    def _next_ns(self, at_ns: int) -> int | None:
+        items = self._reader.items(at_ns + 1, self.playhead.end_ns)
+        return next((item.log_ns for item in items if _moves(item)), None)
+
+    def _former_ns(self, at_ns: int) -> int | None:
+        span_ns, until_ns, start_ns = _FIRST_SPAN_NS, at_ns - 1, self.playhead.start_ns
+        while until_ns >= start_ns:
+            from_ns = max(until_ns - span_ns, start_ns)
+            found = [item.log_ns for item in self._reader.items(from_ns, until_ns) if _moves(item)]
+            if found:
+                return found[-1]
+            until_ns, span_ns = from_ns - 1, 4 * span_ns
+        return None
 
 
 def _moves(item: Item) -> bool:
     return isinstance(item, TransformItem) and not item.static
+
+
+def _before_s(reader: "RecordingReader") -> float:
+    messages = sum(stream.messages for stream in reader.streams)
+    span_s = (reader.end_ns - reader.start_ns) / 1e9
+    wanted_s = span_s * _MESSAGES_BEFORE / messages if messages else _MOST_BEFORE_S
+    return min(max(wanted_s, _LEAST_BEFORE_S), _MOST_BEFORE_S)

@@ -72,9 +72,9 @@ def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
             yield _gone(name, former, former.gone_ns, at_ns)
             ago = duration((at_ns - former.gone_ns) / 1e9)
             how = ", restarted" if restarted else ""
-            yield Mark("back", at_ns, at_ns, f"{_quoted(name)} back after {ago}{how}")
+            yield Mark("back", at_ns, at_ns, f"back after {ago}{how}", (name,))
         elif restarted:
-            yield Mark("restart", at_ns, at_ns, f"{_quoted(name)} restarted{now.publisher}")
+            yield Mark("restart", at_ns, at_ns, "restarted", (name,), now.publisher)
     sweep.streams[name] = now
     listed_before = former.children if former else frozenset()
     yield from _claim(sweep, name, listed_before, now.children, at_ns)
@@ -116,7 +116,7 @@ def _still_open(sweep: _Sweep, end_ns: int) -> Iterator[Mark]:
 
 
 def _gone(name: str, stream: _Stream, since_ns: int, until_ns: int) -> Mark:
-    return Mark("gone", since_ns, until_ns, f"{_quoted(name)} gone{stream.publisher}")
+    return Mark("gone", since_ns, until_ns, "gone", (name,), stream.publisher)
 
 
 def _conflict(pair: tuple[str, str], frames: frozenset[str], since_ns: int, until_ns: int) -> Mark:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.recordings import BagChoice as BagChoice
+    from tfbus.command.recordings import bag_options as bag_options
     from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from tfbus.runtime.whole_file import replacing as replacing
 
 _MODULE_OF = {
+    "bag_options": "tfbus.command.recordings",
+    "BagChoice": "tfbus.command.recordings",
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.declared",
     "NodeCommand": "tfbus.command.declared",

@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
@@ -12,6 +13,7 @@ from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
 from tfbus.recording.items import Item, TransformItem
 from tfbus.runtime.clock import Clock
+from tfbus.runtime.signals import StopSignals
 from tfbus.view.model.playhead import Cursor, Playhead
 from tfbus.view.recorded_marks import known_timeline, whole_timeline
 
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
 
 # How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
 # in so many messages, and these at the least and at the most.
-_MESSAGES_BEFORE = 4000
-_LEAST_BEFORE_S = 3.0
+_MESSAGES_BEFORE = 2500
+_LEAST_BEFORE_S = 2.0
 _MOST_BEFORE_S = 30.0
 
 # Where the cursor is this far ahead, nothing between is read.
@@ -58,6 +60,7 @@ class Replay:
         self.timeline = known_timeline(reader, start_ns, end_ns)
         self.playhead = Playhead(start_ns, end_ns, cursor)
         self._ended = threading.Event()
+        self._signals: StopSignals | None = None
         self._moved_s: float | None = None
         self._before_s = _before_s(reader)
         self._seek(self.playhead.cursor.at_ns)
@@ -82,23 +85,45 @@ class Replay:
         return self._frames.now_ns()
 
     def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
-        """Wait, at most until `end`; whether the page goes on."""
+        """Wait, at most until the end of the page; whether it goes on."""
+        if self._signals is not None:
+            return not self._signals.wait(timeout_s)
         return not self._ended.wait(timeout_s)
 
     def end(self) -> None:
-        """End the page."""
+        """End the page; from any thread."""
         self._ended.set()
+        if self._signals is not None:
+            self._signals.stop()
+
+    @contextmanager
+    def until_signal(self) -> Iterator[None]:
+        """Ctrl-C and SIGTERM end the page from here to the end of the `with`."""
+        self._signals = StopSignals()
+        try:
+            yield
+        finally:
+            self._ended.set()
+            self._signals.uninstall()
+            self._signals = None
 
     # How it moves
 
-    def measure(self, reader: "RecordingReader") -> None:
-        """Complete the timeline by what this reader of the same recording finds; on any thread."""
+    def measure(self) -> None:
+        """Complete the timeline by what is only found in the index of the files; on any thread."""
+        from tfbus.recording.reader import RecordingReader
+
         try:
-            found = whole_timeline(reader, self.timeline, self._ended.is_set)
-        except DecodeError as error:
+            with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
+                found = whole_timeline(reader, self.timeline, self._ended.is_set)
+        except (OSError, DecodeError) as error:
             self.log.warning("The timeline lacks what cannot be read: %s", error)
         else:
             self.timeline = found or self.timeline
+
+    def measure_meanwhile(self) -> None:
+        """`measure` on a thread of its own, which `end` ends."""
+        threading.Thread(target=self.measure, name="tfbus timeline", daemon=True).start()
 
     def move(self, now_s: float, *, is_watched: bool, trail_s: float = 0.0) -> bool:
         """Bring buffer and streams to the cursor, which plays while a browser watches; `now_s` is

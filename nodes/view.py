@@ -7,7 +7,7 @@ import signal
 import socket
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,7 +27,6 @@ from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
     from tfbus.view import Page, Screenshot, Serving
-    from tfbus.view.model.urdf import Visual
 
 # Until a browser has it, the address is logged again: other output of a launch pushes it away.
 REMIND_EVERY_S = 20.0
@@ -176,7 +175,7 @@ def _show_recording(
     settings: NodeSettings,
     bag: BagChoice,
     serving: "Serving",
-    robot: "Sequence[Visual]",
+    robot: Sequence[Any],
     shot: "Screenshot | None",
 ) -> None:
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment

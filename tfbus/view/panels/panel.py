@@ -86,7 +86,10 @@ class Panel:
         playback = self._view.playback
         missing = len(placed.missing)
         empty = text.NOTHING_RECORDED if self._replay else text.WAITING
-        self._headline.show(text.headline(frames, fixed_frame, playback, missing, now_ns, empty))
+        headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty)
+        if self._replay and self._replay.mistake:
+            headline += text.mistakes([self._replay.mistake])
+        self._headline.show(headline)
         if self._time:
             self._time.refresh()
         self.follow_player()

@@ -232,13 +232,9 @@ class RecordingReader:
                 continue
             if not (chunk.static_streams & missing) and chunk.to_ns < oldest:
                 continue
-            last = {
-                item.stream.name: item
-                for item in sorted(
-                    (each for each, _ in chunk.statics()), key=lambda item: item.log_ns
-                )
-                if item.log_ns <= log_ns
-            }
+            sets = [item for item, _ in chunk.statics() if item.log_ns <= log_ns]
+            sets.sort(key=lambda item: item.log_ns)
+            last = {item.stream.name: item for item in sets}
             for name in last.keys() & names:
                 if name not in found or found[name].log_ns < last[name].log_ns:
                     found[name] = last[name]

@@ -33,7 +33,7 @@ _LONGEST_TEXT = 1_000_000
 
 _FIELD = re.compile(
     r"\s*(?P<type>[A-Za-z][\w/]*)(?P<bound><=\d{1,9})?"
-    r"(?P<array>\[(?:<=)?\d{0,9}\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
+    r"(?P<array>\[(?:(?:<=)?[1-9]\d{0,8})?\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
 )
 _SEPARATOR = re.compile(r"={3,}\s*")
 _MSG = re.compile(r"MSG:\s*([\w/]+)\s*")
@@ -165,7 +165,7 @@ class _Definitions:
         if found["array"]:
             size = found["array"][1:-1]
             if size.startswith("<="):
-                type_ = Sequence(type_, most=int(size[2:] or 0))
+                type_ = Sequence(type_, most=int(size[2:]))
             else:
                 type_ = Sequence(type_, int(size) if size else None)
         key = _key(found["rest"]) if _is_ours(name) else None

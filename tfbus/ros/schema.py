@@ -73,6 +73,11 @@ class MessageCodec:
     def decode(self, data: bytes) -> dict[str, Any]:
         """The values of a message by field. Raises DecodeError where the bytes are none."""
         reader = ValueReader(data)
+        if self._codec.least_size > reader.left:
+            raise DecodeError(
+                f"the message has {reader.left} bytes, and its type at least "
+                f"{self._codec.least_size}"
+            )
         values = self._codec.read(reader)
         reader.finish()
         if not isinstance(values, dict):

@@ -2,12 +2,20 @@
 
 import sys
 from collections.abc import Sequence
+from functools import lru_cache
+from struct import iter_unpack
+from typing import TYPE_CHECKING
 
-from tfbus.core import lazy_numpy as np
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns
 from tfbus.ros.cdr import HEADER, HEADER_SIZE
 from tfbus.ros.tf_message import TFMessageReader
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 _SECOND_NS = 1_000_000_000
 _STAMP_AT = HEADER_SIZE + 4
@@ -56,7 +64,7 @@ def _like_first(
     first is not as others are written, or a stamp is none.
     """
     first = reader.read(messages[0])
-    places = _places(first, len(messages[0]))
+    places = _places(first.frames, first.edges_bytes(), len(messages[0]))
     if places is None or messages[0][:HEADER_SIZE] != HEADER:
         return None
     stamp_at, pose_at = places
@@ -78,13 +86,16 @@ def _like_first(
     return rows, same.tolist()
 
 
-def _places(rows: Columns, size: int) -> "tuple[np.ndarray, np.ndarray] | None":
+@lru_cache(256)
+def _places(
+    frames: tuple[str, ...], edges: bytes, size: int
+) -> "tuple[NDArray[np.intp], NDArray[np.intp]] | None":
     """Where the stamps and the numbers of the poses are in a message, in words of four bytes; None
     where the message has another size.
     """
-    lengths = [len(name.encode()) + 1 for name in rows.frames]
+    lengths = [len(name.encode()) + 1 for name in frames]
     stamp_at, pose_at, at = [], [], _STAMP_AT
-    for edge in rows.pairs():
+    for edge in iter_unpack("=2I", edges):
         stamp_at.append(at)
         at += STAMP_SIZE
         for frame in edge:

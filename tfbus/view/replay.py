@@ -96,6 +96,10 @@ class Replay:
         if self._signals is not None:
             self._signals.stop()
 
+    def close(self) -> None:
+        """Close the files, once the page has ended."""
+        self._reader.close()
+
     @contextmanager
     def until_signal(self) -> Iterator[None]:
         """Ctrl-C and SIGTERM end the page from here to the end of the `with`."""

@@ -42,6 +42,9 @@ _RESTS_PER_LOOK = 8.0
 # The ball around a frame that a camera looks at, in lengths of its axes.
 _FOCUS = 4.0
 
+# A recording is seen from where all of it is in sight, unless that is so many times as far away.
+_FARTHEST = 8.0
+
 _BY_DEFAULT = ViewSettings()
 
 
@@ -257,10 +260,28 @@ class Page:
     # The cameras
 
     def _look_first(self, placed: Placed) -> None:
+        # Most frames of a recording come right after its beginning, where it waits for a browser.
+        if self._replay and not self._was_watched:
+            return
         region = self._guests_region()
         if region or len(placed.names) >= 2:
-            has_guest = region is not None
-            self._cameras.aim(region or region_of(placed), has_guest, len(placed.names))
+            later = self._region_later(placed)
+            has_more = region is not None or later is not None
+            shown = region or later or region_of(placed)
+            self._cameras.aim(shown, has_more, len(placed.names))
+
+    def _region_later(self, placed: Placed) -> Region | None:
+        """Where the frames of a recording that plays are now and later; None if it is held, or
+        where that is so large that they would be lost in it.
+        """
+        if not self._replay or not self._replay.samples or not self._replay.playhead.cursor.plays:
+            return None
+        whole = now = region_of(placed)
+        for buffer in self._replay.samples:
+            later = place(buffer, self._choice.fixed_frame, self._choice.names, None)
+            if later.names:
+                whole = around(whole, region_of(later))
+        return whole if whole.radius_m < _FARTHEST * now.radius_m else None
 
     def _guests_region(self) -> Region | None:
         return next((found for guest in self._guests if (found := guest.region)), None)

@@ -26,6 +26,10 @@ _MESSAGES_BEFORE = 2500
 _LEAST_BEFORE_S = 2.0
 _MOST_BEFORE_S = 30.0
 
+# Where frames are in the course of a recording, by this many moments.
+_SAMPLES = 8
+_SAMPLE_S = 0.5
+
 # Where the cursor is this far ahead, nothing between is read.
 _SKIP_S = 3.0
 
@@ -39,7 +43,9 @@ class Replay:
     """The host, the publishers and the buffer of a page that shows a recording.
 
     `move` is for the page's thread; the playhead is for any. The timeline has what the file says at
-    once, and after `measure` what is only found by reading it, as gaps.
+    once, and after `measure` what is only found by reading it, as gaps. `samples` are then the
+    transforms at some moments, for a camera that sees where frames will be. `mistake` says why the
+    recording cannot be read at the cursor, "" if it can.
     """
 
     def __init__(
@@ -53,6 +59,7 @@ class Replay:
     ) -> None:
         self.log = logging.getLogger("tfbus.view")
         self.mistake = ""
+        self.samples: tuple[Buffer, ...] = ()
         self._reader = reader
         self._namespace = namespace
         start_ns = reader.start_ns if start_ns is None else start_ns
@@ -119,11 +126,20 @@ class Replay:
 
         try:
             with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
+                self.samples = tuple(self._samples(reader))
                 found = whole_timeline(reader, self.timeline, self._ended.is_set)
         except (OSError, DecodeError) as error:
             self.log.warning("The timeline lacks what cannot be read: %s", error)
         else:
             self.timeline = found or self.timeline
+
+    def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
+        frames = RecordedFrames(reader, namespace=self._namespace, cache_time_s=_SAMPLE_S)
+        start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
+        for part in range(_SAMPLES):
+            if not self._ended.is_set():
+                frames.seek(start_ns + (end_ns - start_ns) * (part + 1) // _SAMPLES)
+                yield frames.buffer
 
     def measure_meanwhile(self) -> None:
         """`measure` on a thread of its own, which `end` ends."""

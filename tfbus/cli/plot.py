@@ -60,7 +60,7 @@ _MOST_S = 86_400.0
     "--from",
     "from_text",
     metavar="FILE|TIME",
-    help="Plot a file written by tfbus echo --format csv (or json); with --bag, begin at this time.",
+    help="Plot a file written by tfbus echo --format csv (or json); with --bag, begin then.",
 )
 @click.option(
     "--show",

@@ -104,6 +104,12 @@ class RecordedFrames:
             self.take(item)
         self.pass_time(at_ns)
 
+    def count_from_now(self) -> None:
+        """Count messages of streams, and those missed, from now on only."""
+        for stream in self._streams.values():
+            counts = stream.reception.counts
+            counts.messages = counts.transforms = counts.missed = counts.outdated = 0
+
     def advance(self, to_ns: int) -> None:
         """Go on to a later log time; to an earlier one as `seek`."""
         if to_ns < self._at_ns:

@@ -1,7 +1,7 @@
 """One file of a recording: its streams, topics and events, and its chunks as items."""
 
 import os
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Collection, Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -213,8 +213,12 @@ class StoredChunk:
                 if item is not None:
                     yield item
 
-    def groups(self, channels: Container[int]) -> list[Group]:
-        """The transforms of these channels, many messages at a time."""
+    def groups(
+        self, channels: Container[int], children: Collection[str] | None = None
+    ) -> list[Group]:
+        """The transforms of these channels, with all child frames or these, many messages at a
+        time.
+        """
         of_channel: dict[int, list[Message]] = {}
         for message in self.part.file.messages(self.chunk):
             if message.channel in channels:
@@ -223,7 +227,7 @@ class StoredChunk:
         for number, messages in of_channel.items():
             channel = self.part.stream_channels[number]
             with self.part.reading(channel):
-                groups = read_many(self.part.tf, [message.data for message in messages])
+                groups = read_many(self.part.tf, [message.data for message in messages], children)
             for members, rows in groups:
                 found.append(Group(channel, [messages[at].log_ns for at in members], rows))
         return found

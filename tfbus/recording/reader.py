@@ -50,6 +50,8 @@ class RecordingReader:
     """
 
     def __init__(self, *paths: str | os.PathLike[str]) -> None:
+        import zstandard  # noqa: F401 - the extra `bag`
+
         self._parts: list[Part] = []
         try:
             for place in files_of(paths):

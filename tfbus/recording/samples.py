@@ -4,6 +4,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from tfbus.core.sampling import TF2, Sampling
 from tfbus.geometry.columns import Columns
 from tfbus.recording.index import Edge
 from tfbus.recording.items import TransformItem
-from tfbus.recording.part import Group, StoredChunk
+from tfbus.recording.part import Group, Part
 from tfbus.recording.reader import RecordingReader
 
 FIRST_NS, LAST_NS = -(2**63), 2**63 - 1
@@ -59,18 +60,13 @@ class Samples:
         self._chunks = list(reader.chunks)
         self._edges: dict[Edge, int] = {}
         self._keys: dict[StreamKey, int] = {}
-        columns = self._columns()
-        is_static = columns[:, 1] == 1
-        self._static = columns[is_static]
-        rows = columns[~is_static]
-        children: dict[str, int] = {}
-        child_of = [children.setdefault(child, len(children)) for _, child in self._edges]
-        self._child_of_edge = np.array(child_of, np.int64)
-        child = self._child_of_edge[rows[:, 3]] if len(rows) else np.empty(0, np.int64)
-        order = np.lexsort((rows[:, 4], child))
-        self._rows = rows[order]
-        self._child = child[order]
-        self._children = children
+        table = self._table()
+        is_static = table[:, 1] == 1
+        self._static, self._dynamic = table[is_static], table[~is_static]
+        self._children: dict[str, int] = {}
+        for _, child in self._edges:
+            self._children.setdefault(child, len(self._children))
+        self._sort()
         self._epochs = self._epoch_ranges()
         self._first_sets = self._first_static_sets()
         self._versions = self._static_versions()
@@ -81,18 +77,18 @@ class Samples:
     @property
     def first_ns(self) -> int | None:
         """The earliest stamp of a dynamic transform; None where there is none."""
-        return int(self._rows[:, 4].min()) if len(self._rows) else None
+        return int(self._first.min()) if len(self._first) else None
 
     @property
     def last_ns(self) -> int | None:
         """The latest stamp of a dynamic transform; None where there is none."""
-        return int(self._rows[:, 5].max()) if len(self._rows) else None
+        return int(self._last.max()) if len(self._last) else None
 
     def facts(self) -> list[FrameFacts]:
         """What there is of each edge of each stream in each epoch."""
         keys, edges = list(self._keys), list(self._edges)
         found = []
-        for table, is_static in ((self._static, True), (self._rows, False)):
+        for table, is_static in ((self._static, True), (self._dynamic, False)):
             order = np.lexsort((table[:, 3], table[:, 2]))
             rows = table[order]
             if not len(rows):
@@ -173,8 +169,8 @@ class Samples:
         self, first_ns: int, last_ns: int, children: Collection[str] | None = None
     ) -> list[Group]:
         """The messages of all epochs that may have samples from one stamp to another."""
-        rows = self._wanted(first_ns, last_ns, set(self._keys.values()), children, False)
-        return self._read(rows)
+        keys = set(self._keys.values())
+        return self._read(self._wanted(first_ns, last_ns, keys, children), children)
 
     def _span(
         self,
@@ -188,58 +184,65 @@ class Samples:
         for item in self._statics_at(first_ns):
             rows = item.rows if children is None else item.rows.only(children)
             buffer.set_transforms(rows, static=True, authority=item.stream.name)
-        for group in self._read(self._wanted(first_ns, last_ns, keys, children, True)):
-            rows = group.rows if children is None else only(group.rows, children)
-            buffer.set_transforms(rows, authority=group.channel.stream.name)
+        for group in self._read(self._wanted(first_ns, last_ns, keys, children), children):
+            buffer.set_transforms(group.rows, authority=group.channel.stream.name)
         return Span(buffer, first_ns, last_ns)
 
     def _wanted(
-        self,
-        first_ns: int,
-        last_ns: int,
-        keys: set[int],
-        children: Collection[str] | None,
-        around: bool,
-    ) -> NDArray[np.int64]:
-        """The rows with samples between two stamps and, with `around`, those with the last before
-        and the first behind of each child.
+        self, first_ns: int, last_ns: int, keys: set[int], children: Collection[str] | None
+    ) -> list[int]:
+        """The rows with samples between two stamps, and those with the last before and the first
+        behind, of each child in each stream.
         """
-        rows, child = self._rows, self._child
-        if len(keys) < len(self._keys):
-            is_of = np.zeros(len(self._keys), bool)
-            is_of[list(keys)] = True
-            kept = is_of[rows[:, 2]]
-            rows, child = rows[kept], child[kept]
+        numbers = None
         if children is not None:
-            numbers = [self._children[name] for name in children if name in self._children]
-            kept = np.isin(child, numbers)
-            rows, child = rows[kept], child[kept]
-        first, last = rows[:, 4], rows[:, 5]
-        wanted = (first <= last_ns) & (last >= first_ns)
-        if around and len(rows):
-            counts = rows[:, 6]
-            wanted |= _best(child, last, last < first_ns, counts, np.maximum)
-            wanted |= _best(child, first, first > last_ns, counts, np.minimum)
-        found: NDArray[np.int64] = rows[wanted]
+            numbers = {self._children[name] for name in children if name in self._children}
+        found: list[int] = []
+        for child, key, start, end in self._segments:
+            if key in keys and (numbers is None or child in numbers):
+                found += self._wanted_of(start, end, first_ns, last_ns)
         return found
 
-    def _read(self, rows: NDArray[np.int64]) -> list[Group]:
-        """The messages of these rows' chunks and channels, in the order of the chunks."""
-        keys = list(self._keys)
-        found = []
-        wanted = rows[:, [0, 2]].copy()
-        for number in np.unique(wanted[:, 0]).tolist():
-            chunk = self._chunks[number]
-            of = {keys[key] for key in np.unique(wanted[wanted[:, 0] == number, 1]).tolist()}
-            found += chunk.groups(
-                {
-                    channel.id
-                    for channel in chunk.part.stream_channels.values()
-                    if not channel.is_static
-                    and (channel.stream.name, channel.stream.epoch_ns) in of
-                }
-            )
+    def _wanted_of(self, start: int, end: int, first_ns: int, last_ns: int) -> list[int]:
+        """The same of the rows of one segment."""
+        begins = start + int(np.searchsorted(self._peak[start:end], first_ns))
+        behind = start + int(np.searchsorted(self._first[start:end], last_ns, "right"))
+        # Those before end before; between, one that ends early may follow one that ends late.
+        between = self._last[begins:behind] >= first_ns
+        found = (begins + np.flatnonzero(between)).tolist()
+        if begins > start:
+            found.append(int(self._peak_at[begins - 1]))
+            if self._count[found[-1]] == 1:  # two tell more than one: how often it comes
+                found.append(max(start, found[-1] - 1))
+        if not between.all():
+            early = begins + np.flatnonzero(~between)
+            found.append(int(early[np.argmax(self._last[early])]))
+        found += range(behind, min(end, behind + 1))
+        if behind < end and self._count[behind] == 1:
+            found += range(behind + 1, min(end, behind + 2))
         return found
+
+    def _read(self, rows: Collection[int], children: Collection[str] | None) -> list[Group]:
+        """The messages of these rows' chunks and channels, in the order of the chunks."""
+        keys_of: dict[int, set[int]] = {}
+        for chunk, key in zip(
+            self._chunk[list(rows)].tolist(), self._key[list(rows)].tolist(), strict=True
+        ):
+            keys_of.setdefault(chunk, set()).add(key)
+        found = []
+        for number, keys in sorted(keys_of.items()):
+            chunk = self._chunks[number]
+            found += chunk.groups(self._channels(chunk.part, keys), children)
+        return found
+
+    def _channels(self, part: Part, keys: set[int]) -> set[int]:
+        """The channels of a file with dynamic transforms of these streams."""
+        return {
+            channel.id
+            for channel in part.stream_channels.values()
+            if not channel.is_static
+            and self._keys[channel.stream.name, channel.stream.epoch_ns] in keys
+        }
 
     def _last_keys(self) -> set[int]:
         return {epochs[-1][2] for epochs in self._epochs.values()}
@@ -291,17 +294,12 @@ class Samples:
         """The newest stamp that had been received at a log time."""
         last = np.array([chunk.to_ns for chunk in self._chunks], np.int64)
         first = np.array([chunk.from_ns for chunk in self._chunks], np.int64)
-        of_chunk = self._rows[:, 0]
-        before = self._rows[(last <= log_ns)[of_chunk]] if len(self._rows) else self._rows
-        newest = int(before[:, 5].max()) if len(before) else FIRST_NS
+        before = self._last[(last <= log_ns)[self._chunk]]
+        newest = int(before.max()) if len(before) else FIRST_NS
         if exact:
             for number in np.flatnonzero((first <= log_ns) & (last > log_ns)).tolist():
-                chunk: StoredChunk = self._chunks[number]
-                dynamic = {
-                    channel.id
-                    for channel in chunk.part.stream_channels.values()
-                    if not channel.is_static
-                }
+                chunk = self._chunks[number]
+                dynamic = self._channels(chunk.part, set(self._keys.values()))
                 for group in chunk.groups(dynamic):
                     stamps = group.rows.stamps_ns().reshape(len(group.log_ns), -1)
                     taken = stamps[np.array(group.log_ns) <= log_ns]
@@ -310,7 +308,33 @@ class Samples:
 
     # Building
 
-    def _columns(self) -> NDArray[np.int64]:
+    def _sort(self) -> None:
+        """Sort the rows of dynamic transforms by child, stream and first stamp: each child of each
+        stream is a segment.
+        """
+        child_of = np.array([self._children[child] for _, child in self._edges], np.int64)
+        rows = self._dynamic
+        child = child_of[rows[:, 3]] if len(rows) else rows[:, 3]
+        order = np.lexsort((rows[:, 4], rows[:, 2], child))
+        child = child[order]
+        self._chunk, self._key, self._first, self._last, self._count = (
+            np.ascontiguousarray(rows[order, at]) for at in (0, 2, 4, 5, 6)
+        )
+        # Up to each row of a segment: the latest stamp, and the row that has it.
+        self._peak = self._last.copy()
+        self._peak_at = np.arange(len(order))
+        is_new = np.r_[True, (child[1:] != child[:-1]) | (self._key[1:] != self._key[:-1])]
+        starts = np.flatnonzero(is_new[: len(order)]).tolist()
+        self._segments: list[tuple[int, int, int, int]] = []
+        for start, end in pairwise([*starts, len(order)]):
+            peak = np.maximum.accumulate(self._last[start:end])
+            is_peak = self._last[start:end] == peak
+            at = np.where(is_peak, np.arange(start, end), start)
+            self._peak[start:end] = peak
+            self._peak_at[start:end] = np.maximum.accumulate(at)
+            self._segments.append((int(child[start]), int(self._key[start]), start, end))
+
+    def _table(self) -> NDArray[np.int64]:
         """The rows of all files: chunk, whether static, stream, edge, first and last stamp, and
         the number of samples.
         """
@@ -344,11 +368,11 @@ class Samples:
         """
         count = len(self._keys)
         begins = np.full(count, LAST_NS)
-        np.minimum.at(begins, self._rows[:, 2], self._rows[:, 0])
+        np.minimum.at(begins, self._key, self._chunk)
         first = np.full(count, LAST_NS)
         last = np.full(count, FIRST_NS)
-        np.minimum.at(first, self._rows[:, 2], self._rows[:, 4])
-        np.maximum.at(last, self._rows[:, 2], self._rows[:, 5])
+        np.minimum.at(first, self._key, self._first)
+        np.maximum.at(last, self._key, self._last)
         found: dict[str, list[tuple[int, int, int, int]]] = {}
         for (name, _), number in self._keys.items():
             if first[number] <= last[number]:
@@ -387,28 +411,6 @@ def only(rows: Columns, children: Collection[str], parent: str | None = None) ->
 def poses_of(rows: Columns) -> NDArray[np.float64]:
     """The poses of all rows (N, 7)."""
     return np.frombuffer(rows.poses, np.float64, 7 * rows.count, rows.poses_at).reshape(-1, 7)
-
-
-def _best(
-    child: NDArray[np.int64],
-    values: NDArray[np.int64],
-    allowed: NDArray[np.bool_],
-    counts: NDArray[np.int64],
-    best: np.ufunc,
-) -> NDArray[np.bool_]:
-    """Of the rows of each child, which come together, those of the best value that is allowed;
-    where that is one sample, the next best, too.
-    """
-    worst = FIRST_NS if best is np.maximum else LAST_NS
-    starts = np.flatnonzero(np.r_[True, child[1:] != child[:-1]])
-    lengths = np.diff(np.r_[starts, len(child)])
-    found = best.reduceat(np.where(allowed, values, worst), starts)
-    is_best: NDArray[np.bool_] = allowed & (values == np.repeat(found, lengths))
-    if (is_best & (counts == 1)).any():
-        allowed = allowed & ~is_best
-        found = best.reduceat(np.where(allowed, values, worst), starts)
-        is_best |= allowed & (values == np.repeat(found, lengths))
-    return is_best
 
 
 def _epoch_at(epochs: list[tuple[int, int, int, int]], stamp_ns: int) -> int:

@@ -1,7 +1,7 @@
 """Reads many messages of transforms at once: those with the same frames in one step."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import lru_cache
 from struct import iter_unpack
 from typing import TYPE_CHECKING
@@ -27,10 +27,13 @@ _FEW = 4
 
 
 def read_many(
-    reader: TFMessageReader, messages: Sequence[bytes]
+    reader: TFMessageReader,
+    messages: Sequence[bytes],
+    children: Collection[str] | None = None,
 ) -> list[tuple[list[int], Columns]]:
-    """The transforms of these messages, bit by bit: groups of messages with the same frames, as
-    their indices and the rows of all of them, each message's after the other's.
+    """The transforms of these messages with all child frames or these, bit by bit: groups of
+    messages with the same frames, as their indices and the rows of all of them, each message's
+    after the other's.
 
     Raises as `TFMessageReader.read`.
     """
@@ -39,26 +42,35 @@ def read_many(
         # Names of one transform are between its numbers; those of several are compared later.
         is_one = data[:_STAMP_AT] == _ONE
         alike.setdefault(data[_NAMES_AT:-POSE_SIZE] if is_one else len(data), []).append(at)
-    return [group for members in alike.values() for group in _groups(reader, messages, members)]
+    groups = []
+    for members in alike.values():
+        groups += _groups(reader, messages, members, children)
+    return groups
 
 
 def _groups(
-    reader: TFMessageReader, messages: Sequence[bytes], members: list[int]
+    reader: TFMessageReader,
+    messages: Sequence[bytes],
+    members: list[int],
+    children: Collection[str] | None,
 ) -> list[tuple[list[int], Columns]]:
     """The same of messages that have one size."""
     groups: list[tuple[list[int], Columns]] = []
     while len(members) >= _FEW and len(groups) < _FEW:
-        found = _like_first(reader, [messages[at] for at in members])
+        found = _like_first(reader, [messages[at] for at in members], children)
         if found is None:
             break
         rows, taken = found
         groups.append(([at for at, is_in in zip(members, taken, strict=True) if is_in], rows))
         members = [at for at, is_in in zip(members, taken, strict=True) if not is_in]
-    return groups + [([at], reader.read(messages[at])) for at in members]
+    for at in members:
+        rows = reader.read(messages[at])
+        groups.append(([at], rows if children is None else rows.only(children)))
+    return groups
 
 
 def _like_first(
-    reader: TFMessageReader, messages: list[bytes]
+    reader: TFMessageReader, messages: list[bytes], children: Collection[str] | None
 ) -> tuple[Columns, list[bool]] | None:
     """The rows of the messages with the frames of the first, and which these are; None where the
     first is not as others are written, or a stamp is none.
@@ -74,15 +86,20 @@ def _like_first(
     same = (words[:, is_fixed] == words[0, is_fixed]).all(axis=1)
     if not same.all():
         words = words[same]
-    nanoseconds = words[:, stamp_at + 1]
-    if not first.count or nanoseconds.max() >= _SECOND_NS:
+    if not first.count or words[:, stamp_at + 1].max() >= _SECOND_NS:
         return None
+    edges = first.edges_bytes()
+    if children is not None:
+        pairs = np.frombuffer(edges, np.uint32).reshape(-1, 2)
+        kept = np.array([frame in children for frame in first.frames], bool)[pairs[:, 1]]
+        edges, stamp_at = pairs[kept].tobytes(), stamp_at[kept]
+        pose_at = pose_at.reshape(len(kept), -1)[kept].ravel()
+    nanoseconds = words[:, stamp_at + 1]
     stamps = words[:, stamp_at].astype(np.int32) * np.int64(_SECOND_NS) + nanoseconds
     poses = words[:, pose_at]
     if sys.byteorder != "little":
         poses = poses.astype("<u4").view("<f8").astype(np.float64)
-    edges = first.edges_bytes() * len(words)
-    rows = Columns.of_bytes(first.frames, edges, stamps.tobytes(), poses.tobytes())
+    rows = Columns.of_bytes(first.frames, edges * len(words), stamps.tobytes(), poses.tobytes())
     return rows, same.tolist()
 
 

@@ -57,7 +57,9 @@ def base_at(seconds: float) -> TransformStamped:
 
 
 def record(path: Path) -> Path:
-    """Write it: the base comes 20 times a second, but not from 2 s to 4 s, and not while gone."""
+    """Write it: the base comes 20 times a second, but not from 2 s to 4 s, and not while gone. A
+    chunk is a second.
+    """
     pytest.importorskip("mcap", reason="needs mcap: the extra bag")
     from tfbus.recording.writer import RecordingWriter
 
@@ -76,4 +78,6 @@ def record(path: Path) -> Path:
                 stream = RecordedStream(SIM, epoch_ns=at(6.0 if now_s >= 6.0 else -1.0))
                 rows = Columns.of_transforms([base_at(now_s)])
                 writer.write(TransformItem(at(now_s), stream, rows, seq=number))
+            if number % 20 == 10:
+                writer.flush()
     return path

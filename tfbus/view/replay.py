@@ -2,9 +2,9 @@
 
 import logging
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
@@ -70,7 +70,8 @@ class Replay:
         self._signals: StopSignals | None = None
         self._moved_s: float | None = None
         self._before_s = _before_s(reader)
-        self._seek(self.playhead.cursor.at_ns)
+        self._restart()
+        self._try(self._seek, self.playhead.cursor.at_ns)
 
     # What a page needs
 
@@ -153,19 +154,17 @@ class Replay:
         """
         passed_s = 0.0 if self._moved_s is None or not is_watched else now_s - self._moved_s
         self._moved_s = now_s
+        return self._try(self._move, min(passed_s, _MOST_STEP_S), trail_s)
+
+    def _move(self, passed_s: float, trail_s: float) -> bool:
         jumps = self.playhead.jumps
-        try:
-            if steps := self.playhead.take_steps():
-                self.playhead.seek(self._after_steps(steps))
-            at_ns = self.playhead.advance(min(passed_s, _MOST_STEP_S)).at_ns
-            if trail_s > self._before_s:
-                self._before_s = trail_s
-                self._seek(at_ns)
-                return True
-            return self._go_to(at_ns) or self.playhead.jumps != jumps
-        except DecodeError as error:
-            self._stop_at(str(error))
-            return True
+        if steps := self.playhead.take_steps():
+            self.playhead.seek(self._after_steps(steps))
+        at_ns = self.playhead.advance(passed_s).at_ns
+        if trail_s > self._before_s:
+            self._before_s = trail_s
+            return self._seek(at_ns)
+        return self._go_to(at_ns) or self.playhead.jumps != jumps
 
     def _go_to(self, at_ns: int) -> bool:
         """Whether it was a jump."""
@@ -180,12 +179,17 @@ class Replay:
         self.mistake = ""
         return is_jump
 
-    def _seek(self, at_ns: int) -> None:
-        frames = RecordedFrames(
+    def _seek(self, at_ns: int) -> bool:
+        self._restart()
+        # Were it damaged there, it is not tried again and again.
+        self._frames.pass_time(at_ns)
+        self._frames.seek(at_ns)
+        return True
+
+    def _restart(self) -> None:
+        self._frames = RecordedFrames(
             self._reader, namespace=self._namespace, cache_time_s=self._before_s
         )
-        frames.seek(at_ns)
-        self._frames = frames
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None
 
@@ -199,12 +203,18 @@ class Replay:
             self._next = next(self._rest, None)
         self._frames.pass_time(at_ns)
 
-    def _stop_at(self, mistake: str) -> None:
-        """Here the file is damaged; a seek to another place is still possible."""
-        if mistake != self.mistake:
-            self.log.warning("%s", mistake)
-        self.mistake = mistake
-        self.playhead.play(False)
+    def _try(self, move: Callable[..., bool], *given: Any) -> bool:
+        """Move; where the file is damaged it holds, and a seek to another place is possible."""
+        try:
+            return move(*given)
+        except DecodeError as error:
+            if str(error) != self.mistake:
+                self.log.warning("%s", error)
+            self.mistake = str(error)
+            self.playhead.play(False)
+            # An iterator that has raised has ended.
+            self._rest = None
+            return True
 
     def _after_steps(self, steps: int) -> int:
         """The time of the message so many messages after the cursor, or before."""

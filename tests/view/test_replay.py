@@ -162,6 +162,6 @@ def test_damage_holds_the_cursor_and_is_said(path: Path, caplog: pytest.LogCaptu
             assert replay.playhead.cursor.at_ns < at(7.5)
             replay.playhead.play(True)
         assert sum("is damaged" in each.getMessage() for each in caplog.records) == 1
-        replay.playhead.seek(at(11.0))
+        replay.playhead.seek(at(11.0), plays=False)
         replay.move(1.0, is_watched=True)
         assert (replay.mistake, shown(replay)) == ("", ("dynamic", 11.0))

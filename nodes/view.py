@@ -207,7 +207,7 @@ def _show_recording(
                 if page.port != serving.port:
                     taken = f"Port {serving.port} of {serving.host} is taken: using {page.port}"
                     click.echo(taken, err=True)
-                click.echo(f"View: {' or '.join(page.addresses)}")
+                click.echo(f"View: {' or '.join(page.addresses)}", err=True)
                 page.run()
             finally:
                 if shot:

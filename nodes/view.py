@@ -5,8 +5,9 @@ Try it: tfbus launch turtle view:=true
 
 import signal
 import socket
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,11 +22,11 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.command import OutputFile, install_command
+from tfbus.command import BagChoice, OutputFile, bag_options, install_command
 from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
 
 if TYPE_CHECKING:
-    from tfbus.view import Page, Screenshot
+    from tfbus.view import Page, Screenshot, Serving
 
 # Until a browser has it, the address is logged again: other output of a launch pushes it away.
 REMIND_EVERY_S = 20.0
@@ -108,9 +109,11 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     metavar="WxH",
     help="The picture's width and height in pixels (default 1280x800).",
 )
+@bag_options("at", "begin", "end")
 @node_options("view")
 def main(
     settings: NodeSettings,
+    bag: BagChoice | None,
     host: str,
     port: int,
     history_s: float,
@@ -122,7 +125,7 @@ def main(
     after_s: float,
     size: tuple[int, int],
 ) -> None:
-    """Show all frames in a browser."""
+    """Show all frames in a browser, of the bus or with --bag of a recording."""
     if settings.config and holds_settings(Path(settings.config)):
         raise click.UsageError(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
@@ -140,18 +143,18 @@ def main(
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"), title)
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
+    if bag is not None:
+        _show_recording(settings, bag, serving, robot, shot)
+        if shot:
+            _finish(shot)
+            click.echo(f"Wrote {screenshot}")
+        return
     with _join(settings) as node:
         buffer = Buffer(history_s)
         with TransformListener(buffer, node) as listener:
             page = Page(node, buffer, listener, serving, robot, (TurtleGuest(node),))
             if not is_local(host):
-                node.log.warning(
-                    "Anyone who reaches %s can see the frames and drive the turtles: there is no "
-                    "password. A tunnel is safer: ssh -L %d:127.0.0.1:%d this-machine",
-                    " or ".join(page.addresses),
-                    page.port,
-                    page.port,
-                )
+                node.log.warning("%s", _warning(page, "see the frames and drive the turtles"))
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
@@ -166,6 +169,50 @@ def main(
     if shot:
         _finish(shot)
         click.echo(f"Wrote {screenshot}")
+
+
+def _show_recording(
+    settings: NodeSettings,
+    bag: BagChoice,
+    serving: "Serving",
+    robot: Sequence[Any],
+    shot: "Screenshot | None",
+) -> None:
+    """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
+    is given, or a picture wanted.
+    """
+    from tfbus.view import Cursor, Page, Replay, is_local
+
+    with bag.opened() as opened:
+        start_ns, end_ns = opened.span
+        is_still = bag.at is not None or shot is not None
+        at_ns = (opened.at_ns if bag.at is not None else end_ns) if is_still else start_ns
+        replay = Replay(
+            opened.reader,
+            cursor=Cursor(at_ns, plays=not is_still),
+            start_ns=start_ns,
+            end_ns=end_ns,
+            namespace=settings.namespace,
+        )
+        with replay.until_signal():
+            page = Page(replay, replay.buffer, replay, serving, robot, replay=replay)
+            try:
+                if not is_local(serving.host):
+                    click.echo(_warning(page, "see the recording and move its cursor"), err=True)
+                if shot:
+                    replay.measure()
+                    shot.begin(page.address, page.hold, replay.end)
+                else:
+                    replay.measure_meanwhile()
+                if page.port != serving.port:
+                    taken = f"Port {serving.port} of {serving.host} is taken: using {page.port}"
+                    click.echo(taken, err=True)
+                click.echo(f"View: {' or '.join(page.addresses)}", err=True)
+                page.run()
+            finally:
+                if shot:
+                    shot.stop()
+                page.close()
 
 
 def announce(node: Node, page: "Page", port: int, host: str) -> None:
@@ -185,6 +232,13 @@ def announce(node: Node, page: "Page", port: int, host: str) -> None:
             node.log.info("%s", text)
 
     timer = node.create_timer(REMIND_EVERY_S, remind, clock=SystemClock())
+
+
+def _warning(page: "Page", what: str) -> str:
+    return (
+        f"Anyone who reaches {' or '.join(page.addresses)} can {what}: there is no password. A "
+        f"tunnel is safer: ssh -L {page.port}:127.0.0.1:{page.port} this-machine"
+    )
 
 
 def _finish(shot: "Screenshot") -> None:

@@ -255,6 +255,11 @@ class RecordedFrames:
         return self._clock.now_ns()
 
     @property
+    def selection(self) -> Selection:
+        """Which items it takes."""
+        return self._selection
+
+    @property
     def at_ns(self) -> int:
         """The moment as a log time."""
         return self._at_ns

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
@@ -107,6 +108,11 @@ class Recording:
         return f"<Recording of {self.duration_s:.1f} s, {len(self.streams)} streams>"
 
     # What is in it
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files."""
+        return tuple(part.path for part in self._reader.parts)
 
     @property
     def start_ns(self) -> int:

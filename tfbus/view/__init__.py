@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tfbus.view.local import View as View
     from tfbus.view.local import show as show
     from tfbus.view.model.placement import Placed as Placed
+    from tfbus.view.model.playhead import Cursor as Cursor
     from tfbus.view.model.settings import ViewSettings as ViewSettings
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
@@ -26,16 +27,19 @@ if TYPE_CHECKING:
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
     from tfbus.view.panels.markup import Html as Html
+    from tfbus.view.replay import Replay as Replay
     from tfbus.view.screenshot import Screenshot as Screenshot
     from tfbus.view.screenshot import find_browser as find_browser
 
 _MODULE_OF = {
     "Channel": "tfbus.view.panels.markup",
+    "Cursor": "tfbus.view.model.playhead",
     "Guest": "tfbus.view.guest",
     "Html": "tfbus.view.panels.markup",
     "Page": "tfbus.view.page",
     "Placed": "tfbus.view.model.placement",
     "Region": "tfbus.view.guest",
+    "Replay": "tfbus.view.replay",
     "Screenshot": "tfbus.view.screenshot",
     "Serving": "tfbus.view.page",
     "View": "tfbus.view.local",

@@ -1,10 +1,11 @@
-"""The page for a buffer of this program, with or without a bus, and with what the program draws."""
+"""The page for a buffer of this program, or a recording, and with what the program draws."""
 
 import atexit
 import logging
 import math
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,9 @@ from tfbus.listen.info import StreamInfo
 from tfbus.runtime.clock import Clock
 
 if TYPE_CHECKING:
-    from tfbus.view.page import Page
+    from tfbus.recording.recording import Recording
+    from tfbus.view.page import Page, Serving
+    from tfbus.view.replay import Replay
 
 _ORANGE = (230, 120, 20)
 _GREY = (90, 90, 100)
@@ -53,6 +56,9 @@ class _Program:
     def end(self) -> None:
         self._ended.set()
 
+    def close(self) -> None:
+        pass
+
     def streams(self) -> Sequence[StreamInfo]:
         return ()
 
@@ -60,13 +66,13 @@ class _Program:
 class View:
     """A page with the frames of a buffer, from `show` until `close()` or the end of its `with`.
 
-    It follows the buffer. Each `add_` draws a shape by a name, in the axes of a frame, with which
-    it moves; a shape of the same name is replaced. Lengths are in metres, colours red, green and
-    blue from 0 to 255. All methods are safe from any thread. They raise InvalidArgumentException
-    for wrong names, shapes and numbers.
+    It follows the buffer; a recording it plays. Each `add_` draws a shape by a name, in the axes of
+    a frame, with which it moves; a shape of the same name is replaced. Lengths are in metres,
+    colours red, green and blue from 0 to 255. All methods are safe from any thread. They raise
+    InvalidArgumentException for wrong names, shapes and numbers.
     """
 
-    def __init__(self, page: "Page", program: _Program) -> None:
+    def __init__(self, page: "Page", program: "_Program | Replay") -> None:
         self._page = page
         self._program = program
         self._thread = threading.Thread(target=self._run, name="tfbus view", daemon=True)
@@ -83,6 +89,36 @@ class View:
     def is_watched(self) -> bool:
         """Whether a browser has the page open."""
         return self._page.is_watched
+
+    # A recording
+
+    @property
+    def at_ns(self) -> int:
+        """The log time that the page of a recording shows, in nanoseconds since the Unix epoch."""
+        return self._replay().playhead.cursor.at_ns
+
+    def seek(self, at_ns: int) -> None:
+        """Show a recording at a log time, or at its end that is nearer."""
+        self._replay().playhead.seek(at_ns)
+
+    def play(self, speed: float | None = None) -> None:
+        """Play a recording while a browser shows it, from where it is, or at its end from the
+        beginning; with `speed` times as fast as it was recorded, by the nearest of the page's
+        speeds from 0.1 to 10.
+        """
+        playhead = self._replay().playhead
+        if speed is not None:
+            playhead.set_speed(speed)
+        playhead.play(True)
+
+    def pause(self) -> None:
+        """Hold a recording where it is."""
+        self._replay().playhead.play(False)
+
+    def _replay(self) -> "Replay":
+        if isinstance(self._program, _Program):
+            raise InvalidArgumentException("the view follows a buffer; only a recording is played")
+        return self._program
 
     # Drawing
 
@@ -344,6 +380,8 @@ class View:
         if self._thread is not threading.current_thread():
             self._thread.join(_END_S)
         self._page.close()
+        if self._thread is threading.current_thread() or not self._thread.is_alive():
+            self._program.close()
 
     def __enter__(self) -> "View":
         return self
@@ -379,15 +417,19 @@ class View:
 
 
 def show(
-    buffer: Buffer,
+    buffer: "Buffer | Recording",
     *,
     fixed_frame: str = "",
     host: str = "127.0.0.1",
     port: int = 8080,
     rate_hz: float = 30.0,
     history_s: float | None = None,
+    at_ns: int | None = None,
 ) -> View:
-    """Show a buffer in a browser, in three dimensions, at `view.url`; it follows the buffer.
+    """Show a buffer or a recording in a browser, in three dimensions, at `view.url`.
+
+    The page follows a buffer. A recording it plays from its beginning once a browser has it, or
+    holds at the log time `at_ns`.
 
     No bus is needed; a buffer that a listener fills works as well. In a notebook the page appears
     below the cell. The port is the first free one from `port` on. The slider goes back
@@ -405,10 +447,35 @@ def show(
         from tfbus.command import install_command
 
         raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
-    program = _Program(buffer)
     settings = ViewSettings(fixed_frame=fixed_frame)
-    serving = Serving(host, port, rate_hz, history_s or _history_s(buffer), settings)
+    serving = Serving(host, port, rate_hz, history_s or 30.0, settings)
+    if not isinstance(buffer, Buffer):
+        return _show_recording(buffer, serving, at_ns)
+    if at_ns is not None:
+        raise InvalidArgumentException("at_ns is a time of a recording, and this is a buffer")
+    program = _Program(buffer)
+    serving = replace(serving, history_s=history_s or _history_s(buffer))
     return View(Page(program, buffer, program, serving), program)
+
+
+def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:
+    from tfbus.recording.reader import RecordingReader
+    from tfbus.view.model.playhead import Cursor
+    from tfbus.view.page import Page
+    from tfbus.view.replay import Replay
+
+    # Its own: the program may close the recording, and a reader is for one thread.
+    reader = RecordingReader(*recording.paths)
+    try:
+        start_ns = reader.start_ns
+        cursor = Cursor(start_ns, plays=True) if at_ns is None else Cursor(at_ns)
+        replay = Replay(reader, cursor=cursor)
+        page = Page(replay, replay.buffer, replay, serving, replay=replay)
+    except BaseException:
+        reader.close()
+        raise
+    replay.measure_meanwhile()
+    return View(page, replay)
 
 
 def _history_s(buffer: Buffer) -> float:

@@ -22,6 +22,7 @@ from tfbus.view.model.view_state import ViewState
 from tfbus.view.origin import names_to_open
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
+from tfbus.view.replay import Replay
 from tfbus.view.scene.camera import Cameras, around, region_of
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
@@ -40,6 +41,9 @@ _RESTS_PER_LOOK = 8.0
 
 # The ball around a frame that a camera looks at, in lengths of its axes.
 _FOCUS = 4.0
+
+# A recording is seen from where all of it is in sight, unless that is so many times as far away.
+_FARTHEST = 8.0
 
 _BY_DEFAULT = ViewSettings()
 
@@ -74,7 +78,8 @@ class _Choice:
 class Page:
     """A server of the page, from its construction until `close`.
 
-    Raises ServeError if it cannot listen.
+    With a `replay` the page shows a recording, and moves it: `node`, `buffer` and `listener` are
+    the replay's. Raises ServeError if it cannot listen.
     """
 
     def __init__(
@@ -85,9 +90,11 @@ class Page:
         serving: Serving,
         robot: Sequence[Visual] = (),
         guests: Sequence[Guest] = (),
+        replay: Replay | None = None,
     ) -> None:
         self._node = node
-        self._buffer = buffer
+        self._live_buffer = buffer
+        self._replay = replay
         self._listener = listener
         self._serving = serving
         self._guests = guests
@@ -99,7 +106,7 @@ class Page:
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
-        self._placed = place(buffer, "", (), None)
+        self._placed = place(self._buffer, "", (), None)
         self._seen_from = ""
         self._cameras = Cameras(self._server)
         self._names = Names(self._server, self._selections)
@@ -117,6 +124,7 @@ class Page:
             serving.path,
             serving.title,
             self._robot_scene.mistakes,
+            replay,
         )
         self._scene = Scene(self._server.scene, self._select)
 
@@ -166,9 +174,13 @@ class Page:
         """Look at the frames if that is due, and draw them if a browser watches."""
         now_s = time.monotonic()
         is_watched = self.is_watched
-        is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
-        self._was_watched = is_watched
         playback, settings = self.view.playback, self.view.settings
+        is_due = now_s >= self._refresh_at_s or is_watched > self._was_watched
+        if self._replay and self._replay.move(
+            now_s, is_watched=is_watched, trail_s=settings.trail_s if settings.trails else 0.0
+        ):
+            is_due = True
+        self._was_watched = is_watched
         if is_due:
             self._frames = self._look(settings)
         if is_due or settings is not self._choice.settings:
@@ -202,8 +214,16 @@ class Page:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
+    @property
+    def _buffer(self) -> Buffer:
+        return self._replay.buffer if self._replay else self._live_buffer
+
     def _look(self, settings: ViewSettings) -> Frames:
-        tree = frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())
+        tree = (
+            self._replay.tree()
+            if self._replay
+            else frame_tree(self._buffer, self._listener.streams(), self._node.now_ns())
+        )
         before = settings.fixed_frame or self._frames.natural_fixed_frame()
         return frames_of(tree, self._buffer, before)
 
@@ -240,10 +260,28 @@ class Page:
     # The cameras
 
     def _look_first(self, placed: Placed) -> None:
+        # Most frames of a recording come right after its beginning, where it waits for a browser.
+        if self._replay and not self._was_watched:
+            return
         region = self._guests_region()
         if region or len(placed.names) >= 2:
-            has_guest = region is not None
-            self._cameras.aim(region or region_of(placed), has_guest, len(placed.names))
+            later = self._region_later(placed)
+            has_more = region is not None or later is not None
+            shown = region or later or region_of(placed)
+            self._cameras.aim(shown, has_more, len(placed.names))
+
+    def _region_later(self, placed: Placed) -> Region | None:
+        """Where the frames of a recording that plays are now and later; None if it is held, or
+        where that is so large that they would be lost in it.
+        """
+        if not self._replay or not self._replay.samples or not self._replay.playhead.cursor.plays:
+            return None
+        whole = now = region_of(placed)
+        for buffer in self._replay.samples:
+            later = place(buffer, self._choice.fixed_frame, self._choice.names, None)
+            if later.names:
+                whole = around(whole, region_of(later))
+        return whole if whole.radius_m < _FARTHEST * now.radius_m else None
 
     def _guests_region(self) -> Region | None:
         return next((found for guest in self._guests if (found := guest.region)), None)

@@ -16,14 +16,19 @@ from tfbus.view.panels.camera import CameraActions, add_camera_commands
 from tfbus.view.panels.display import DisplayPanel
 from tfbus.view.panels.markup import Channel, Html
 from tfbus.view.panels.measure import MeasurePanel
+from tfbus.view.panels.player import PlayerBar
+from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
+from tfbus.view.panels.player_markup import STYLE as PLAYER_STYLE
 from tfbus.view.panels.time import TimePanel
 from tfbus.view.panels.tree import TreePanel
+from tfbus.view.replay import Replay
 
 
 class Panel:
     """All controls; `refresh` brings them up to date.
 
-    `mistakes` are shown below the tree: why parts of a robot cannot be drawn. `newest_ns` is the
+    `mistakes` are shown below the tree: why parts of a robot cannot be drawn. A `replay` has a bar
+    below the scene that plays it. `newest_ns` is the
     latest time at which all dynamic frames can be placed.
     """
 
@@ -39,6 +44,7 @@ class Panel:
         path: Path,
         title: str,
         mistakes: Sequence[str] = (),
+        replay: Replay | None = None,
     ) -> None:
         self._server = server
         self._view = view
@@ -46,13 +52,17 @@ class Panel:
         self.newest_ns = 0
         gui = server.gui
         self._channel = channel = Channel()
-        style = "".join(guest.style for guest in guests)
-        script = "".join(guest.script for guest in guests)
+        self._replay = replay
+        player = (PLAYER_STYLE, PLAYER_SCRIPT) if replay else ("", "")
+        style = player[0] + "".join(guest.style for guest in guests)
+        script = player[1] + "".join(guest.script for guest in guests)
         gui.add_html(channel.html(style, script, title))
         typed = gui.add_text("events", "")
         typed.on_update(lambda event: channel.receive(typed.value, event.client_id))
         self._headline = Html(gui.add_html(""))
-        self._time = TimePanel(gui, view, history_s, lambda: self.newest_ns)
+        # A recording has a timeline of its own in the place of a pause and a way back.
+        self._time = None if replay else TimePanel(gui, view, history_s, lambda: self.newest_ns)
+        self._player = PlayerBar(gui, channel, replay) if replay else None
         add_camera_commands(gui, camera)
         self._tabs = tabs = gui.add_tab_group()
         with tabs.add_tab("Frames") as tab:
@@ -75,13 +85,24 @@ class Panel:
         self.newest_ns = now_ns if newest_ns is None else newest_ns
         playback = self._view.playback
         missing = len(placed.missing)
-        self._headline.show(text.headline(frames, fixed_frame, playback, missing, now_ns))
-        self._time.refresh()
+        empty = text.NOTHING_RECORDED if self._replay else text.WAITING
+        headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty)
+        if self._replay and self._replay.mistake:
+            headline += text.mistakes([self._replay.mistake])
+        self._headline.show(headline)
+        if self._time:
+            self._time.refresh()
+        self.follow_player()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
         self._measure.refresh(frames, buffer)
         for guest in self._guests:
             self._refresh_guest(guest)
         self._display.refresh()
+
+    def follow_player(self) -> None:
+        """Show where a recording is shown, if browsers cannot foresee that."""
+        if self._player:
+            self._player.refresh()
 
     def _refresh_guest(self, guest: Guest) -> None:
         """Show the guest's tab, the last one, while the guest is present."""

@@ -19,24 +19,34 @@ _MOST_ROOTS = 5
 _MOST_CHILDREN = 20
 
 # Stamps before 1980 are not dates: simulated time begins at 0. Those after 9999 have none.
-_LEAST_DATE_NS = 315_532_800 * 1_000_000_000
+FIRST_DATE_NS = 315_532_800 * 1_000_000_000
 _MOST_DATE_S = 253_402_000_000
+
+WAITING = (
+    "<b>Waiting for transforms.</b> None has come yet: start a broadcaster on this bus, for "
+    "example <code>tfbus launch turtle</code>."
+)
+
+NOTHING_RECORDED = "<b>No transforms</b> had come by this moment of the recording."
 
 _DIGITS = Numbers(precision=3)
 
 
 def headline(
-    frames: Frames, fixed_frame: str, playback: Playback, missing: int = 0, now_ns: int = 0
+    frames: Frames,
+    fixed_frame: str,
+    playback: Playback,
+    missing: int = 0,
+    now_ns: int = 0,
+    empty: str = WAITING,
 ) -> str:
     """What the page shows, or what it waits for; `now_ns` is the time to judge a pause by.
 
-    `missing` frames have no place at the time shown, besides those of other trees.
+    `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
+    to say without any frame, as HTML.
     """
     if not len(frames):
-        return (
-            '<div class="tf" role="status"><b>Waiting for transforms.</b> None has come yet: start '
-            "a broadcaster on this bus, for example <code>tfbus launch turtle</code>.</div>"
-        )
+        return f'<div class="tf" role="status">{empty}</div>'
     if fixed_frame not in frames:
         known = listed([escape(root) for root in frames.roots], most=_MOST_ROOTS)
         return (
@@ -65,7 +75,7 @@ def clock_time(stamp_ns: int, now_ns: int) -> str:
 
     Simulated time, which begins at 0, stays in seconds. A tooltip has the whole stamp.
     """
-    if stamp_ns < _LEAST_DATE_NS:
+    if stamp_ns < FIRST_DATE_NS:
         text = f"{stamp_ns / 1e9:.3f} s"
     else:
         # In whole milliseconds, cut, as clocks show them.

@@ -1,0 +1,167 @@
+"""A recording as the page shows it: the frames at the cursor are those that a listener had then."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.view.recordings import at, record
+from tfbus.frames.state import state
+from tfbus.view.model.playhead import Cursor
+
+pytest.importorskip("mcap", reason="needs mcap: the extra bag")
+
+from tfbus.recording.reader import RecordingReader
+from tfbus.view.replay import Replay
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The file."""
+    return record(tmp_path / "arm.mcap")
+
+
+@pytest.fixture
+def replay(path: Path) -> Iterator[Replay]:
+    """Held at the beginning."""
+    with RecordingReader(path) as reader:
+        yield Replay(reader, cursor=Cursor(0))
+
+
+def shown(replay: Replay, frame: str = "base") -> tuple[str, float]:
+    """The state of a frame, and how many metres it is from the map."""
+    tree = replay.tree()
+    pose = replay.buffer.lookup_transform("map", frame)
+    return state(tree, tree.frames[frame]), round(pose.transform.xyz[0], 6)
+
+
+# Time, state and place of the base. It is gone from 5 s to 6 s, and the twin lists it from 8 s on.
+MOMENTS = [
+    (0.0, "dynamic", 0.0),
+    (1.99, "dynamic", 1.95),
+    (2.9, "dynamic", 2.0),
+    (3.5, "stale", 2.0),
+    (4.0, "dynamic", 4.0),
+    (5.0, "gone", 4.95),
+    (5.9, "gone", 4.95),
+    (6.0, "dynamic", 6.0),
+    (8.5, "conflict", 8.5),
+    (9.0, "dynamic", 9.0),
+    (12.0, "dynamic", 12.0),
+]
+
+
+@pytest.mark.parametrize("moments", [MOMENTS, MOMENTS[::-1]], ids=["forward", "backward"])
+def test_frames_are_as_they_were_at_the_cursor(
+    replay: Replay, moments: list[tuple[float, str, float]]
+) -> None:
+    """From wherever the cursor comes."""
+    for second, judged, x_m in moments:
+        replay.playhead.seek(at(second))
+        replay.move(0.0, is_watched=True)
+        assert (second, *shown(replay)) == (second, judged, x_m)
+        assert shown(replay, "lamp") == ("static", 2.0)
+        assert replay.now_ns() == at(second)
+
+
+def test_playing_shows_the_same_as_seeking(path: Path) -> None:
+    """Picture by picture, thirty a second, until it ends and stops."""
+    with RecordingReader(path) as reader, RecordingReader(path) as other:
+        played = Replay(reader, cursor=Cursor(0, plays=True))
+        sought = Replay(other, cursor=Cursor(0))
+        for picture in range(400):
+            played.move(picture / 30, is_watched=True)
+            if picture % 20 == 0:
+                sought.playhead.seek(played.playhead.cursor.at_ns)
+                sought.move(0.0, is_watched=True)
+                assert shown(played) == shown(sought)
+        assert played.playhead.cursor == Cursor(at(12.0), plays=False)
+        assert shown(played) == ("dynamic", 12.0)
+
+
+def test_it_waits_for_a_browser(replay: Replay) -> None:
+    """A recording plays while it is watched only."""
+    replay.playhead.play(True)
+    replay.move(10.0, is_watched=False)
+    replay.move(10.1, is_watched=False)
+    assert replay.now_ns() == at(0.0)
+    replay.move(10.2, is_watched=True)
+    assert replay.now_ns() == at(0.1)
+
+
+def test_a_machine_that_slept_plays_on_where_it_was(replay: Replay) -> None:
+    """A picture is never more than a quarter of a second after the one before."""
+    replay.playhead.play(True)
+    replay.move(0.0, is_watched=True)
+    replay.move(3600.0, is_watched=True)
+    assert replay.now_ns() == at(0.25)
+
+
+def test_steps_go_from_message_to_message(replay: Replay) -> None:
+    """Across silence too, and at the ends they stay."""
+    steps = [(1.9, 1, 1.95), (2.0, 1, 4.0), (4.0, -1, 2.0), (4.0, -2, 1.95), (4.95, 1, 6.0)]
+    for start, by, end in [*steps, (0.0, -1, 0.0), (12.0, 1, 12.0)]:
+        replay.playhead.seek(at(start))
+        replay.playhead.step(by)
+        replay.move(0.0, is_watched=True)
+        assert (start, by, replay.now_ns()) == (start, by, at(end))
+
+
+def test_browsers_follow_what_they_cannot_foresee(replay: Replay) -> None:
+    """A jump, and the end of a play; not a picture of it."""
+    replay.playhead.seek(at(11.9), plays=True)
+    assert replay.move(0.0, is_watched=True)
+    assert not replay.move(0.05, is_watched=True)
+    assert replay.move(0.25, is_watched=True)
+
+
+def test_a_trail_has_as_much_of_the_past_as_it_needs(replay: Replay) -> None:
+    """What was kept for less is read again."""
+    replay._before_s = 1.0
+    replay.playhead.seek(at(12.0))
+    replay.move(0.0, is_watched=True)
+    assert replay.buffer.frame("base").oldest_ns == at(11.0)
+    assert replay.move(0.0, is_watched=True, trail_s=5.0)
+    assert replay.buffer.frame("base").oldest_ns == at(7.0)
+
+
+def test_a_part_of_a_recording_has_its_own_timeline(path: Path) -> None:
+    """The cursor stays in it, and its frames are those of the whole."""
+    with RecordingReader(path) as reader:
+        replay = Replay(reader, cursor=Cursor(0), start_ns=at(5.5), end_ns=at(7.0))
+        assert shown(replay) == ("gone", 4.95)
+        assert [mark.kind for mark in replay.timeline.marks] == ["gone", "back"]
+        replay.playhead.seek(at(100.0))
+        replay.move(0.0, is_watched=True)
+        assert replay.now_ns() == at(7.0)
+
+
+def test_the_silences_come_when_they_have_been_measured(replay: Replay) -> None:
+    """And with them where frames will be."""
+    assert [mark.kind for mark in replay.timeline.marks].count("gap") == 0
+    replay.measure()
+    assert [mark.kind for mark in replay.timeline.marks].count("gap") == 1
+    far_m = [buffer.lookup_transform("map", "base").transform.xyz[0] for buffer in replay.samples]
+    assert max(far_m) == 12.0
+
+
+def test_damage_holds_the_cursor_and_is_said(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Once; another place can still be looked at."""
+    with RecordingReader(path) as reader:
+        chunk = next(each for each in reader.parts[0].file.chunks if each.to_ns > at(7.0))
+    spoilt = bytearray(path.read_bytes())
+    middle = chunk.offset + chunk.length // 2
+    spoilt[middle : middle + 8] = bytes(8)
+    path.write_bytes(spoilt)
+    with RecordingReader(path) as reader:
+        replay = Replay(reader, cursor=Cursor(at(7.0)))
+        replay._before_s = 0.5
+        for picture in range(4):
+            replay.move(picture / 30, is_watched=True)
+            assert "is damaged" in replay.mistake
+            assert replay.playhead.cursor.at_ns < at(7.5)
+            replay.playhead.play(True)
+        assert sum("is damaged" in each.getMessage() for each in caplog.records) == 1
+        replay.playhead.seek(at(11.0), plays=False)
+        replay.move(1.0, is_watched=True)
+        assert (replay.mistake, shown(replay)) == ("", ("dynamic", 11.0))

@@ -1,0 +1,252 @@
+"""A recording as the page shows it: the frames as they were at the cursor."""
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from tfbus.buffer.buffer import Buffer
+from tfbus.errors import DecodeError
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.snapshot import FrameTree
+from tfbus.listen.info import StreamInfo
+from tfbus.recording.items import Item, TransformItem
+from tfbus.runtime.clock import Clock
+from tfbus.runtime.signals import StopSignals
+from tfbus.view.model.playhead import Cursor, Playhead
+from tfbus.view.recorded_marks import known_timeline, whole_timeline
+
+if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
+
+# How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
+# in so many messages, and these at the least and at the most.
+_MESSAGES_BEFORE = 2500
+_LEAST_BEFORE_S = 2.0
+_MOST_BEFORE_S = 30.0
+
+# Where frames are in the course of a recording, by this many moments.
+_SAMPLES = 8
+_SAMPLE_S = 0.5
+
+# Where the cursor is this far ahead, nothing between is read.
+_SKIP_S = 3.0
+
+# A machine that sleeps lets the recording wait.
+_MOST_STEP_S = 0.25
+
+_FIRST_SPAN_NS = 200_000_000
+
+
+class Replay:
+    """The host, the publishers and the buffer of a page that shows a recording.
+
+    `move` is for the page's thread; the playhead is for any. The timeline has what the file says at
+    once, and after `measure` what is only found by reading it, as gaps. `samples` are then the
+    transforms at some moments, for a camera that sees where frames will be. `mistake` says why the
+    recording cannot be read at the cursor, "" if it can.
+    """
+
+    def __init__(
+        self,
+        reader: "RecordingReader",
+        *,
+        cursor: Cursor,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        namespace: str = "",
+    ) -> None:
+        self.log = logging.getLogger("tfbus.view")
+        self.mistake = ""
+        self.samples: tuple[Buffer, ...] = ()
+        self._reader = reader
+        self._namespace = namespace
+        start_ns = reader.start_ns if start_ns is None else start_ns
+        end_ns = reader.end_ns if end_ns is None else end_ns
+        self.timeline = known_timeline(reader, start_ns, end_ns)
+        self.playhead = Playhead(start_ns, end_ns, cursor)
+        self._ended = threading.Event()
+        self._signals: StopSignals | None = None
+        self._moved_s: float | None = None
+        self._before_s = _before_s(reader)
+        self._restart()
+        self._try(self._seek, self.playhead.cursor.at_ns)
+
+    # What a page needs
+
+    @property
+    def buffer(self) -> Buffer:
+        """The transforms up to the cursor."""
+        return self._frames.buffer
+
+    def streams(self) -> Sequence[StreamInfo]:
+        """The streams as they were at the cursor."""
+        return self._frames.streams()
+
+    def tree(self) -> FrameTree:
+        """The frames at the cursor."""
+        return self._frames.tree()
+
+    def now_ns(self) -> int:
+        """The time of the cursor; by the simulated clock where the publishers followed that."""
+        return self._frames.now_ns()
+
+    def wait(self, timeout_s: float | None, *, clock: Clock | None = None) -> bool:
+        """Wait, at most until the end of the page; whether it goes on."""
+        if self._signals is not None:
+            return not self._signals.wait(timeout_s)
+        return not self._ended.wait(timeout_s)
+
+    def end(self) -> None:
+        """End the page; from any thread."""
+        self._ended.set()
+        if self._signals is not None:
+            self._signals.stop()
+
+    def close(self) -> None:
+        """Close the files, once the page has ended."""
+        self._reader.close()
+
+    @contextmanager
+    def until_signal(self) -> Iterator[None]:
+        """Ctrl-C and SIGTERM end the page from here to the end of the `with`."""
+        self._signals = StopSignals()
+        try:
+            yield
+        finally:
+            self._ended.set()
+            self._signals.uninstall()
+            self._signals = None
+
+    # How it moves
+
+    def measure(self) -> None:
+        """Complete the timeline by what is only found in the index of the files; on any thread."""
+        from tfbus.recording.reader import RecordingReader
+
+        try:
+            with RecordingReader(*[part.path for part in self._reader.parts]) as reader:
+                self.samples = tuple(self._samples(reader))
+                found = whole_timeline(reader, self.timeline, self._ended.is_set)
+        except (OSError, DecodeError) as error:
+            self.log.warning("The timeline lacks what cannot be read: %s", error)
+        else:
+            self.timeline = found or self.timeline
+
+    def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
+        frames = RecordedFrames(reader, namespace=self._namespace, cache_time_s=_SAMPLE_S)
+        start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
+        for part in range(_SAMPLES):
+            if not self._ended.is_set():
+                frames.seek(start_ns + (end_ns - start_ns) * (part + 1) // _SAMPLES)
+                yield frames.buffer
+
+    def measure_meanwhile(self) -> None:
+        """`measure` on a thread of its own, which `end` ends."""
+        threading.Thread(target=self.measure, name="tfbus timeline", daemon=True).start()
+
+    def move(self, now_s: float, *, is_watched: bool, trail_s: float = 0.0) -> bool:
+        """Bring buffer and streams to the cursor, which plays while a browser watches; `now_s` is
+        the time of a steady clock. Whether it has jumped, or other browsers must follow it.
+
+        At least `trail_s` of what came before are there.
+        """
+        passed_s = 0.0 if self._moved_s is None or not is_watched else now_s - self._moved_s
+        self._moved_s = now_s
+        return self._try(self._move, min(passed_s, _MOST_STEP_S), trail_s)
+
+    def _move(self, passed_s: float, trail_s: float) -> bool:
+        jumps = self.playhead.jumps
+        if steps := self.playhead.take_steps():
+            self.playhead.seek(self._after_steps(steps))
+        at_ns = self.playhead.advance(passed_s).at_ns
+        if trail_s > self._before_s:
+            self._before_s = trail_s
+            return self._seek(at_ns)
+        return self._go_to(at_ns) or self.playhead.jumps != jumps
+
+    def _go_to(self, at_ns: int) -> bool:
+        """Whether it was a jump."""
+        ahead_ns = at_ns - self._frames.at_ns
+        if not ahead_ns:
+            return False
+        is_jump = not 0 < ahead_ns <= _SKIP_S * 1e9
+        if is_jump:
+            self._seek(at_ns)
+        else:
+            self._read_to(at_ns)
+        self.mistake = ""
+        return is_jump
+
+    def _seek(self, at_ns: int) -> bool:
+        self._restart()
+        # Were it damaged there, it is not tried again and again.
+        self._frames.pass_time(at_ns)
+        self._frames.seek(at_ns)
+        return True
+
+    def _restart(self) -> None:
+        self._frames = RecordedFrames(
+            self._reader, namespace=self._namespace, cache_time_s=self._before_s
+        )
+        self._rest: Iterator[Item] | None = None
+        self._next: Item | None = None
+
+    def _read_to(self, at_ns: int) -> None:
+        # Kept from one picture to the next: to begin again costs a chunk each time.
+        if self._rest is None:
+            self._rest = self._reader.items(self._frames.at_ns + 1, None, self._frames.selection)
+            self._next = next(self._rest, None)
+        while self._next is not None and self._next.log_ns <= at_ns:
+            self._frames.take(self._next)
+            self._next = next(self._rest, None)
+        self._frames.pass_time(at_ns)
+
+    def _try(self, move: Callable[..., bool], *given: Any) -> bool:
+        """Move; where the file is damaged it holds, and a seek to another place is possible."""
+        try:
+            return move(*given)
+        except DecodeError as error:
+            if str(error) != self.mistake:
+                self.log.warning("%s", error)
+            self.mistake = str(error)
+            self.playhead.play(False)
+            # An iterator that has raised has ended.
+            self._rest = None
+            return True
+
+    def _after_steps(self, steps: int) -> int:
+        """The time of the message so many messages after the cursor, or before."""
+        at_ns = self.playhead.cursor.at_ns
+        for _ in range(abs(steps)):
+            found = self._next_ns(at_ns) if steps > 0 else self._former_ns(at_ns)
+            if found is None:
+                break
+            at_ns = found
+        return at_ns
+
+    def _next_ns(self, at_ns: int) -> int | None:
+        items = self._reader.items(at_ns + 1, self.playhead.end_ns)
+        return next((item.log_ns for item in items if _moves(item)), None)
+
+    def _former_ns(self, at_ns: int) -> int | None:
+        span_ns, until_ns, start_ns = _FIRST_SPAN_NS, at_ns - 1, self.playhead.start_ns
+        while until_ns >= start_ns:
+            from_ns = max(until_ns - span_ns, start_ns)
+            found = [item.log_ns for item in self._reader.items(from_ns, until_ns) if _moves(item)]
+            if found:
+                return found[-1]
+            until_ns, span_ns = from_ns - 1, 4 * span_ns
+        return None
+
+
+def _moves(item: Item) -> bool:
+    return isinstance(item, TransformItem) and not item.static
+
+
+def _before_s(reader: "RecordingReader") -> float:
+    messages = sum(stream.messages for stream in reader.streams)
+    span_s = (reader.end_ns - reader.start_ns) / 1e9
+    wanted_s = span_s * _MESSAGES_BEFORE / messages if messages else _MOST_BEFORE_S
+    return min(max(wanted_s, _LEAST_BEFORE_S), _MOST_BEFORE_S)

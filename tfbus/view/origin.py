@@ -53,7 +53,9 @@ def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
 def _is_own(name: str, names: Collection[str]) -> bool:
     """Whether only this machine, or its own network, can let this name point here."""
     # Names in .local are resolved on the local network only (RFC 6762).
-    return name in names or is_local(name) or name.endswith(".local") or address_of(name) is not None
+    return (
+        name in names or is_local(name) or name.endswith(".local") or address_of(name) is not None
+    )
 
 
 def _parts(url: str) -> SplitResult:

@@ -6,7 +6,7 @@ Try it: tfbus launch turtle, and beside it: tfbus foxglove --teleop turtle1/cmd_
 import click
 
 from tfbus import Fleet, Node, NodeSettings, TfbusError, TopicName, fleet_options, node_options
-from tfbus.command import install_command, own_name
+from tfbus.command import install_command
 from tfbus.foxglove import Front, Serving, is_local, page_url
 
 
@@ -43,7 +43,7 @@ def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     help="Let pages of another host connect, such as http://viewer.lan:8080; repeatable.",
 )
 @fleet_options
-@node_options(own_name("foxglove"))
+@node_options("foxglove")
 def main(
     settings: NodeSettings,
     fleet: Fleet | None,

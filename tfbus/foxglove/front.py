@@ -15,6 +15,7 @@ from contextlib import suppress
 from urllib.parse import SplitResult, quote, urlsplit
 
 from tfbus.errors import TfbusError
+from tfbus.foxglove.serving import Serving
 from tfbus.runtime.addresses import is_local, names_to_open
 from tfbus.wording import printable
 
@@ -68,18 +69,16 @@ class Front:
 
     def __init__(
         self,
-        host: str,
-        port: int,
+        serving: Serving,
         inner: tuple[str, int],
-        allowed: Collection[str],
         on_refused: Callable[[str], object],
     ) -> None:
-        self.host = host
         self.clients = 0
+        self._host = serving.host
+        self._allowed = serving.origins
         self._inner = inner
-        self._allowed = allowed
         self._on_refused = on_refused
-        self._sockets = _listening(host, port)
+        self._sockets = _listening(serving.host, serving.port)
         self.port: int = self._sockets[0].getsockname()[1]
         self._loop = asyncio.new_event_loop()
         self._ended = asyncio.Event()
@@ -91,7 +90,7 @@ class Front:
         """Where clients connect: `ws://localhost:8765`, or also by this machine's name."""
         return tuple(
             f"ws://{f'[{name}]' if ':' in name else name}:{self.port}"
-            for name in names_to_open(self.host)
+            for name in names_to_open(self._host)
         )
 
     def close(self) -> None:

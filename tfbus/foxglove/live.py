@@ -1,6 +1,5 @@
 """The bus as Foxglove shows it: frames, topics, parameters, services, the graph, and the time."""
 
-import logging
 from collections.abc import Sequence
 
 from foxglove import Parameter
@@ -77,7 +76,7 @@ class LiveBridge(Requests):
         self._executor.every(_LOOK_EVERY_S, self._look)
         if node.clock.is_simulated:
             self._executor.every(1.0 / _TIME_HZ, self._tell_time)
-        self.front = Front.of_serving(serving, self._server.address, self._on_refused)
+        self.front = Front(serving, self._server.address, self._on_refused)
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
@@ -184,4 +183,4 @@ class LiveBridge(Requests):
 
     def _refuse(self, reason: str) -> None:
         self._server.say(reason)
-        logging.Logger.info(self._node.log, "%s", reason)
+        self._once.info(("refused", reason), "%s", reason)

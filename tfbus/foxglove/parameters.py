@@ -74,6 +74,7 @@ class NodeParameters:
             try:
                 found = answer.result(max(0.0, until_s - time.monotonic()))
             except LateError:
+                answer.add_done_callback(self._publish_late)
                 continue
             if found is not None:
                 done.append(found)
@@ -101,9 +102,12 @@ class NodeParameters:
             self._say(f"{name} is not set: {error}")
         with self._lock:
             self._known = {**self._known, name: (node, described)}
-        shown = _shown(name, described)
-        self._publish([shown])
-        return shown
+        return _shown(name, described)
+
+    def _publish_late(self, answer: "Future[Parameter | None]") -> None:
+        """What is returned in time, the SDK publishes itself."""
+        if (found := answer.result()) is not None:
+            self._publish([found])
 
     def _present(self) -> Mapping[str, tuple[str, ParameterDescription]]:
         with self._lock:

@@ -102,6 +102,7 @@ class Server:
         time_range_ns: tuple[int, int] | None = None,
     ) -> None:
         self._context = foxglove.Context()
+        self._host = host
         try:
             self._server = foxglove.start_server(
                 name=name,
@@ -119,9 +120,9 @@ class Server:
             raise TfbusError(f"could not listen at {host}:{port}: {reason}") from error
 
     @property
-    def port(self) -> int:
-        """The port that it listens on."""
-        return self._server.port
+    def address(self) -> tuple[str, int]:
+        """The host and port that it listens on."""
+        return self._host, self._server.port
 
     def close(self) -> None:
         """Stop; all clients are disconnected."""

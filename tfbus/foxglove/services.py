@@ -1,10 +1,10 @@
 """Services and actions as Foxglove's Service Call panel calls them."""
 
+import json
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import json
 from foxglove import MessageSchema, Schema, Service, ServiceRequest, ServiceSchema
 
 from tfbus import messages

@@ -1,6 +1,5 @@
 """Driving by Foxglove's Teleop panel: its messages become Twists on a topic."""
 
-import math
 import struct
 import threading
 from collections.abc import Mapping, Sequence

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
@@ -14,13 +14,13 @@ from tfbus.foxglove.graph import absolute
 from tfbus.foxglove.server import Channel, Server
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
-from tfbus.ros.schema import MessageCodec
-from tfbus.runtime.executor import Executor
+from tfbus.ros.definitions import Definition
+from tfbus.ros.schema import RAW, MessageCodec, MessageCodecs
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_map
 
-# A topic whose messages have had this many shapes goes on as JSON.
-_MOST_SHAPES = 5
+# A topic whose messages changed their schema this many times goes on as JSON.
+_MOST_CHANGES = 5
 
 # Names come from the bus, and each channel takes memory here and in each client.
 _MOST_TOPICS = 2000
@@ -36,49 +36,55 @@ class TopicChannel:
     message on.
     """
 
-    def __init__(self, server: Server, name: str, type_name: str) -> None:
+    def __init__(self, server: Server, codecs: MessageCodecs, name: str, type_name: str) -> None:
         self._server = server
+        self._codecs = codecs
         self._name = name
         self._type_name = type_name
-        self._shapes = 0
-        self._codec: MessageCodec | None = None
+        self._definition: Definition | None = None
+        self._changes = 0
         self.channel: Channel | None = None
         known = _supplied_type(type_name)
         if known is not None:
-            self._open(MessageCodec.of_type(known))
+            self._open(MessageCodec.of_type(known).definition)
 
     def send(self, values: Mapping[str, Any], log_ns: int) -> None:
-        """Send a message. Raises ValueError where it can be no JSON either."""
-        message = self._encoded(values)
+        """Send a message. Raises ValueError where neither CDR nor JSON can express it."""
+        message = self._in_cdr(values)
+        if message is None and (self.channel is None or self._definition is not None):
+            self._open(None)
         assert self.channel is not None
-        if message is not None:
-            self.channel.send(message, log_ns)
+        self.channel.send(json_of(values) if message is None else message, log_ns)
 
     def close(self) -> None:
         """Take the channel back. Twice is fine."""
         if self.channel is not None:
             self.channel.close()
 
-    def _encoded(self, values: Mapping[str, Any]) -> bytes | None:
-        if self.channel is not None and self._codec is None:
-            return json_of(values)
-        if self._codec is not None and (message := self._codec.encode(values)) is not None:
-            return message
-        self._shapes += 1
-        codec = None
-        if self._shapes <= _MOST_SHAPES:
-            codec = MessageCodec.of_values(self._type_name, values)
-        message = None if codec is None or codec.is_raw else codec.encode(values)
-        self._open(codec if message is not None else None)
-        return json_of(values) if message is None else message
+    def _in_cdr(self, values: Mapping[str, Any]) -> bytes | None:
+        """The message in the schema of the channel, which becomes that of the message; None where
+        only JSON shows its fields.
+        """
+        if self._changes > _MOST_CHANGES or (self.channel is not None and not self._definition):
+            return None
+        try:
+            codec, message = self._codecs.encode(self._type_name or self._name, values)
+        except (ValueError, OverflowError):
+            return None
+        if codec.definition.name == RAW.definition.name:
+            return None
+        if codec.definition != self._definition:
+            self._open(codec.definition)
+        return message
 
-    def _open(self, codec: MessageCodec | None) -> None:
+    def _open(self, definition: Definition | None) -> None:
         self.close()
-        self._codec = codec
-        if codec is None:
+        self._changes += 1
+        self._definition = definition
+        if definition is None:
             self.channel = self._server.open_channel(self._name, "json")
         else:
-            schema = codec.definition.name, "ros2msg", codec.definition.text.encode()
+            schema = definition.name, "ros2msg", definition.text.encode()
             self.channel = self._server.open_channel(self._name, "cdr", schema)
 
 
@@ -96,7 +102,8 @@ class _LiveTopic:
         self._name = name
         self._once = once
         self._lock = threading.Lock()
-        self._sent = TopicChannel(server, name, type_name)
+        # Codecs of its own: messages of topics come on several threads.
+        self._sent = TopicChannel(server, MessageCodecs(), name, type_name)
         self._subscription: RawSubscription | None = None
 
     @property

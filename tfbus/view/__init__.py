@@ -12,6 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus.runtime.addresses import is_local as is_local
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
     from tfbus.view.model.urdf import read_urdf as read_urdf
-    from tfbus.runtime.addresses import is_local as is_local
     from tfbus.view.page import Page as Page
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel

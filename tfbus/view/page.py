@@ -11,8 +11,8 @@ import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
-from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.addresses import names_to_open
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
 from tfbus.view.model.selections import Selections

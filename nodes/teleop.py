@@ -8,12 +8,15 @@ from collections.abc import Callable
 import click
 
 from tfbus import Node, NodeSettings, node_options
-from tfbus.command import Declared, NodeCommand, namespaces_serving
+from tfbus.command import (
+    Declared,
+    KeyReader,
+    NodeCommand,
+    RawTerminal,
+    namespaces_serving,
+)
 from tfbus.messages import RotateAbsolute, Twist, Vector3
 from tfbus.wording import listed
-
-from .keyboard import KeyReader
-from .terminal import RawTerminal
 
 BANNER = """\
 Reading from keyboard

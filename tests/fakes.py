@@ -1,11 +1,14 @@
-"""What stands in for a clock, a log or a second thread in tests."""
+"""What stands in for a clock, a log, a second thread or a recording in tests."""
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from tests.live_bus import DEADLINE_S
+from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.selection import ALL, Selection
 
 
 class Clock:
@@ -55,3 +58,41 @@ class InAThread:
         self._thread.join(DEADLINE_S)
         assert not self.is_waiting
         return self._answer
+
+
+class Tape:
+    """A recording in memory: its items, in the order of their log times."""
+
+    def __init__(self, items: Sequence[Item]) -> None:
+        self._items = items
+        self.start_ns = items[0].log_ns
+        self.end_ns = items[-1].log_ns
+
+    def items(
+        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
+    ) -> Iterator[Item]:
+        """The items of a span."""
+        first = self.start_ns if from_ns is None else from_ns
+        last = self.end_ns if to_ns is None else to_ns
+        for item in self._items:
+            if first <= item.log_ns <= last and (taken := selection.taken_of(item)) is not None:
+                yield taken
+
+    def state_at(self, log_ns: int, selection: Selection = ALL) -> "TapeState":
+        """What is in force after the items of a log time."""
+        return TapeState([*self.items(None, log_ns, selection)])
+
+
+class TapeState:
+    """What the items so far have put in force: all that is no dynamic transform and no topic."""
+
+    def __init__(self, items: Sequence[Item]) -> None:
+        self._items = items
+
+    def items(self, log_ns: int) -> list[Item]:
+        """The items that stand for it."""
+        return [
+            replace(item, log_ns=log_ns)
+            for item in self._items
+            if isinstance(item, EventItem) or (isinstance(item, TransformItem) and item.static)
+        ]

@@ -16,9 +16,9 @@ import pytest
 from tests import needs
 from tests.live_bus import DEADLINE_S, Bus, eventually
 from tfbus import Node
+from tfbus.command.terminal import NoTerminalError, RawTerminal
 from tfbus.messages import Pose, Twist, Vector3
 from tfbus.nodes.teleop import BANNER, HEADINGS_RAD
-from tfbus.nodes.terminal import NoTerminalError, RawTerminal
 
 TELEOP = [sys.executable, "-m", "tfbus", "teleop"]
 

@@ -1,9 +1,13 @@
 """The messages of a stream's last seconds, kept for listeners that ask for them."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
+from tfbus.bus.query import Query, within
+from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_transforms
 
 # Key and payload of a message; or None and the name of a frame that was removed then.
@@ -60,6 +64,17 @@ class SentHistory:
         self._bytes = 0
 
 
+def answer_from_history(query: Query, last: Callable[[float], Sequence[Entry]]) -> None:
+    """Answer a query for what a stream has kept: `last(last_s)` has the entries of that time."""
+    # The session may be closed meanwhile.
+    with suppress(BusError), query.answering("the stream's history"):
+        messages = without_removed(last(_seconds(query.parameter("last_s"))))
+        asked = {key for key in {key for key, _ in messages} if within(key, query.key)}
+        for key, payload in messages:
+            if key in asked:
+                query.answer(key, payload)
+
+
 def without_removed(kept: Sequence[Entry]) -> list[tuple[str, bytes]]:
     """Key and payload of each message, oldest first, without frames that were removed later."""
     removed: set[bytes] = set()
@@ -85,6 +100,18 @@ def _without(payload: bytes, removed: set[bytes]) -> bytes:
     if not len(rows):
         return b""
     return encode_transforms(TransformMessage(rows, message.epoch_ns, message.seq))
+
+
+def _seconds(text: str | None) -> float:
+    """The seconds in the text; all that there are for None."""
+    if text is None:
+        return math.inf
+    with suppress(ValueError):
+        if (seconds := float(text)) >= 0.0:
+            return seconds
+    raise InvalidArgumentException(
+        f"last_s must be a number of seconds, 0 or more, not {text!r:.40}"
+    )
 
 
 def _ns(seconds: float) -> int:

@@ -9,7 +9,7 @@ from tfbus.bus.handles import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns, rows_of
-from tfbus.wire.keys import escape, transforms_key
+from tfbus.wire.keys import escape
 from tfbus.wire.transforms import TransformEncoder
 
 # A frame nearly always has one row in a send: the first name is its parent, the second itself.
@@ -64,10 +64,10 @@ class StreamKeys(Protocol):
 
 
 class OneKey:
-    """All rows go on the stream's own key."""
+    """All rows go on the stream's own key, as of `transforms_key`."""
 
-    def __init__(self, stream: str, session: Session) -> None:
-        self.expression = transforms_key(stream)
+    def __init__(self, key: str, session: Session) -> None:
+        self.expression = key
         self._key = StreamKey(self.expression, session.publisher(self.expression, urgent=True))
 
     @property
@@ -89,10 +89,10 @@ class OneKey:
 
 
 class KeyPerFrame:
-    """Each child frame has a key below the stream's: others can subscribe to it alone."""
+    """Each child frame has a key below the stream's own: others can subscribe to it alone."""
 
-    def __init__(self, stream: str, session: Session) -> None:
-        self._own_key = transforms_key(stream)
+    def __init__(self, key: str, session: Session) -> None:
+        self._own_key = key
         self.expression = f"{self._own_key}/**"
         self._publishers = session.publishers_within(self.expression, urgent=True)
         self._keys: dict[str, StreamKey] = {}

@@ -1,24 +1,22 @@
 """Sends the dynamic transforms of a stream, and keeps those of the last seconds."""
 
-import math
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 from tfbus.broadcast.announcer import Edges, FrameAnnouncer
-from tfbus.broadcast.history import SentHistory, without_removed
+from tfbus.broadcast.history import Entry, SentHistory, answer_from_history
 from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKey, StreamKeys
 from tfbus.broadcast.newest_stamps import NewestStamps, Rows
 from tfbus.broadcast.options import StreamOptions
-from tfbus.bus.query import Query, within
+from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.core import packed
 from tfbus.core.packed import STAMP_SIZE
-from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
+from tfbus.wire.keys import transforms_key
 from tfbus.wire.one_message import OneMessage
 
 # What sends have in common is cached for tables of at most this many edges in all.
@@ -89,7 +87,9 @@ class TransformSender:
         self._singles: dict[str, _Single] = {}
         self._edges_remembered = 0
         self._history = SentHistory(options.history_s) if options.history_s else None
-        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(stream, session)
+        self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(
+            transforms_key(stream), session
+        )
         if self._history is not None:
             session.queryable(self._keys.expression, self._on_query, long=True)
 
@@ -235,27 +235,8 @@ class TransformSender:
             self._history.clear()
 
     def _on_query(self, query: Query) -> None:
-        # The session may be closed meanwhile.
-        with suppress(BusError), query.answering("the stream's history"):
-            for key, payload in self._last(query):
-                query.answer(key, payload)
+        answer_from_history(query, self._last)
 
-    def _last(self, query: Query) -> list[tuple[str, bytes]]:
-        last_s = _seconds(query.parameter("last_s"))
+    def _last(self, last_s: float) -> list[Entry]:
         with self._lock:
-            kept = self._history.last(last_s) if self._history is not None else []
-        messages = without_removed(kept)
-        asked = {key for key in {key for key, _ in messages} if within(key, query.key)}
-        return [message for message in messages if message[0] in asked]
-
-
-def _seconds(text: str | None) -> float:
-    """The seconds in the text; all that there are for None."""
-    if text is None:
-        return math.inf
-    with suppress(ValueError):
-        if (seconds := float(text)) >= 0.0:
-            return seconds
-    raise InvalidArgumentException(
-        f"last_s must be a number of seconds, 0 or more, not {text!r:.40}"
-    )
+            return self._history.last(last_s) if self._history is not None else []

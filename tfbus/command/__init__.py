@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from tfbus.command.declared import NodeCommand as NodeCommand
     from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.extras import install_command as install_command
+    from tfbus.command.keyboard import KeyReader as KeyReader
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.terminal import NoTerminalError as NoTerminalError
+    from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
     from tfbus.command.types import MomentType as MomentType
     from tfbus.command.types import OutputFile as OutputFile
@@ -30,10 +33,13 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.declared",
+    "KeyReader": "tfbus.command.keyboard",
+    "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.declared",
     "Moment": "tfbus.command.moment",
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
+    "RawTerminal": "tfbus.command.terminal",
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
     "frame_mistake": "tfbus.command.types",

@@ -1,6 +1,7 @@
 """The verbs of `tfbus bag`, each imported when it is used."""
 
 from importlib import import_module
+from keyword import iskeyword
 
 import click
 
@@ -26,7 +27,8 @@ class _Bag(Verbs):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in VERBS:
             return None
-        command: click.Command = import_module(f"tfbus.cli.bag.{name.replace('-', '_')}").command
+        module = f"{name}_" if iskeyword(name) else name  # import_.py
+        command: click.Command = import_module(f"tfbus.cli.bag.{module}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

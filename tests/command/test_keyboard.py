@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tfbus.nodes.keyboard import KeyReader
+from tfbus.command.keyboard import KeyReader
 
 
 def keys_of(*pieces: bytes) -> list[str]:

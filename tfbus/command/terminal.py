@@ -11,7 +11,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any
 
-from tfbus import TfbusError
+from tfbus.errors import TfbusError
 
 # Signals that end or stop a process by default. SIGINT and SIGTERM, which tfbus handles, end the
 # `with` and need nothing here.

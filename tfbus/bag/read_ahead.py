@@ -1,0 +1,109 @@
+"""Reads the items of a recording ahead, on a thread of its own."""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+
+from tfbus.recording.items import EventItem, Item, TransformItem
+
+# At most this many items are kept ready, and about this much memory.
+_MOST_ITEMS = 2000
+_MOST_BYTES = 64 * 2**20
+
+# What Python's objects of an item take, about, and the columns of one transform.
+_ITEM_BYTES = 1000
+_ROW_BYTES = 8 + 8 + 56
+
+
+class ReadAhead:
+    """Keeps the next items of `items` ready; use it in a `with`, which ends its thread.
+
+    `changed` is notified when an item comes where there was none, and at the end. Hold it around
+    each call.
+    """
+
+    def __init__(self, items: Iterator[Item], changed: threading.Condition) -> None:
+        self._items = items
+        self._changed = changed
+        self._has_room = threading.Condition(threading.Lock())
+        self._ready: deque[Item] = deque()
+        self._bytes = 0
+        self._is_read = self._is_closed = False
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
+
+    def __enter__(self) -> "ReadAhead":
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        with self._has_room:
+            self._is_closed = True
+            self._has_room.notify()
+        self._thread.join()
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether all items were taken. Raises what reading them raised."""
+        if self._ready or not self._is_read:
+            return False
+        if self._error is not None:
+            raise self._error
+        return True
+
+    def first(self) -> Item | None:
+        """The next item, which stays; None where none is ready."""
+        return self._ready[0] if self._ready else None
+
+    def take(self) -> Item:
+        """The next item, of which `first` has said that there is one."""
+        item = self._ready.popleft()
+        with self._has_room:
+            self._bytes -= _size(item)
+            self._has_room.notify()
+        return item
+
+    def _read(self) -> None:
+        try:
+            for item in self._items:
+                if not self._wait_for_room(item):
+                    return
+                with self._changed:
+                    self._ready.append(item)
+                    if len(self._ready) == 1:
+                        self._changed.notify_all()
+        except Exception as error:  # raised again where the items are taken
+            self._error = error
+        with self._changed:
+            self._is_read = True
+            self._changed.notify_all()
+
+    def _wait_for_room(self, item: Item) -> bool:
+        """Wait until an item may be added; False where no further one is wanted."""
+        size = _size(item)
+        with self._has_room:
+            while self._ready and not self._is_closed and self._is_full(size):
+                self._has_room.wait()
+            self._bytes += size
+            return not self._is_closed
+
+    def _is_full(self, size: int) -> bool:
+        return len(self._ready) >= _MOST_ITEMS or self._bytes + size > _MOST_BYTES
+
+
+def _size(item: Item) -> int:
+    """About how many bytes an item takes."""
+    if isinstance(item, TransformItem):
+        return _ITEM_BYTES + _ROW_BYTES * item.rows.count
+    if isinstance(item, EventItem):
+        return _ITEM_BYTES
+    # Long ones are images, or arrays of numbers.
+    return _ITEM_BYTES + sum(
+        len(value) for value in item.values.values() if isinstance(value, bytes | str | list)
+    )

@@ -1,0 +1,333 @@
+"""An MCAP file, read: what its summary says or, where it has none, what is in it."""
+
+import errno
+import os
+import zlib
+from collections import Counter
+from pathlib import Path
+
+from tfbus.errors import DecodeError
+from tfbus.recording.records import (
+    ATTACHMENT,
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    FOOTER_FIELDS,
+    HEADER,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_INDEX,
+    METADATA,
+    METADATA_INDEX,
+    PREFIX,
+    SCHEMA,
+    STATISTICS,
+    Channel,
+    Chunk,
+    Fields,
+    Message,
+    Schema,
+    chunk_records,
+    read_attachment,
+    read_channel,
+    read_chunk_index,
+    read_message,
+    read_message_index,
+    read_metadata,
+    read_schema,
+    records_in,
+)
+from tfbus.wording import printable
+
+# A summary, an attachment or a metadata record of more bytes is not read.
+_MOST_RECORD_BYTES = 512 * 2**20
+
+# Messages that stand in the file without a chunk are read in pieces of this size.
+_BARE_PIECE_BYTES = 2**20
+
+_FOOTER_SIZE = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
+
+
+class McapFile:
+    """The parts of one file: `schemas`, `channels` by their ids, `chunks` in the order of the file,
+    the `metadata` records, and how many messages each channel has.
+
+    `is_complete` is whether it ends as it should. A file that was cut short is read from its
+    beginning to where it ends; `skipped_chunks` of it were damaged.
+    Raises DecodeError for what is no MCAP file, and OSError.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.profile = self.library = ""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.chunks: list[Chunk] = []
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        self.counts: Counter[int] = Counter()
+        self.is_complete = False
+        self.skipped_chunks = 0
+        self._attachments: dict[str, tuple[int, int]] = {}
+        self._file = os.open(self.path, os.O_RDONLY)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def messages(self, chunk: Chunk) -> list[Message]:
+        """The messages of a chunk in the order of the file. Raises DecodeError where it is
+        damaged.
+        """
+        try:
+            return self._messages(chunk)
+        except DecodeError as error:
+            raise DecodeError(
+                f"{self._name} is damaged: {error}; `tfbus bag recover` saves what can be read"
+            ) from error
+
+    def attachment(self, name: str) -> bytes | None:
+        """The bytes of the last attachment of this name; None where there is none, or it is
+        damaged.
+        """
+        place = self._attachments.get(name)
+        if place is None:
+            return None
+        try:
+            found, content = read_attachment(self._content(ATTACHMENT, *place))
+        except DecodeError:
+            return None
+        return content if found == name else None
+
+    def log_times(self, chunk: Chunk) -> dict[int, list[int]]:
+        """The log times of a chunk's messages by channel, in the order of the file: of the index
+        behind the chunk, without decompressing it, where there is one.
+        """
+        times: dict[int, list[int]] = {}
+        if chunk.index_length:
+            try:
+                index = self._read(chunk.offset + chunk.length, chunk.index_length)
+                for opcode, start, end in records_in(index):
+                    if opcode == MESSAGE_INDEX:
+                        channel, found = read_message_index(index[start:end])
+                        times[channel] = found
+            except DecodeError:
+                times.clear()
+        if not times:
+            for message in self.messages(chunk):
+                times.setdefault(message.channel, []).append(message.log_ns)
+        return times
+
+    def _open(self) -> None:
+        self.size = os.fstat(self._file).st_size
+        if os.path.isdir(self.path):
+            raise IsADirectoryError(errno.EISDIR, "is a folder", str(self.path))
+        if self._read(0, len(MAGIC)) != MAGIC:
+            raise DecodeError(
+                f"{self._name} is not a recording: it does not begin as MCAP files do"
+            )
+        self._read_header()
+        try:
+            self._read_summary()
+        except DecodeError:
+            self._clear()
+            self._scan()
+
+    @property
+    def _name(self) -> str:
+        return printable(str(self.path))
+
+    def _clear(self) -> None:
+        for each in (self.schemas, self.channels, self.chunks, self.metadata, self.counts):
+            each.clear()
+        self._attachments.clear()
+        self.is_complete = False
+
+    def _read(self, offset: int, length: int) -> bytes:
+        """These bytes of the file. Raises DecodeError where it ends before."""
+        if offset < 0 or length < 0 or offset + length > self.size:
+            raise DecodeError("a record lies beyond the end of the file")
+        parts = []
+        while length:
+            part = os.pread(self._file, length, offset)
+            if not part:
+                raise DecodeError("the file became shorter")
+            parts.append(part)
+            offset, length = offset + len(part), length - len(part)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def _content(self, opcode: int, offset: int, length: int) -> bytes:
+        """The content of the record of this kind that is in these bytes of the file."""
+        if length > _MOST_RECORD_BYTES:
+            raise DecodeError(
+                f"a record of {length:,} bytes; at most {_MOST_RECORD_BYTES:,} are read"
+            )
+        record = self._read(offset, length)
+        if length < PREFIX.size or PREFIX.unpack_from(record) != (opcode, length - PREFIX.size):
+            raise DecodeError("a record is not where the index says")
+        return record[PREFIX.size :]
+
+    def _read_header(self) -> None:
+        try:
+            opcode, length = PREFIX.unpack(self._read(len(MAGIC), PREFIX.size))
+            if opcode == HEADER and length < 10_000:
+                fields = Fields(self._read(len(MAGIC) + PREFIX.size, length))
+                self.profile, self.library = fields.text(), fields.text()
+        except DecodeError:
+            pass
+
+    # The summary
+
+    def _read_summary(self) -> None:
+        at = self.size - _FOOTER_SIZE
+        footer = self._read(at, _FOOTER_SIZE)
+        opcode, length = PREFIX.unpack_from(footer)
+        if not footer.endswith(MAGIC) or (opcode, length) != (FOOTER, FOOTER_FIELDS.size):
+            raise DecodeError("it has no footer")
+        start, _, crc = FOOTER_FIELDS.unpack_from(footer, PREFIX.size)
+        if start == 0:
+            raise DecodeError("it has no summary")
+        if at - start > _MOST_RECORD_BYTES:
+            raise DecodeError("its summary is too large")
+        summary = self._read(start, at - start)
+        if crc and crc != zlib.crc32(footer[: PREFIX.size + 16], zlib.crc32(summary)):
+            raise DecodeError("the checksum of the summary is wrong")
+        self._take_summary(summary)
+        self.is_complete = True
+
+    def _take_summary(self, summary: bytes) -> None:
+        stated: Fields | None = None
+        metadata = []
+        for opcode, start, end in records_in(summary):
+            content = summary[start:end]
+            if opcode == CHUNK_INDEX:
+                self.chunks.append(read_chunk_index(content))
+            elif opcode == METADATA_INDEX:
+                fields = Fields(content)
+                metadata.append((fields.number(8), fields.number(8)))
+            elif opcode == ATTACHMENT_INDEX:
+                self._take_attachment_index(Fields(content))
+            elif opcode == STATISTICS:
+                stated = Fields(content)
+            else:
+                self._take_definition(opcode, content)
+        if stated is None:
+            raise DecodeError("it has no statistics")
+        self._check_statistics(stated, len(metadata))
+        for offset, length in metadata:
+            self.metadata.append(read_metadata(self._content(METADATA, offset, length)))
+
+    def _check_statistics(self, stated: Fields, metadata: int) -> None:
+        """Take the counts; raises DecodeError where the summary leaves out what is in the file."""
+        messages, _, channels, _ = (stated.number(size) for size in (8, 2, 4, 4))
+        said_metadata, chunks = stated.number(4), stated.number(4)
+        stated.raw(16)
+        self.counts.update(stated.pairs(2, 8))
+        is_whole = (
+            channels <= len(self.channels)
+            and chunks == len(self.chunks)
+            and said_metadata == metadata
+            and (chunks or not messages)
+        )
+        if not is_whole:
+            raise DecodeError("its summary leaves out a part")
+        self.chunks.sort(key=lambda chunk: chunk.offset)
+
+    def _take_attachment_index(self, fields: Fields) -> None:
+        offset, length = fields.number(8), fields.number(8)
+        fields.raw(24)
+        self._attachments[fields.text()] = (offset, length)
+
+    def _take_definition(self, opcode: int, content: bytes) -> None:
+        if opcode == SCHEMA:
+            schema = read_schema(content)
+            self.schemas[schema.id] = schema
+        elif opcode == CHANNEL:
+            channel = read_channel(content)
+            self.channels[channel.id] = channel
+
+    # The whole file, where the summary is missing
+
+    def _scan(self) -> None:
+        at = len(MAGIC)
+        bare: list[int] = []  # where the messages without a chunk begin, and end
+        while at + PREFIX.size <= self.size:
+            opcode, length = PREFIX.unpack(self._read(at, PREFIX.size))
+            end = at + PREFIX.size + length
+            if end > self.size or opcode == 0:
+                break
+            is_bare = opcode in (MESSAGE, SCHEMA, CHANNEL)
+            if is_bare:
+                bare = [bare[0] if bare else at, end]
+            if bare and (not is_bare or bare[1] - bare[0] > _BARE_PIECE_BYTES):
+                self._scan_chunk(Chunk(bare[0], bare[1] - bare[0], 0, 0, is_bare=True))
+                bare = []
+            if opcode in (FOOTER, DATA_END):
+                self.is_complete = self._ends_well(at)
+                break
+            if not is_bare:
+                self._scan_record(opcode, at, end - at)
+            at = end
+        if bare:
+            self._scan_chunk(Chunk(bare[0], bare[1] - bare[0], 0, 0, is_bare=True))
+
+    def _ends_well(self, at: int) -> bool:
+        return self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC and at < self.size
+
+    def _scan_record(self, opcode: int, offset: int, length: int) -> None:
+        try:
+            if opcode == CHUNK:
+                self._scan_chunk(Chunk(offset, length, 0, 0))
+            elif opcode == METADATA:
+                self.metadata.append(read_metadata(self._content(opcode, offset, length)))
+            elif opcode == ATTACHMENT:
+                name, _ = read_attachment(self._content(opcode, offset, length))
+                self._attachments[name] = (offset, length)
+        except DecodeError:
+            self.skipped_chunks += opcode == CHUNK
+
+    def _scan_chunk(self, chunk: Chunk) -> None:
+        """Take what is in a chunk that no index names."""
+        try:
+            messages = self._messages(chunk)
+        except DecodeError:
+            self.skipped_chunks += 1
+            return
+        if not messages:
+            return
+        self.counts.update([message.channel for message in messages])
+        times = [message.log_ns for message in messages]
+        self.chunks.append(
+            Chunk(
+                chunk.offset,
+                chunk.length,
+                min(times),
+                max(times),
+                frozenset([message.channel for message in messages]),
+                is_bare=chunk.is_bare,
+            )
+        )
+
+    def _messages(self, chunk: Chunk) -> list[Message]:
+        if chunk.is_bare:
+            data = self._read(chunk.offset, chunk.length)
+        else:
+            data = chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
+        messages = []
+        for opcode, start, end in records_in(data):
+            if opcode == MESSAGE:
+                messages.append(read_message(data, start, end))
+            else:
+                self._take_definition(opcode, data[start:end])
+        if not {message.channel for message in messages} <= self.channels.keys():
+            raise DecodeError("a message belongs to no channel")
+        return messages

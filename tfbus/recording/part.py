@@ -1,0 +1,205 @@
+"""One file of a recording: its streams, topics and events, and its chunks as items."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tfbus.errors import DecodeError
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.layout import (
+    ABOUT,
+    ENCODING,
+    EVENT,
+    SCHEMA_ENCODING,
+    event_of,
+    has_seq,
+    is_static_topic,
+    stream_of,
+    topic_of,
+)
+from tfbus.recording.mcap_file import McapFile
+from tfbus.recording.records import Channel, Chunk, Message, Schema
+from tfbus.recording.selection import Selection
+from tfbus.recording.topic_codecs import decoder_of
+from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.tf_message import TFMessageReader
+from tfbus.wording import printable
+
+Decode = Callable[[bytes], dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class StreamChannel:
+    """A channel with transforms."""
+
+    id: int
+    stream: RecordedStream
+    is_static: bool
+    has_seq: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TopicChannel:
+    """A channel with messages of a topic; `decode` is None where tfbus does not read them."""
+
+    id: int
+    topic: str
+    type_name: str
+    decode: Decode | None
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether tfbus reads the messages."""
+        return self.decode is not None
+
+
+class Part:
+    """One file. Raises OSError, and DecodeError for what is no recording."""
+
+    def __init__(self, path: str | os.PathLike[str], number: int = 0) -> None:
+        self.file = McapFile(path)
+        self.path = self.file.path
+        self.number = number
+        self.size = self.file.size
+        self.is_complete = self.file.is_complete
+        self.counts = self.file.counts
+        self.stream_channels: dict[int, StreamChannel] = {}
+        self.topic_channels: dict[int, TopicChannel] = {}
+        self.tf = TFMessageReader()
+        for channel in self.file.channels.values():
+            self._take_channel(channel, self.file.schemas.get(channel.schema_id))
+        self.chunks = [StoredChunk(self, chunk) for chunk in self.file.chunks]
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+    @property
+    def name(self) -> str:
+        """The path as it can be printed."""
+        return printable(str(self.path))
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """What the recorder said of itself."""
+        said = next((record for name, record in self.file.metadata if name == ABOUT), {})
+        return {printable(name): printable(text) for name, text in said.items()}
+
+    @property
+    def events(self) -> list[EventItem]:
+        """The events in the order of the file; those that cannot be read are left out."""
+        found = []
+        for name, record in self.file.metadata:
+            if name == EVENT:
+                try:
+                    event = event_of(record)
+                except DecodeError:
+                    continue
+                if event is not None:
+                    found.append(event)
+        return found
+
+    def _take_channel(self, channel: Channel, schema: Schema | None) -> None:
+        is_tf = schema is not None and schema.name == TF_MESSAGE.name
+        if is_tf and channel.encoding == ENCODING:
+            self.stream_channels[channel.id] = StreamChannel(
+                channel.id,
+                stream_of(channel.topic, channel.metadata),
+                is_static_topic(channel.topic),
+                has_seq(channel.metadata),
+            )
+            return
+        self.topic_channels[channel.id] = TopicChannel(
+            channel.id,
+            printable(topic_of(channel.topic, channel.metadata)),
+            printable(channel.metadata.get("tfbus.type", schema.name if schema else "")),
+            _decoder(channel, schema),
+        )
+
+
+def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
+    if schema is None or (channel.encoding, schema.encoding) != (ENCODING, SCHEMA_ENCODING):
+        return None
+    return decoder_of(schema.name, schema.data)
+
+
+class StoredChunk:
+    """A chunk of a file; log times in nanoseconds."""
+
+    __slots__ = ("chunk", "from_ns", "length", "offset", "part", "static_streams", "to_ns")
+
+    def __init__(self, part: Part, chunk: Chunk) -> None:
+        self.part = part
+        self.chunk = chunk
+        self.offset, self.length = chunk.offset, chunk.length
+        self.from_ns, self.to_ns = chunk.from_ns, chunk.to_ns
+        self.static_streams = frozenset(
+            part.stream_channels[channel].stream.name
+            for channel in chunk.channels
+            if channel in part.stream_channels and part.stream_channels[channel].is_static
+        )
+
+    def is_taken(self, selection: Selection) -> bool:
+        """Whether it may hold an item that the selection takes."""
+        if selection.is_all or not self.chunk.channels:
+            return True
+        return any(self._is_taken(channel, selection) for channel in self.chunk.channels)
+
+    def items(self, selection: Selection) -> Iterator[Item]:
+        """The items of the channels that the selection takes, whole, in the order of the file."""
+        taken: dict[int, bool] = {}
+        for message in self.part.file.messages(self.chunk):
+            channel = message.channel
+            if channel not in taken:
+                taken[channel] = self._is_taken(channel, selection)
+            if taken[channel]:
+                item = self._item(message)
+                if item is not None:
+                    yield item
+
+    def statics(self) -> Iterator[TransformItem]:
+        """The sets of static transforms, in the order of the file."""
+        streams = self.part.stream_channels
+        for message in self.part.file.messages(self.chunk):
+            channel = streams.get(message.channel)
+            if channel is not None and channel.is_static:
+                yield self._transforms(message, channel)
+
+    def _is_taken(self, channel: int, selection: Selection) -> bool:
+        stream = self.part.stream_channels.get(channel)
+        if stream is not None:
+            return selection.takes_stream(stream.stream.name)
+        topic = self.part.topic_channels.get(channel)
+        return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
+
+    def _item(self, message: Message) -> Item | None:
+        stream = self.part.stream_channels.get(message.channel)
+        if stream is not None:
+            return self._transforms(message, stream)
+        topic = self.part.topic_channels[message.channel]
+        if topic.decode is None:
+            return None
+        try:
+            values = topic.decode(message.data)
+        except DecodeError as error:
+            raise DecodeError(
+                f"{self.part.name} is damaged: a message of topic '{topic.topic}': {error}"
+            ) from error
+        return TopicItem(message.log_ns, topic.topic, topic.type_name, values)
+
+    def _transforms(self, message: Message, channel: StreamChannel) -> TransformItem:
+        try:
+            rows = self.part.tf.read(message.data)
+        except DecodeError as error:
+            raise DecodeError(
+                f"{self.part.name} is damaged: transforms of stream '{channel.stream.name}': "
+                f"{error}"
+            ) from error
+        return TransformItem(
+            message.log_ns,
+            channel.stream,
+            rows,
+            channel.is_static,
+            message.sequence if channel.has_seq else None,
+        )

@@ -1,0 +1,238 @@
+"""Reads recordings: the items of one or several files, in order of time, from any moment on."""
+
+import heapq
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import accumulate
+from types import TracebackType
+from typing import Self
+
+from tfbus.errors import DecodeError
+from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
+from tfbus.recording.part import Part
+from tfbus.recording.parts import files_of
+from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.state import BusState
+
+# Chunks whose log times overlap are in memory together; more of them are refused.
+_MOST_WAITING = 2**30
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """A stream in one epoch: how many messages of dynamic and of static transforms there are. The
+    static ones include those that repeat what is in force.
+    """
+
+    stream: RecordedStream
+    messages: int
+    static_messages: int
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """A topic: the name of its type, and how many messages there are. Where `is_readable` is false
+    they are in a format that tfbus does not read, and are left out of the items.
+    """
+
+    name: str
+    type_name: str
+    messages: int
+    is_readable: bool = True
+
+
+class RecordingReader:
+    """Reads the items of one or several files, or of those in a folder, as one recording.
+
+    Use it in a `with`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is no
+    recording. Not thread-safe.
+    """
+
+    def __init__(self, *paths: str | os.PathLike[str]) -> None:
+        self._parts: list[Part] = []
+        try:
+            for place in files_of(paths):
+                self._parts.append(Part(place, len(self._parts)))
+        except BaseException:
+            self.close()
+            raise
+        self.events = self._all_events()
+        self._chunks = sorted(
+            (chunk for part in self._parts for chunk in part.chunks),
+            key=lambda chunk: (chunk.from_ns, chunk.part.number, chunk.offset),
+        )
+        # Up to each chunk, the last log time of those before it and of its own.
+        self._until = list(accumulate((chunk.to_ns for chunk in self._chunks), max))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        for part in self._parts:
+            part.close()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The files, in the order in which they were given."""
+        return tuple(self._parts)
+
+    @property
+    def start_ns(self) -> int:
+        """The log time of the first item; 0 where there is none."""
+        times = [chunk.from_ns for chunk in self._chunks[:1]]
+        return min([*times, *[event.log_ns for event in self.events[:1]]], default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """The log time of the last item; 0 where there is none."""
+        return max([*self._until[-1:], *[event.log_ns for event in self.events[-1:]]], default=0)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether no file was cut short, as by a power failure: then what is there is read."""
+        return all(part.is_complete for part in self._parts)
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """What the recorder said of itself in the first file, as `version` and `host`."""
+        return self._parts[0].about if self._parts else {}
+
+    @property
+    def streams(self) -> tuple[StreamSummary, ...]:
+        """The streams, each epoch for itself, by name and epoch."""
+        found: dict[tuple[str, int], StreamSummary] = {}
+        for part in self._parts:
+            for channel in part.stream_channels.values():
+                count = part.counts.get(channel.id, 0)
+                key = (channel.stream.name, channel.stream.epoch_ns)
+                former = found.get(key, StreamSummary(channel.stream, 0, 0))
+                found[key] = StreamSummary(
+                    channel.stream if channel.stream.node else former.stream,
+                    former.messages + (0 if channel.is_static else count),
+                    former.static_messages + (count if channel.is_static else 0),
+                )
+        return tuple(found[key] for key in sorted(found))
+
+    @property
+    def topics(self) -> tuple[TopicSummary, ...]:
+        """The topics by name."""
+        found: dict[str, TopicSummary] = {}
+        for part in self._parts:
+            for channel in part.topic_channels.values():
+                former = found.get(channel.topic, TopicSummary(channel.topic, "", 0))
+                found[channel.topic] = TopicSummary(
+                    channel.topic,
+                    channel.type_name or former.type_name,
+                    former.messages + part.counts.get(channel.id, 0),
+                    former.is_readable and channel.is_readable,
+                )
+        return tuple(found[name] for name in sorted(found))
+
+    def items(
+        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
+    ) -> Iterator[Item]:
+        """The items from one log time to another, both included, in order of their log times.
+
+        What only repeats what is in force comes once. Raises DecodeError where a file is damaged.
+        """
+        state = BusState()
+        for item in self._in_order(from_ns, to_ns, selection):
+            if state.says(item):
+                continue
+            state.take(item)
+            taken = selection.taken_of(item)
+            if taken is not None:
+                yield taken
+
+    def state_at(self, log_ns: int, selection: Selection = ALL) -> BusState:
+        """What is in force at a log time, after the items of that time."""
+        state = BusState()
+        for event in self.events:
+            if event.log_ns > log_ns:
+                break
+            if selection.taken_of(event) is not None:
+                state.take(event)
+        names = {
+            channel.stream.name
+            for part in self._parts
+            for channel in part.stream_channels.values()
+            if channel.is_static and selection.takes_stream(channel.stream.name)
+        }
+        for item in self._last_statics(names, log_ns):
+            taken = selection.taken_of(item)
+            if taken is not None:
+                state.take(taken)
+        return state
+
+    def _all_events(self) -> tuple[EventItem, ...]:
+        found = [event for part in self._parts for event in part.events]
+        found.sort(key=lambda event: event.log_ns)
+        state = BusState()
+        events = []
+        for event in found:
+            if not state.says(event):
+                events.append(event)
+            state.take(event)
+        return tuple(events)
+
+    def _in_order(
+        self, from_ns: int | None, to_ns: int | None, selection: Selection
+    ) -> Iterator[Item]:
+        first = -1 if from_ns is None else from_ns
+        last = 2**64 if to_ns is None else to_ns
+        waiting: list[tuple[int, int, int, Item]] = [
+            (event.log_ns, -1, at, event)
+            for at, event in enumerate(self.events)
+            if first <= event.log_ns <= last
+        ]
+        size = 0
+        number = 0
+        for chunk in self._chunks:
+            if chunk.from_ns > last or chunk.to_ns < first or not chunk.is_taken(selection):
+                continue
+            while waiting and waiting[0][0] < chunk.from_ns:
+                yield heapq.heappop(waiting)[3]
+            if len(waiting) == 0:
+                size = 0
+            size += chunk.length
+            for item in chunk.items(selection):
+                if first <= item.log_ns <= last:
+                    number += 1
+                    heapq.heappush(waiting, (item.log_ns, 0, number, item))
+            if size > _MOST_WAITING:
+                raise DecodeError("the chunks of the recording overlap in time too much to be read")
+        while waiting:
+            yield heapq.heappop(waiting)[3]
+
+    def _last_statics(self, names: set[str], log_ns: int) -> list[TransformItem]:
+        """Of each of these streams its last static set up to a log time."""
+        found: dict[str, TransformItem] = {}
+        for at in reversed(range(len(self._chunks))):
+            chunk = self._chunks[at]
+            missing = names - found.keys()
+            oldest = min((item.log_ns for item in found.values()), default=log_ns)
+            if not missing and self._until[at] < oldest:
+                break
+            if chunk.from_ns > log_ns or not (chunk.static_streams & names):
+                continue
+            if not (chunk.static_streams & missing) and chunk.to_ns < oldest:
+                continue
+            last = {
+                item.stream.name: item
+                for item in sorted(chunk.statics(), key=lambda item: item.log_ns)
+                if item.log_ns <= log_ns
+            }
+            for name in last.keys() & names:
+                if name not in found or found[name].log_ns < last[name].log_ns:
+                    found[name] = last[name]
+        return list(found.values())

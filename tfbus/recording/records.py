@@ -1,0 +1,251 @@
+"""The records of an MCAP file as values; https://mcap.dev/spec has the format.
+
+Every length is checked against the bytes that are there, before anything is made of it.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from tfbus.errors import DecodeError
+
+MAGIC = b"\x89MCAP0\r\n"
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
+ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX = range(9, 14)
+SUMMARY_OFFSET, DATA_END = 14, 15
+
+# Opcode and length, before each record.
+PREFIX = struct.Struct("<BQ")
+# Of a message: channel, sequence, log time, publish time; its data follow.
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+# The footer: where the summary and its offsets begin, and its checksum.
+FOOTER_FIELDS = struct.Struct("<QQI")
+
+# A chunk of more bytes is not decompressed; tfbus writes 128 KiB, rosbag2 768 KiB, mcap 1 MiB.
+MOST_CHUNK_BYTES = 256 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """The definition of a type of messages."""
+
+    id: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Messages of one topic, type and publisher."""
+
+    id: int
+    schema_id: int
+    topic: str
+    encoding: str
+    metadata: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Where a chunk is in the file: from the first byte of its record on, `length` bytes; the log
+    times and the channels of its messages; and how long the index of messages behind it is, 0 where
+    there is none. A bare one is of messages that stand in the file without a chunk.
+    """
+
+    offset: int
+    length: int
+    from_ns: int
+    to_ns: int
+    channels: frozenset[int] = frozenset()
+    index_length: int = 0
+    is_bare: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message as it stands in a chunk."""
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+class Fields:
+    """Reads the fields of a record, one after the other. Raises DecodeError where it is too short
+    for one.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self, size: int) -> int:
+        """The next unsigned integer of `size` bytes."""
+        return int.from_bytes(self.raw(size), "little")
+
+    def raw(self, size: int) -> bytes:
+        """The next `size` bytes."""
+        end = self._at + size
+        if end > len(self._data):
+            raise DecodeError("a record is shorter than its fields")
+        part = self._data[self._at : end]
+        self._at = end
+        return part
+
+    def text(self) -> str:
+        """The next text."""
+        try:
+            return self.raw(self.number(4)).decode()
+        except UnicodeDecodeError as error:
+            raise DecodeError("a text is not UTF-8") from error
+
+    def texts(self) -> dict[str, str]:
+        """The next map of texts."""
+        part = Fields(self.raw(self.number(4)))
+        found = {}
+        while not part.is_at_end:
+            name = part.text()
+            found[name] = part.text()
+        return found
+
+    def pairs(self, key_size: int, value_size: int) -> dict[int, int]:
+        """The next map of integers."""
+        part = Fields(self.raw(self.number(4)))
+        found = {}
+        while not part.is_at_end:
+            key = part.number(key_size)
+            found[key] = part.number(value_size)
+        return found
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether nothing is left."""
+        return self._at >= len(self._data)
+
+
+def read_schema(data: bytes) -> Schema:
+    """A schema of its record."""
+    fields = Fields(data)
+    number, name, encoding = fields.number(2), fields.text(), fields.text()
+    return Schema(number, name, encoding, fields.raw(fields.number(4)))
+
+
+def read_channel(data: bytes) -> Channel:
+    """A channel of its record."""
+    fields = Fields(data)
+    return Channel(fields.number(2), fields.number(2), fields.text(), fields.text(), fields.texts())
+
+
+def read_metadata(data: bytes) -> tuple[str, dict[str, str]]:
+    """The name of a metadata record, and what it says."""
+    fields = Fields(data)
+    return fields.text(), fields.texts()
+
+
+def read_attachment(data: bytes) -> tuple[str, bytes]:
+    """The name of an attachment, and its bytes."""
+    fields = Fields(data)
+    fields.raw(16)
+    name, _ = fields.text(), fields.text()
+    content = fields.raw(fields.number(8))
+    crc = fields.number(4)
+    if crc and crc != zlib.crc32(data[:-4]):
+        raise DecodeError("the checksum of an attachment is wrong")
+    return name, content
+
+
+def read_chunk_index(data: bytes) -> Chunk:
+    """Where a chunk is, of its index record."""
+    fields = Fields(data)
+    from_ns, to_ns, offset, length = (fields.number(8) for _ in range(4))
+    channels = frozenset(fields.pairs(2, 8))
+    return Chunk(offset, length, from_ns, to_ns, channels, fields.number(8))
+
+
+def read_message_index(data: bytes) -> tuple[int, list[int]]:
+    """A channel, and the log times of its messages in a chunk, of their index record."""
+    fields = Fields(data)
+    channel = fields.number(2)
+    entries = fields.raw(fields.number(4))
+    if len(entries) % 16:
+        raise DecodeError("an index of messages is not whole")
+    return channel, memoryview(entries).cast("Q").tolist()[::2]
+
+
+def chunk_records(record: bytes) -> bytes:
+    """The records in a chunk, decompressed and checked. `record` is the chunk's, without prefix."""
+    fields = Fields(record)
+    fields.raw(16)
+    size, crc, compression = fields.number(8), fields.number(4), fields.text()
+    data = fields.raw(fields.number(8))
+    if size > MOST_CHUNK_BYTES:
+        raise DecodeError(f"a chunk of {size:,} bytes, at most {MOST_CHUNK_BYTES:,} are read")
+    records = _decompressed(data, size, compression)
+    if len(records) != size:
+        raise DecodeError(f"a chunk has {len(records):,} bytes in the place of {size:,}")
+    if crc and crc != zlib.crc32(records):
+        raise DecodeError("the checksum of a chunk is wrong")
+    return records
+
+
+def _decompressed(data: bytes, size: int, compression: str) -> bytes:
+    if compression == "":
+        return data
+    if compression == "zstd":
+        return _of_zstd(data, size)
+    if compression == "lz4":
+        return _of_lz4(data, size)
+    raise DecodeError(f"a chunk is compressed as {compression!r}; zstd, lz4 and none are read")
+
+
+def _of_zstd(data: bytes, size: int) -> bytes:
+    import zstandard
+
+    try:
+        said = zstandard.frame_content_size(data)
+        if said > size:  # it would be taken in memory as it is
+            raise DecodeError(f"a chunk has {said:,} bytes in the place of {size:,}")
+        found: bytes = zstandard.ZstdDecompressor().decompress(data, max_output_size=size or 1)
+    except zstandard.ZstdError as error:
+        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+    return found
+
+
+def _of_lz4(data: bytes, size: int) -> bytes:
+    import lz4.frame  # type: ignore[import-untyped]
+
+    try:
+        found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    except (RuntimeError, EOFError) as error:
+        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+    return found
+
+
+def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, and where the content begins and ends, of each record in the bytes.
+
+    Raises DecodeError where the last one is not whole.
+    """
+    at, end = 0, len(data)
+    while at < end:
+        if at + PREFIX.size > end:
+            raise DecodeError("a record is cut")
+        opcode, length = PREFIX.unpack_from(data, at)
+        at += PREFIX.size
+        if length > end - at:
+            raise DecodeError("a record is longer than what is left")
+        yield opcode, at, at + length
+        at += length
+
+
+def read_message(data: bytes, start: int, end: int) -> Message:
+    """A message, whose record's content is from `start` to `end`."""
+    if end - start < MESSAGE_HEAD.size:
+        raise DecodeError("a message is shorter than its fields")
+    channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, start)
+    return Message(channel, sequence, log_ns, publish_ns, data[start + MESSAGE_HEAD.size : end])

@@ -1,0 +1,77 @@
+"""What is in force on a bus at one moment: static sets, streams and nodes."""
+
+from dataclasses import replace
+
+from tfbus.recording.items import EventItem, Item, TransformItem
+
+
+class BusState:
+    """What is in force after the items that were taken.
+
+    `statics` are the static transforms by the name of their stream, `streams` and `nodes` the
+    events that describe them; `gone` are the streams that have gone, whose frames are still shown.
+    """
+
+    def __init__(self) -> None:
+        self.statics: dict[str, TransformItem] = {}
+        self.streams: dict[str, EventItem] = {}
+        self.nodes: dict[str, EventItem] = {}
+        self.gone: dict[str, EventItem] = {}
+
+    def take(self, item: Item) -> None:
+        """Take an item; items come in order of their log times."""
+        if isinstance(item, TransformItem):
+            if item.static:
+                self.statics[item.stream.name] = item
+        elif isinstance(item, EventItem):
+            self._take_event(item)
+
+    def says(self, item: Item) -> bool:
+        """Whether the item changes nothing, as it repeats what is in force."""
+        if isinstance(item, TransformItem):
+            return item.static and _is_same_set(self.statics.get(item.stream.name), item)
+        if not isinstance(item, EventItem):
+            return False
+        match item.kind:
+            case "stream":
+                return item.name not in self.gone and _is_same(self.streams.get(item.name), item)
+            case "node":
+                return _is_same(self.nodes.get(item.name), item)
+            case "stream gone":
+                return item.name in self.gone
+        return False
+
+    def items(self, log_ns: int) -> list[Item]:
+        """The items that put a bus into this state, all at this log time: nodes, streams, their
+        static transforms, and at last the streams that are gone.
+        """
+        groups = (self.nodes, self.streams, self.statics, self.gone)
+        return [replace(item, log_ns=log_ns) for group in groups for item in group.values()]
+
+    def _take_event(self, item: EventItem) -> None:
+        match item.kind:
+            case "stream":
+                self.streams[item.name] = item
+                self.gone.pop(item.name, None)
+            case "stream gone":
+                self.gone[item.name] = item
+            case "node":
+                self.nodes[item.name] = item
+            case "node gone":
+                self.nodes.pop(item.name, None)
+
+
+def _is_same(former: EventItem | None, item: EventItem) -> bool:
+    return former is not None and former.facts == item.facts
+
+
+def _is_same_set(former: TransformItem | None, item: TransformItem) -> bool:
+    if former is None or (former.stream, former.seq) != (item.stream, item.seq):
+        return False
+    ours, others = former.rows, item.rows
+    return (
+        ours.stamps_bytes() == others.stamps_bytes()
+        and ours.poses_bytes() == others.poses_bytes()
+        and [(ours.frames[a], ours.frames[b]) for a, b in ours.pairs()]
+        == [(others.frames[a], others.frames[b]) for a, b in others.pairs()]
+    )

@@ -1,0 +1,254 @@
+"""Writes a recording: items into one MCAP file."""
+
+import errno
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal, Self
+
+from tfbus.errors import InvalidArgumentException
+from tfbus.recording.index import IndexBuilder
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.layout import (
+    ABOUT,
+    ENCODING,
+    EVENT,
+    PROFILE,
+    SCHEMA_ENCODING,
+    check_log_time,
+    check_text,
+    event_metadata,
+    stream_metadata,
+    stream_topic,
+    topic_metadata,
+)
+from tfbus.recording.state import BusState
+from tfbus.recording.topic_codecs import TopicCodecs
+from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.tf_message import TFMessageWriter
+from tfbus.runtime.version import installed_version
+
+if TYPE_CHECKING:
+    from mcap.writer import CompressionType
+
+Compression = Literal["zstd", "lz4", "none"]
+
+# A chunk ends when it has this many bytes: a seek reads one, and a larger one is hardly smaller
+# when compressed.
+CHUNK_BYTES = 128 * 1024
+
+# Of MCAP: channels are numbered in 16 bits, the numbers of messages in 32.
+_MOST_CHANNELS = 2**16 - 2
+_SEQUENCES = 2**32
+
+# What a message takes besides its data.
+_MESSAGE_BYTES = 31
+
+
+class RecordingWriter:
+    """Writes one file, item by item; use it in a `with`. Not thread-safe.
+
+    After an OSError, as of a full disk, the file has what was there at the last `flush`, and takes
+    no more.
+
+    `statics_every_s` seconds after they were written the static transforms in force are written
+    again, so that a seek or a cut finds them nearby. `about` says who recorded what: it is in the
+    file as texts. Raises FileExistsError for a file that exists, and other OSErrors.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        compression: Compression = "zstd",
+        statics_every_s: float = 5.0,
+        about: Mapping[str, str] | None = None,
+    ) -> None:
+        from mcap.writer import Writer  # the extra `bag`
+
+        kind = _compression(compression)
+        self._path = os.fspath(path)
+        self._file = open(path, "xb")  # noqa: SIM115 - closed by close
+        self._has_failed = False
+        # Chunks end as `_end_chunk` says.
+        self._mcap = Writer(self._file, chunk_size=2**62, compression=kind)
+        self._tf = TFMessageWriter()
+        self._topics = TopicCodecs()
+        self._schemas: dict[Definition, int] = {}
+        self._stream_channels: dict[tuple[RecordedStream, bool, bool], int] = {}
+        self._topic_channels: dict[tuple[str, str, Definition], int] = {}
+        self._channels = 0
+        self._sequences: dict[int, int] = {}
+        self._state = BusState()
+        self._statics_every_ns = int(statics_every_s * 1e9)
+        self._statics_ns: int | None = None
+        self._index = IndexBuilder()
+        self._pending = 0
+        self._mcap.start(PROFILE, f"tfbus {installed_version()}")
+        self._mcap.add_metadata(
+            ABOUT, {"version": installed_version(), **{k: str(v) for k, v in (about or {}).items()}}
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def size(self) -> int:
+        """How many bytes have been written, with those that wait for the end of their chunk."""
+        return self._file.tell() + self._pending if not self._file.closed else self._size
+
+    _size = 0
+
+    def write(self, item: Item) -> None:
+        """Write an item. Raises OSError, and InvalidArgumentException, with nothing written, where
+        the file cannot hold it, as a stamp after the year 2038.
+        """
+        check_log_time(item.log_ns)
+        with self._failing():
+            self._write(item)
+
+    def flush(self) -> None:
+        """End the chunk and give it to the system: what was written so far is safe from the end of
+        this process.
+        """
+        with self._failing():
+            self._end_chunk()
+            self._file.flush()
+
+    def close(self) -> None:
+        """Write the summary and the indices, and close the file. Raises OSError."""
+        if self._file.closed:
+            return
+        try:
+            if not self._has_failed:
+                with self._failing():
+                    self._end_chunk()
+                    self._index.write(self._mcap)
+                    self._mcap.finish()  # type: ignore[no-untyped-call]
+                    self._file.flush()
+        finally:
+            self._size = self._file.tell()
+            self._abandon() if self._has_failed else self._file.close()
+
+    def _write(self, item: Item) -> None:
+        if isinstance(item, EventItem):
+            self._mcap.add_metadata(EVENT, event_metadata(item))
+        elif isinstance(item, TopicItem):
+            self._write_topic(item)
+        else:
+            self._write_transforms(item)
+            if item.static:
+                self._statics_ns = self._statics_ns or item.log_ns
+        self._state.take(item)
+        self._repeat_statics(item.log_ns)
+        if self._pending >= CHUNK_BYTES:
+            self._end_chunk()
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """Inside the `with` an OSError ends the writing."""
+        if self._has_failed:
+            raise OSError(errno.EIO, "an earlier error ended the file", self._path)
+        try:
+            yield
+        except OSError:
+            self._has_failed = True
+            raise
+
+    def _abandon(self) -> None:
+        """Close the file without writing what Python holds of it still."""
+        with suppress(OSError):
+            self._file.close()
+
+    def _write_transforms(self, item: TransformItem) -> None:
+        data = self._tf.write(item.rows)
+        channel = self._stream_channel(item)
+        stamps = item.rows.stamps_as_ints()
+        newest = max(stamps) if stamps else item.log_ns
+        self._add(channel, item.log_ns, data, newest, item.seq or 0)
+        self._index.add(channel, item)
+
+    def _write_topic(self, item: TopicItem) -> None:
+        definition, data = self._topics.encode(item)
+        key = (item.topic, item.type_name, definition)
+        channel = self._topic_channels.get(key)
+        if channel is None:
+            check_text(item.topic)
+            check_text(item.type_name)
+            channel = self._new_channel(f"/{item.topic}", definition, topic_metadata(item))
+            self._topic_channels[key] = channel
+        stamp = item.values.get("stamp_ns")
+        publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns
+        sequence = self._sequences.get(channel, 0)
+        self._sequences[channel] = sequence + 1
+        self._add(channel, item.log_ns, data, publish_ns, sequence)
+
+    def _add(self, channel: int, log_ns: int, data: bytes, publish_ns: int, sequence: int) -> None:
+        self._mcap.add_message(channel, log_ns, data, max(0, publish_ns), sequence % _SEQUENCES)
+        self._pending += len(data) + _MESSAGE_BYTES
+
+    def _stream_channel(self, item: TransformItem) -> int:
+        stream, has_seq = item.stream, item.seq is not None
+        key = (stream, item.static, has_seq)
+        channel = self._stream_channels.get(key)
+        if channel is None:
+            for text in (stream.name, stream.node, stream.namespace):
+                check_text(text)
+            channel = self._new_channel(
+                stream_topic(stream, item.static),
+                TF_MESSAGE,
+                stream_metadata(stream, item.static, has_seq=has_seq),
+            )
+            self._stream_channels[key] = channel
+        return channel
+
+    def _new_channel(self, topic: str, definition: Definition, metadata: dict[str, str]) -> int:
+        if self._channels >= _MOST_CHANNELS:
+            raise InvalidArgumentException(
+                f"the file has {self._channels} channels, and cannot have more: one is needed for "
+                "each topic, and each stream between two restarts; begin another file"
+            )
+        schema = self._schemas.get(definition)
+        if schema is None:
+            schema = self._mcap.register_schema(
+                definition.name, SCHEMA_ENCODING, definition.text.encode()
+            )
+            self._schemas[definition] = schema
+        self._channels += 1
+        return self._mcap.register_channel(topic, ENCODING, schema, metadata)
+
+    def _repeat_statics(self, log_ns: int) -> None:
+        if self._statics_ns is None or log_ns < self._statics_ns + self._statics_every_ns:
+            return
+        self._statics_ns = log_ns
+        for item in self._state.items(log_ns):
+            if isinstance(item, TransformItem):
+                self._write_transforms(item)
+
+    def _end_chunk(self) -> None:
+        if self._pending:
+            self._index.end_chunk(self._file.tell())
+            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._pending = 0
+
+
+def _compression(name: Compression) -> "CompressionType":
+    from mcap.writer import CompressionType
+
+    known = {
+        "zstd": CompressionType.ZSTD,
+        "lz4": CompressionType.LZ4,
+        "none": CompressionType.NONE,
+    }
+    if name not in known:
+        raise InvalidArgumentException(f"compression {name!r} is none of {', '.join(known)}")
+    return known[name]

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
-from tfbus.listen.watch import StreamState
+from tfbus.listen.stream_state import StreamState
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 

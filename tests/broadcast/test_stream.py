@@ -32,7 +32,8 @@ from tfbus.broadcast.options import StreamOptions
 from tfbus.broadcast.sender import TransformSender
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.columns import Columns
-from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.listen.stream_state import StreamState
+from tfbus.listen.watch import StreamWatch
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 

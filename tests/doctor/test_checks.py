@@ -11,7 +11,7 @@ from tfbus.doctor.checks import CHECKS
 from tfbus.doctor.examination import Examination, Host
 from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
-from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.window import spread_of
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 

@@ -10,7 +10,7 @@ from tests.live_bus import Bus, eventually
 from tfbus import Buffer, StaticTransformBroadcaster, TransformListener
 from tfbus.listen import listener as module
 from tfbus.listen.budget import Budget
-from tfbus.listen.watch import StreamState
+from tfbus.listen.stream_state import StreamState
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ from tests.builders import at, payload
 from tests.live_bus import Bus, eventually
 from tfbus import Transform, TransformBroadcaster, TransformStamped
 from tfbus.monitor import meter as meter_module
-from tfbus.monitor.meter import EdgeFlow, TransformMeter
+from tfbus.monitor.flow import EdgeFlow
+from tfbus.monitor.meter import TransformMeter
 from tfbus.runtime.clock import SystemClock
 
 S = 1_000_000_000

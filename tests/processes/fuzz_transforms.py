@@ -28,7 +28,7 @@ from tfbus import Buffer, DecodeError, Transform, TransformException, TransformS
 from tfbus.geometry.batch import TransformBatch
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.listen.watch import StreamState
+from tfbus.listen.stream_state import StreamState
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
 from tfbus.wire.keys import stream_key

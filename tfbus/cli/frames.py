@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,10 +11,10 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint_state, print_lines, screen, width
 from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.errors import TfbusError
 from tfbus.frames import document
-from tfbus.frames.command_listener import Listening, listening
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.text import edge_lines, tree_lines
@@ -21,6 +22,9 @@ from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.whole_file import replacing
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
+
+if TYPE_CHECKING:
+    from tfbus.frames.command_listener import Listening
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {
     ".dot": document.as_tf2_dot,
@@ -34,7 +38,10 @@ _PICTURES = (".svg", ".pdf", ".png")
 _ENDINGS = [*_PICTURES, *_TEXTS]
 
 
-@click.command(epilog="Examples: tfbus frames; tfbus frames -o frames.svg; tfbus frames --watch")
+@click.command(
+    epilog="Examples: tfbus frames; tfbus frames -o frames.svg; tfbus frames --watch; "
+    "tfbus frames --bag run.mcap --at -3s"
+)
 @click.option(
     "-o",
     "--output",
@@ -58,10 +65,12 @@ _ENDINGS = [*_PICTURES, *_TEXTS]
     help="Listen for at most this long; stop once every stream is complete.",
 )
 @click.option("--check", is_flag=True, help="Exit with 1 if something is wrong with the tree.")
+@bag_options("at")
 @listening_options(own_name("_frames"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     outputs: tuple[Path, ...],
     watch: bool,
     long: bool,
@@ -72,6 +81,13 @@ def command(
     """Show the tree of frames, its publishers, and what is wrong with it."""
     if watch and (outputs or as_json):
         raise click.UsageError("--watch shows the tree in the terminal: omit -o and --json")
+    if bag is not None:
+        if watch:
+            raise click.UsageError("--watch shows a bus; a moment of a recording does not change")
+        _show_recorded(settings, fleet, bag, outputs, long=long, as_json=as_json, check=check)
+        return
+    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+
     with listening(settings, fleet, within_s=wait_s, goes_on=watch) as heard:
         if watch:
             with suppress(KeyboardInterrupt):  # its usual end
@@ -79,13 +95,7 @@ def command(
             return
         tree = heard.tree_and_clocks()
         hint = "" if tree.frames else heard.hint()
-    if as_json:
-        click.echo(document.as_json(tree), nl=False)
-    elif tree.frames and not outputs:
-        print_lines(_lines(tree, long))
-    for path in outputs:
-        _write(tree, path)
-        click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
+    _show(tree, outputs, long=long, as_json=as_json)
     if not tree.frames:
         raise click.ClickException(
             f"no frame after {wait_s:g} s: {hint or 'is a broadcaster running, on this network?'}"
@@ -94,18 +104,55 @@ def command(
         raise SystemExit(1)
 
 
+def _show_recorded(
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    bag: BagChoice,
+    outputs: tuple[Path, ...],
+    *,
+    long: bool,
+    as_json: bool,
+    check: bool,
+) -> None:
+    from tfbus.cli.recorded import frames_at, moment_line
+
+    with frames_at(bag, settings, fleet) as heard:
+        tree = heard.tree()
+        if not tree.frames:
+            hint = heard.hint()
+            raise click.ClickException(
+                f"no frame in the recording {'by then' if bag.at else 'at all'}"
+                f"{f': {hint}' if hint else ''}"
+            )
+        if not as_json and not outputs:
+            print_lines([moment_line(bag, heard)])
+        _show(tree, outputs, long=long, as_json=as_json)
+    if check and tree.problems():
+        raise SystemExit(1)
+
+
+def _show(tree: FrameTree, outputs: tuple[Path, ...], *, long: bool, as_json: bool) -> None:
+    if as_json:
+        click.echo(document.as_json(tree), nl=False)
+    elif tree.frames and not outputs:
+        print_lines(_lines(tree, long))
+    for path in outputs:
+        _write(tree, path)
+        click.echo(f"Wrote {path}: {counted(len(tree.frames), 'frame')}", err=as_json)
+
+
 def _lines(tree: FrameTree, long: bool) -> list[str]:
     if long:
         return [*edge_lines(tree), *document.summary(tree, [], width=width())]
     return document.summary(tree, tree_lines(tree, width=width(), paint=paint_state), width=width())
 
 
-def _nothing(heard: Listening) -> list[str]:
+def _nothing(heard: "Listening") -> list[str]:
     hint = heard.hint_while_empty()
     return [f"No frame yet: {hint}" if hint else "No frame yet"]
 
 
-def _watch(heard: Listening, long: bool) -> None:
+def _watch(heard: "Listening", long: bool) -> None:
     with screen() as show:
         while True:
             tree = heard.tree_and_clocks()

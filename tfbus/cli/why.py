@@ -1,7 +1,8 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
 import textwrap
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import click
 
@@ -9,9 +10,9 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.moment import Moment
 from tfbus.command.options import listening_options
+from tfbus.command.recordings import BagChoice, bag_option
 from tfbus.command.types import FrameName, MomentType, own_name
 from tfbus.discover.other_namespaces import frames_in_other_namespaces
-from tfbus.frames.command_listener import listening
 from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import duration, stamp_text
@@ -34,6 +35,7 @@ _LONGEST_BACK_S = 3600.0
     help="Seconds or ns since 1970, ISO 8601, or -3s from now (default: the latest time).",
 )
 @json_option("Print a JSON object.")
+@bag_option
 @listening_options(own_name("_why"))
 def command(
     settings: NodeSettings,
@@ -42,12 +44,18 @@ def command(
     source: str,
     moment: Moment | None,
     as_json: bool,
+    bags: tuple[Path, ...],
 ) -> None:
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
-    fails.
+    fails. With --bag it explains the latest lookup at that moment of the recording.
     """
+    if bags:
+        _explain_recorded(settings, fleet, target, source, BagChoice(bags, moment), as_json)
+        return
+    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+
     with listening(
         settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
     ) as heard:
@@ -62,6 +70,32 @@ def command(
             if fleet
             else frames_in_other_namespaces(heard.node.session),
         )
+    _print(explanation, now_ns, as_json)
+
+
+def _explain_recorded(
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    target: str,
+    source: str,
+    bag: BagChoice,
+    as_json: bool,
+) -> None:
+    from tfbus.cli.recorded import frames_at, moment_line
+
+    with frames_at(bag, settings, fleet) as heard:
+        explanation = explain(heard.tree(), heard.buffer, target, source)
+        hints = filter(
+            None,
+            (heard.hint(each) for each in (target, source) if each not in heard.buffer.frames()),
+        )
+        explanation = replace(explanation, remedies=(*dict.fromkeys(hints), *explanation.remedies))
+        if not as_json:
+            print_lines([moment_line(bag, heard)])
+        _print(explanation, heard.now_ns(), as_json)
+
+
+def _print(explanation: Explanation, now_ns: int, as_json: bool) -> None:
     if as_json:
         print_json(_as_map(explanation))
     else:

@@ -1,7 +1,7 @@
 """Moments as people write them: `1649109418.66`, `2026-11-21T09:00:00Z`, `-3s`, `now`."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from decimal import Decimal
 
@@ -28,14 +28,25 @@ _FARTHEST_FROM_NOW_NS = 2**62
 
 @dataclass(frozen=True)
 class Moment:
-    """A time in nanoseconds: since the Unix epoch, or since now if `is_relative`."""
+    """A time in nanoseconds: since the Unix epoch, or since now if `is_relative`.
+
+    Of a recording, one with `has_plus` counts from the beginning, another relative one from the
+    end.
+    """
 
     ns: int
     is_relative: bool = False
+    has_plus: bool = field(default=False, compare=False)
 
     def at(self, now_ns: int) -> int:
         """The moment in nanoseconds since the Unix epoch, if now is `now_ns`."""
         return now_ns + self.ns if self.is_relative else self.ns
+
+    def within(self, start_ns: int, end_ns: int) -> int:
+        """The moment in a recording from `start_ns` to `end_ns`: `+3s` is 3 s after its beginning,
+        `-3s` 3 s before its end. It may lie outside of it.
+        """
+        return self.at(start_ns if self.has_plus else end_ns)
 
 
 def parse_moment(text: str) -> Moment:
@@ -60,7 +71,7 @@ def _counted(text: str, sign: str, digits: str, unit: str) -> Moment:
     if unit and unit not in _NS_PER_UNIT:
         raise ValueError(f"{text!r} has an unknown unit {unit!r}; use {', '.join(_NS_PER_UNIT)}")
     ns = int(Decimal(digits) * _NS_PER_UNIT[unit or _implied_unit(text, sign, digits)])
-    return Moment(-ns if sign == "-" else ns, is_relative=bool(sign))
+    return Moment(-ns if sign == "-" else ns, is_relative=bool(sign), has_plus=sign == "+")
 
 
 def _implied_unit(text: str, sign: str, digits: str) -> str:

@@ -1,11 +1,15 @@
 """Frames in the namespaces below ours, and a hint where to look for one."""
 
-from collections.abc import Collection
+from __future__ import annotations
 
-from tfbus.bus.session import Session
-from tfbus.discover.presence import describe_streams
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
 from tfbus.errors import DecodeError
 from tfbus.wire.keys import namespace_of
+
+if TYPE_CHECKING:
+    from tfbus.bus.session import Session
 
 # At most this many namespaces are named.
 _NAMED = 3
@@ -16,6 +20,8 @@ def frames_in_other_namespaces(session: Session) -> set[tuple[str, str]]:
 
     def pass_over(error: DecodeError) -> None:
         """A stream of another namespace is not ours to warn of."""
+
+    from tfbus.discover.presence import describe_streams  # Zenoh, which a recording does not need
 
     streams = describe_streams(session, pass_over)
     return {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.flow import EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
 
 

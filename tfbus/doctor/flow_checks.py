@@ -7,7 +7,7 @@ from tfbus.doctor.finding import Finding, found, ok, skipped
 from tfbus.doctor.sim_time_checks import of_our_time, of_system_time
 from tfbus.frames.snapshot import who
 from tfbus.frames.state import is_another_time, whose_clock, why_another_time
-from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.flow import EdgeFlow
 from tfbus.wording import counted, duration
 
 # Above this, lookups at a node's own "now" fail or extrapolate.

@@ -3,7 +3,7 @@
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, ok
 from tfbus.frames.simulated import simulated_time
-from tfbus.monitor.meter import EdgeFlow
+from tfbus.monitor.flow import EdgeFlow
 
 
 def check_clock(seen: Examination) -> Finding:

@@ -43,10 +43,19 @@ class Listening:
 
     _asked: "_Asked" = field(default_factory=lambda: _Asked())
 
+    @property
+    def dropped(self) -> int:
+        """How many messages were dropped, since transforms came on too many keys."""
+        return self.listener.dropped
+
+    def now_ns(self) -> int:
+        """The time now, by the node's clock."""
+        return self.node.now_ns()
+
     def tree(self) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
-        return frame_tree(self.buffer, streams, self.node.now_ns(), self._asked.simulated)
+        return frame_tree(self.buffer, streams, self.now_ns(), self._asked.simulated)
 
     def tree_and_clocks(self) -> FrameTree:
         """The tree of frames now, and who follows a simulated time if ages look as if.

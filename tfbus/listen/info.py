@@ -1,9 +1,13 @@
 """What a listener reports about one stream."""
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
 
-from tfbus.listen.reception import StreamReception
-from tfbus.listen.watch import StreamState
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tfbus.listen.reception import StreamReception
+    from tfbus.listen.stream_state import StreamState
 
 
 @dataclass(frozen=True)

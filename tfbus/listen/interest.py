@@ -17,7 +17,7 @@ from tfbus.buffer.explain import unknown_frame
 from tfbus.bus.handles import Declaration
 from tfbus.errors import BusError, ConnectivityException, LookupException, TransformException
 from tfbus.listen.described_tree import DescribedTree, Pair, described_edges
-from tfbus.listen.watch import StreamState
+from tfbus.listen.stream_state import StreamState
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.fleet import FrameNames

@@ -28,13 +28,13 @@ from tfbus.listen.reception import (
 )
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
-from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.listen.stream_state import StreamState
+from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import static_transforms_key_beside, stream_of
 
@@ -357,7 +357,7 @@ class TransformListener:
         if description is not None and (
             description != former.description or is_confirmed > was_confirmed
         ):
-            _describe(stream.reception, description, confirmed=is_confirmed)
+            stream.reception.take_description(description, confirmed=is_confirmed)
             self._registry.forget_removed(described)
         if state.alive and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
@@ -448,21 +448,6 @@ class TransformListener:
             self._recovery.leave(name)
             stream.reception.forget_statics()
         self.buffer.remove_sent(frames, name)
-
-
-def _describe(
-    reception: StreamReception, description: StreamDescription, *, confirmed: bool
-) -> None:
-    children = frozenset(child for _, child, _ in description.frames)
-    statics = frozenset(child for _, child, static in description.frames if static)
-    publisher = (description.node, description.pid, description.session)
-    reception.describe(
-        description.epoch,
-        children,
-        statics,
-        publisher if description.session else None,
-        confirmed=confirmed,
-    )
 
 
 def _name(state: StreamState) -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from tfbus.listen.watch import StreamState
+from tfbus.listen.stream_state import StreamState
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of
 from tfbus.wire.scan import NameTables

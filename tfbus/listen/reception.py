@@ -27,6 +27,7 @@ from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
 from tfbus.wording import stamp_text
 
@@ -312,19 +313,32 @@ class StreamReception:
     def receive_static(self, payload: bytes) -> None:
         """Take the whole set of static transforms of the stream, in place of the former one."""
         message = self.decode(payload)
-        if message is None:
-            return
+        if message is not None:
+            self._take_static(message, len(payload), time.time_ns(), self.receive_static, payload)
+
+    def take_recorded_statics(self, message: TransformMessage, heard_ns: int) -> None:
+        """Take the set of a recording, which came at `heard_ns`, as `receive_static` did then."""
+        self._take_static(message, 0, heard_ns)
+
+    def _take_static(
+        self,
+        message: TransformMessage,
+        size: int,
+        heard_ns: int,
+        receive: Callable[[bytes], None] | None = None,
+        payload: bytes = b"",
+    ) -> None:
         epoch_ns = message.epoch_ns
         with self.lock:
             if self._is_outdated_set(epoch_ns):
                 self.counts.outdated += 1
                 return
             is_later = self.epochs.present_ns is None or epoch_ns > self.epochs.present_ns
-        if is_later and not self.admit(epoch_ns, receive=self.receive_static, payload=payload):
+        if is_later and not self.admit(epoch_ns, receive=receive, payload=payload):
             return
         with self.lock:
-            self.counts.add(len(message.rows), len(payload))
-            self.counts.last_heard_ns = time.time_ns()
+            self.counts.add(len(message.rows), size)
+            self.counts.last_heard_ns = heard_ns
             removed = self.statics.replace(message, is_current=not self.epochs.gone)
         if removed is None:
             return
@@ -394,6 +408,17 @@ class StreamReception:
             self.buffer.remove_sent(removed, self.name)
 
     # What the stream says of itself, and its token
+
+    def take_description(self, description: StreamDescription, *, confirmed: bool = False) -> None:
+        """Take the description of the stream, as `describe`."""
+        publisher = (description.node, description.pid, description.session)
+        self.describe(
+            description.epoch,
+            frozenset(child for _, child, _ in description.frames),
+            frozenset(child for _, child, static in description.frames if static),
+            publisher if description.session else None,
+            confirmed=confirmed,
+        )
 
     def describe(
         self,
@@ -481,18 +506,27 @@ class DynamicReception:
         except DecodeError as error:
             stream.reject(error)
             return
-        rows, epoch_ns, epochs = message.rows, message.epoch_ns, stream.epochs
+        epoch_ns, epochs = message.epoch_ns, stream.epochs
         if (epoch_ns != epochs.present_ns or epochs.was_gone) and not stream.admit(
             epoch_ns, live=True, receive=self.receive, payload=payload
         ):
             return
+        self._take(message, len(payload), time.time_ns())
+
+    def take_recorded(self, message: TransformMessage, heard_ns: int) -> None:
+        """Take a message of a recording, which came at `heard_ns`, as `receive` did then."""
+        if self.stream.admit(message.epoch_ns, live=True):
+            self._take(message, 0, heard_ns)
+
+    def _take(self, message: TransformMessage, size: int, heard_ns: int) -> None:
+        stream, rows, epoch_ns = self.stream, message.rows, message.epoch_ns
         # First of all, so that no lookup waits for the rest.
         stream.insert(rows, epoch_ns)
         stamp_ns = rows.last_stamp_ns()
         with stream.lock:
             counts = stream.counts
-            counts.add(rows.count, len(payload))
-            counts.last_heard_ns = time.time_ns()
+            counts.add(rows.count, size)
+            counts.last_heard_ns = heard_ns
             if message.seq is not None:
                 self._count_missed(epoch_ns, message.seq)
             if stamp_ns is not None:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 
 from tfbus.listen.reception import DynamicReception, StaticReception, StreamReception
-from tfbus.listen.watch import MOST_GONE, StreamState
+from tfbus.listen.stream_state import StreamState
+from tfbus.listen.watch import MOST_GONE
 from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 
 # Keys come from the bus: dynamic transforms are taken on at most this many.

@@ -3,7 +3,7 @@
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
@@ -12,6 +12,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.epochs import is_from_future
 from tfbus.listen.mailbox import Letter, Mailbox
+from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -46,28 +47,6 @@ _TURNS_TO_SIGN = 2
 _MOST_ANSWERS = 16
 
 _WHAT = "a stream"
-
-
-@dataclass(frozen=True)
-class StreamState:
-    """A stream as it is now.
-
-    `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
-    is whether its publisher is there. `description` is the last it has sent, None before the
-    first. `key` is that of its token and its description. `confirmed` is whether the description
-    came from the session that it names, since the token did.
-    """
-
-    name: str
-    alive: bool = False
-    description: StreamDescription | None = None
-    key: str = ""
-    confirmed: bool = False
-
-    @property
-    def owner(self) -> str:
-        """The session that is known to publish it; "" for none."""
-        return self.description.session if self.confirmed and self.description else ""
 
 
 class StreamWatch:

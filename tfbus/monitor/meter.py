@@ -4,12 +4,12 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Iterator, Sized
-from dataclasses import dataclass
 from itertools import pairwise
 
 from tfbus.errors import DecodeError
 from tfbus.listen.names import StreamNames
-from tfbus.monitor.window import Spread, Window, spread_of
+from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
+from tfbus.monitor.window import Window, spread_of
 from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK, Clock
 from tfbus.wire.fleet import Fleet
@@ -24,42 +24,6 @@ _IDLE_S = 60.0
 # Samples of all edges together, of 150 bytes each: then a new one takes the place of the oldest of
 # its edge.
 _MOST_IN_ALL = 1_000_000
-
-Edge = tuple[str, str, str]  # stream, parent, child
-
-
-@dataclass(frozen=True)
-class EdgeFlow:
-    """How the samples of one edge came.
-
-    Of the recent ones: `rate_hz` by their arrivals, `jitter_s` the standard deviation of the times
-    between them, `delays_s` their ages at arrival, by their stamps and our clock, below zero for
-    stamps in the future. Since the meter was made: `longest_gap_s` between two stamps,
-    `out_of_order` counts samples older than one before, `at_zero` those with the stamp 0.
-    """
-
-    stream: str
-    parent: str
-    child: str
-    rate_hz: float | None = None
-    jitter_s: float | None = None
-    delays_s: Spread | None = None
-    longest_gap_s: float = 0.0
-    out_of_order: int = 0
-    at_zero: int = 0
-
-    @property
-    def least_delay_s(self) -> float | None:
-        """The age at arrival of the sample that came soonest."""
-        return self.delays_s.min if self.delays_s else None
-
-
-@dataclass(frozen=True)
-class StreamFlow:
-    """The load of a stream in the last seconds: messages and bytes per second."""
-
-    messages_hz: float
-    bytes_per_s: float
 
 
 class _EdgeMeter:

@@ -5,9 +5,9 @@ from typing import Any
 
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import TransformException
-from tfbus.frames.command_listener import Listening
+from tfbus.frames.heard import Heard
 from tfbus.frames.snapshot import FrameTree
-from tfbus.monitor.meter import EdgeFlow, TransformMeter
+from tfbus.monitor.flow import EdgeFlow, Meter
 from tfbus.monitor.window import Spread, Window, spread_of
 
 _MOST_SAMPLES = 1_000
@@ -40,16 +40,16 @@ class PairWatch:
         self._target, self._source = target, source
         self._delays = Window(_MOST_SAMPLES)
 
-    def look(self, heard: Listening, at_s: float) -> None:
+    def look(self, heard: Heard, at_s: float) -> None:
         """Measure the age of the newest answer now."""
         try:
             stamp_ns = heard.buffer.latest_common_time(self._target, self._source)
         except TransformException:
             return
         if stamp_ns is not None:
-            self._delays.add(at_s, (heard.node.now_ns() - stamp_ns) / 1e9)
+            self._delays.add(at_s, (heard.now_ns() - stamp_ns) / 1e9)
 
-    def report(self, heard: Listening) -> Pair:
+    def report(self, heard: Heard) -> Pair:
         """The path and delay of the pair, or why there is no answer."""
         try:
             chain = heard.buffer.path(self._target, self._source)
@@ -65,7 +65,7 @@ class PairWatch:
         )
 
 
-def _held_back_by(heard: Listening, chain: list[str]) -> str | None:
+def _held_back_by(heard: Heard, chain: list[str]) -> str | None:
     """The child of the edge on the path whose newest sample is the oldest."""
     infos = {name: heard.buffer.frame(name) for name in chain}
     newest = {
@@ -86,7 +86,7 @@ class Report:
 
     tree: FrameTree
     flows: dict[tuple[str, str], EdgeFlow]
-    meter: TransformMeter
+    meter: Meter
     pair: Pair | None
     dropped: int = 0
 
@@ -101,11 +101,11 @@ class Report:
         return [frames[name] for name in names if name in frames and frames[name].parent]
 
 
-def make_report(heard: Listening, meter: TransformMeter, pair: PairWatch | None) -> Report:
+def make_report(heard: Heard, meter: Meter, pair: PairWatch | None) -> Report:
     """What is measured now."""
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
     watched = pair.report(heard) if pair else None
-    return Report(heard.tree(), flows, meter, watched, heard.listener.dropped)
+    return Report(heard.tree(), flows, meter, watched, heard.dropped)
 
 
 def as_map(report: Report) -> dict[str, Any]:

@@ -1,0 +1,194 @@
+"""Recordings on a command line: `--bag FILE`, and moments and spans of it."""
+
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
+
+from tfbus.command.extras import install_command
+from tfbus.command.moment import Moment
+from tfbus.command.types import MomentType
+from tfbus.errors import TfbusError
+from tfbus.wording import duration, printable
+
+if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_S = 1_000_000_000
+
+# What a plain number of seconds, meant as a time since the beginning, is at most: ten years.
+_EARLY_NS = 315_360_000 * _S
+
+_MOMENTS = {
+    "at": ("The moment to show; +3s is 3 s after its beginning, -3s before its end.", "--at"),
+    "begin": ("Begin at this moment, as +3s, -3s or a date and time.", "--from"),
+    "end": ("End at this moment.", "--to"),
+}
+
+
+@dataclass(frozen=True)
+class BagChoice:
+    """The files of a recording, and the moment or span of it, as options give them."""
+
+    paths: tuple[Path, ...]
+    at: Moment | None = None
+    begin: Moment | None = None
+    end: Moment | None = None
+
+    @contextmanager
+    def opened(self) -> "Iterator[OpenBag]":
+        """The recording, open. Raises TfbusError where it cannot be read."""
+        with open_recording(*self.paths) as reader:
+            yield OpenBag(reader, self)
+
+
+@dataclass(frozen=True)
+class OpenBag:
+    """An open recording, and what was chosen of it. Times are log times."""
+
+    reader: "RecordingReader"
+    choice: BagChoice
+
+    @property
+    def at_ns(self) -> int:
+        """The moment, by default the end. Raises click.UsageError where it is outside."""
+        if self.choice.at is None:
+            return self.reader.end_ns
+        return self.moment(self.choice.at)
+
+    def moment(self, moment: Moment, option: str = "--at") -> int:
+        """A moment. Raises click.UsageError where it is outside of the recording."""
+        start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
+        at_ns = moment.within(start_ns, end_ns)
+        if start_ns <= at_ns <= end_ns:
+            return at_ns
+        if not moment.is_relative and 0 <= at_ns < _EARLY_NS:
+            hint = f"write +{at_ns / _S:g}s for that long after its beginning"
+        else:
+            hint = "+3s is 3 s after its beginning, -3s is 3 s before its end"
+        raise click.UsageError(f"{option}: {_outside(moment, at_ns)} {self._extent()}: {hint}")
+
+    def _extent(self) -> str:
+        start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
+        span = duration((end_ns - start_ns) / _S)
+        return f"the recording, which is from {wall(start_ns)} to {wall(end_ns)} ({span})"
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """From when to when, by default all. Raises click.UsageError where nothing is in it."""
+        start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
+        begin, end = self.choice.begin, self.choice.end
+        from_ns, to_ns = start_ns, end_ns
+        if begin is not None:
+            from_ns = begin.within(start_ns, end_ns)
+            if from_ns > end_ns or (not begin.is_relative and from_ns < _EARLY_NS):
+                self.moment(begin, "--from")
+        if end is not None:
+            to_ns = end.within(start_ns, end_ns)
+            if to_ns < start_ns:
+                self.moment(end, "--to")
+        from_ns, to_ns = max(from_ns, start_ns), min(to_ns, end_ns)
+        if from_ns > to_ns:
+            raise click.UsageError(
+                f"--from ({wall(from_ns)}) must be before --to ({wall(to_ns)}) in {self._extent()}"
+            )
+        return from_ns, to_ns
+
+
+def _outside(moment: Moment, at_ns: int) -> str:
+    if moment.is_relative:
+        return f"{moment.ns / _S:+g}s is outside of"
+    return f"{wall(at_ns)} is outside of"
+
+
+def bag_options(*moments: str) -> Callable[[F], F]:
+    """Add `--bag`, and the options of these moments, "at", "begin" and "end", to a click command,
+    which gets them as `bag`: a BagChoice, None for the bus.
+
+    Raises click.UsageError for a moment without a recording.
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def command(*args: Any, bags: tuple[Path, ...], **values: Any) -> Any:
+            given = {name: values.pop(f"bag_{name}") for name in moments}
+            return function(*args, bag=bag_choice(bags, **given), **values)
+
+        decorated: Any = command
+        for name in reversed(moments):
+            text, option = _MOMENTS[name]
+            decorated = click.option(
+                option, f"bag_{name}", metavar="TIME", type=MomentType(), help=f"With --bag: {text}"
+            )(decorated)
+        return bag_option(cast(F, decorated))
+
+    return decorate
+
+
+def bag_option(function: F) -> F:
+    """Add `--bag`, which gives `bags`, a tuple of paths, to a click command."""
+    option = click.option(
+        "--bag",
+        "bags",
+        multiple=True,
+        type=click.Path(exists=True, path_type=Path),
+        metavar="FILE",
+        help="Look into a recording, not at the bus: a file, or a folder of its files; repeatable.",
+    )
+    return cast(F, option(function))
+
+
+def bag_choice(bags: tuple[Path, ...], **moments: Moment | None) -> BagChoice | None:
+    """The choice; None without a recording. Raises click.UsageError for a moment without one."""
+    if bags:
+        return BagChoice(bags, **moments)
+    for name, moment in moments.items():
+        if moment is not None:
+            raise click.UsageError(f"{_MOMENTS[name][1]} is a moment of a recording: give --bag")
+    return None
+
+
+@contextmanager
+def open_recording(*paths: Path) -> "Iterator[RecordingReader]":
+    """The recording in these files or folders.
+
+    Raises TfbusError where it cannot be read. One that is cut short is said on stderr.
+    """
+    try:
+        from tfbus.recording.reader import RecordingReader
+
+        reader = RecordingReader(*paths)
+    except ImportError as error:
+        raise TfbusError(
+            f"recordings need {error.name or 'mcap'}, which is not installed: "
+            f"{install_command('bag')}"
+        ) from error
+    except OSError as error:
+        name = printable(str(error.filename or paths[0]))
+        raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
+    with reader:
+        if reader.end_ns < reader.start_ns:
+            raise TfbusError(f"{printable(str(paths[0]))} is an empty recording")
+        if not reader.is_complete:
+            click.echo(
+                f"The recording is cut short: it ends at {wall(reader.end_ns)} "
+                "(tfbus bag recover writes a whole file)",
+                err=True,
+            )
+        yield reader
+
+
+def wall(stamp_ns: int) -> str:
+    """A time as a clock on the wall shows it here: `2026-11-22 12:03:05.100`."""
+    try:
+        local = datetime.fromtimestamp(stamp_ns // _S)
+    except (OverflowError, OSError, ValueError):
+        return f"{stamp_ns / _S:.3f}"
+    return f"{local:%Y-%m-%d %H:%M:%S}.{stamp_ns % _S // 1_000_000:03}"

@@ -1,0 +1,386 @@
+"""What a listener would have known at a moment of a recording.
+
+Messages, tokens and descriptions are judged by the same code as on a bus, so that frames are gone,
+stale or in conflict as they were then. A moment is a log time. The delays, and with them what is
+stale, are by the log times too: it makes no difference when the recording is looked at.
+"""
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from tfbus.buffer.buffer import Buffer
+from tfbus.discover.other_namespaces import where_to_look
+from tfbus.errors import DecodeError
+from tfbus.frames.recorded_clock import RecordedClock, clock_topic, follows_clock
+from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
+from tfbus.frames.snapshot import FrameTree, frame_tree
+from tfbus.frames.viewpoint import Viewpoint
+from tfbus.listen.info import StreamInfo, stream_info
+from tfbus.listen.reception import DynamicReception, StreamReception
+from tfbus.listen.stream_state import StreamState
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.selection import Selection
+from tfbus.wire.codec import from_map
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.fleet import Fleet, FrameNames
+from tfbus.wire.transforms import TransformMessage, TransformReader
+from tfbus.wording import did_you_mean
+
+if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
+
+S = 1_000_000_000
+
+# A frame may have been silent for longer than the cache keeps: its last samples are looked for in
+# spans that grow, of a stream that sends none for this long no further.
+_FIRST_STEP_S = 10
+_STEP_FACTOR = 4
+_MOST_BACK_S = 1200
+
+
+class RecordedFrames:
+    """The frames of a recording as a listener in `namespace`, or with a `fleet`, had them.
+
+    `seek` goes to a moment, `advance` on to a later one; before the first there is nothing.
+    `sim_time` is whether ages are by the simulated time that was recorded; None: where all
+    publishers followed it.
+    """
+
+    def __init__(
+        self,
+        source: "RecordingReader",
+        *,
+        namespace: str = "",
+        fleet: Fleet | None = None,
+        cache_time_s: float = 10.0,
+        sim_time: bool | None = None,
+    ) -> None:
+        self.dropped = 0
+        self._source = source
+        self._events = source.events
+        self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
+        self._cache_time_s = cache_time_s
+        self._described = {each.name for each in self._events if each.kind == "stream"}
+        nodes = map(_node_of, self._events)
+        follows = follows_clock(filter(None, nodes)) if sim_time is None else sim_time
+        self._follows_clock = follows
+        self._selection = self._make_selection()
+        self._at_ns = source.start_ns
+        self._start()
+
+    def _make_selection(self) -> Selection:
+        """The streams, and the clock where that is followed; no other topics."""
+        names = {channel.stream.name for channel in self._source.streams} | self._described
+        topics = (clock_topic(self._view.namespace),) if self._follows_clock else ()
+        return Selection(topics=topics, streams=tuple(sorted(names)))
+
+    def _start(self) -> None:
+        self.buffer = Buffer(self._cache_time_s)
+        self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
+        self._streams: dict[str, _Stream] = {}
+        self._nodes: dict[str, NodeDescription] = {}
+
+    # Moments
+
+    def seek(self, at_ns: int) -> None:
+        """Go to a log time. `buffer` is another one from then on."""
+        from_ns = at_ns - int(self._cache_time_s * S)
+        before: list[Item] = [event for event in self._events if event.log_ns < from_ns]
+        before += self._source.state_at(from_ns - 1, self._selection).statics.values()
+        before.sort(key=_log_ns)
+        span = list(self._items(from_ns, at_ns))
+        self._go_through(before, span, at_ns)
+        if past := self._last_of_the_silent(from_ns):
+            self._go_through(sorted([*before, *past], key=_log_ns), span, at_ns)
+
+    def _go_through(self, before: Iterable[Item], span: Iterable[Item], at_ns: int) -> None:
+        self._start()
+        for item in before:
+            self.take(item)
+        for item in span:
+            self.take(item)
+        self._move_to(at_ns)
+
+    def advance(self, to_ns: int) -> None:
+        """Go on to a later log time; to an earlier one as `seek`."""
+        if to_ns < self._at_ns:
+            self.seek(to_ns)
+            return
+        for item in self._items(self._at_ns + 1, to_ns):
+            self.take(item)
+        self._move_to(to_ns)
+
+    def _move_to(self, at_ns: int) -> None:
+        self._at_ns = at_ns
+        self._clock.log_ns = at_ns
+
+    def _items(self, from_ns: int, to_ns: int) -> Iterator[Item]:
+        """The items from one log time to another, both included."""
+        return self._source.items(from_ns, to_ns, self._selection)
+
+    def _last_of_the_silent(self, before_ns: int) -> list[Item]:
+        """The last messages of frames that are listed, or were, and of which there is none."""
+        found: list[Item] = []
+        for name, stream in self._streams.items():
+            missing = stream.listed.difference(self.buffer.frames())
+            if missing:
+                end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
+                found += self._last_messages(stream.full_name or name, missing, end_ns)
+        return found
+
+    def _last_messages(self, name: str, missing: set[str], end_ns: int) -> list[Item]:
+        """The last messages of a stream before a time that have these frames, a cache's time of
+        them.
+        """
+        start_ns = max(self._source.start_ns, end_ns - _MOST_BACK_S * S)
+        keeps_ns, step_ns = int(self._cache_time_s * S), _FIRST_STEP_S * S
+        chosen = Selection(streams=(name,))
+        found: list[Item] = []
+        while missing and end_ns > start_ns:
+            from_ns = max(start_ns, end_ns - step_ns)
+            part = [
+                item
+                for item in self._source.items(from_ns, end_ns - 1, chosen)
+                if isinstance(item, TransformItem)
+                and not item.static
+                and not missing.isdisjoint(self._names(item.stream).all_outside(item.rows.frames))
+            ]
+            if part:
+                newest_ns = part[-1].log_ns
+                part = [item for item in part if item.log_ns > newest_ns - keeps_ns]
+                for item in part:
+                    missing = missing - self._children(item)
+                found = [*part, *found]
+            end_ns, step_ns = from_ns, step_ns * _STEP_FACTOR
+        return found
+
+    # Items
+
+    def take(self, item: Item) -> None:
+        """Take the next item."""
+        self._clock.log_ns = item.log_ns
+        if isinstance(item, TransformItem):
+            self._take_transforms(item)
+        elif isinstance(item, EventItem):
+            self._take_event(item)
+        elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
+            # The clock was set back: transforms in its future have not happened.
+            self.buffer.clear(after_ns=self._clock.now_ns())
+
+    def _take_transforms(self, item: TransformItem) -> None:
+        name = self._view.called(item.stream.name, item.stream.namespace)
+        if name is None:
+            return
+        stream = self._streams.get(name) or self._meet(name, item.stream.name)
+        names = self._names(item.stream)
+        rows = item.rows.with_frames(names.all_outside(item.rows.frames))
+        message = TransformMessage(rows, item.stream.epoch_ns, item.seq)
+        if item.stream.name not in self._described:
+            stream.describe_by(item, rows.pairs(), rows.frames)
+        if item.static:
+            stream.reception.take_recorded_statics(message, item.log_ns)
+        else:
+            key = rows.frames[rows.pairs()[0][1]] if item.stream.split and rows.count else ""
+            stream.key(key).take_recorded(message, item.log_ns)
+
+    def _take_event(self, event: EventItem) -> None:
+        if event.kind == "node":
+            node = _node_of(event)
+            if node is not None:
+                self._nodes[event.name] = node
+        elif event.kind == "node gone":
+            self._nodes.pop(event.name, None)
+        elif event.kind in ("stream", "stream gone"):
+            namespace = _namespace_of(event)
+            known = next((s for s in self._streams.values() if s.full_name == event.name), None)
+            name = self._view.called(event.name, namespace)
+            if known is not None:
+                known.take_event(event, self._view.names(namespace))
+            elif name is not None and event.kind == "stream":
+                stream = self._meet(name, event.name)
+                stream.take_event(event, self._view.names(namespace))
+
+    def _meet(self, name: str, full_name: str) -> "_Stream":
+        reception = StreamReception(
+            name, self.buffer, _SILENT, self._clock.now_ns, _READER, now_s=self._clock.log_s
+        )
+        return self._streams.setdefault(name, _Stream(reception, StreamState(name), full_name))
+
+    def _names(self, stream: RecordedStream) -> FrameNames:
+        return self._view.names(stream.namespace)
+
+    def _children(self, item: TransformItem) -> frozenset[str]:
+        return frozenset(map(self._names(item.stream).outside, item.rows.children()))
+
+    # What is known
+
+    def now_ns(self) -> int:
+        """The moment; by the simulated clock where that is followed."""
+        return self._clock.now_ns()
+
+    @property
+    def at_ns(self) -> int:
+        """The moment as a log time."""
+        return self._at_ns
+
+    @property
+    def start_ns(self) -> int:
+        """The beginning of the recording."""
+        return self._source.start_ns
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether `now_ns` is a simulated time."""
+        return self._clock.is_simulated
+
+    @property
+    def nodes(self) -> tuple[NodeDescription, ...]:
+        """The nodes that are there, by name."""
+        return tuple(node for _, node in sorted(self._nodes.items()))
+
+    def streams(self) -> list[StreamInfo]:
+        """All streams that are or were there, sorted by name."""
+        return [
+            stream_info(name, stream.state, stream.reception)
+            for name, stream in sorted(self._streams.items())
+        ]
+
+    def tree(self) -> FrameTree:
+        """The tree of frames."""
+        simulated: SimulatedTime = NOT_SIMULATED
+        if not self._clock.is_simulated:
+            simulated = simulated_time(self._nodes.values())
+        return frame_tree(self.buffer, self.streams(), self.now_ns(), simulated)
+
+    def hint(self, frame: str = "") -> str:
+        """Where in the recording a frame is to be found: later, or in another namespace."""
+        first_ns: dict[str, int] = {}
+        elsewhere = set()
+        for event in self._events:
+            if event.kind != "stream":
+                continue
+            namespace = _namespace_of(event)
+            description = _description_of(event)
+            rows = () if description is None else description.frames
+            frames = {name for parent, child, _ in rows for name in (parent, child)}
+            if self._view.called(event.name, namespace) is None:
+                elsewhere |= {(namespace, each) for each in frames}
+                continue
+            for each in map(self._view.names(namespace).outside, frames):
+                first_ns.setdefault(each, event.log_ns)
+        if frame in first_ns and first_ns[frame] > self._at_ns:
+            later_s = (first_ns[frame] - self._source.start_ns) / S
+            return f"{frame!r} comes in the recording from +{later_s:.3f}s on"
+        if not frame and first_ns and min(first_ns.values()) > self._at_ns:
+            later_s = (min(first_ns.values()) - self._source.start_ns) / S
+            return f"the first frames come at +{later_s:.3f}s"
+        if found := where_to_look(elsewhere, frame):
+            return found
+        if frame and frame not in first_ns:
+            return did_you_mean(frame, first_ns).removeprefix("; ")
+        return ""
+
+
+@dataclass
+class _Stream:
+    """A stream, the state of its token and description, and the receptions of its keys.
+
+    `gone_ns` is when its publisher was lost. `listed` are all frames that it ever listed and has
+    not removed.
+    """
+
+    reception: StreamReception
+    state: StreamState
+    full_name: str
+    gone_ns: int | None = None
+    _keys: dict[str, DynamicReception] = field(default_factory=dict)
+    _seen: dict[str, tuple[str, bool]] = field(default_factory=dict)
+
+    @property
+    def listed(self) -> set[str]:
+        description = self.state.description
+        return set() if description is None else {child for _, child, _ in description.frames}
+
+    def key(self, child: str) -> DynamicReception:
+        """The reception of the key of a frame, "" for that of the whole stream."""
+        reception = self._keys.get(child)
+        if reception is None:
+            reception = self._keys[child] = DynamicReception(self.reception)
+        return reception
+
+    def take_event(self, event: EventItem, names: FrameNames) -> None:
+        """Its token came or was lost, or it has another description."""
+        if event.kind == "stream gone":
+            self.gone_ns = event.log_ns
+            self.state = replace(self.state, alive=False)
+            self.reception.vanish()
+            return
+        self.gone_ns = None
+        if not self.state.alive:
+            self.reception.appear()
+        description = _description_of(event)
+        if description is not None:
+            description = names.description_outside(description)
+            self.reception.take_description(description)
+        self.state = replace(
+            self.state, alive=True, description=description or self.state.description
+        )
+
+    def describe_by(
+        self, item: TransformItem, pairs: list[tuple[int, int]], frames: tuple[str, ...]
+    ) -> None:
+        """Nothing was recorded of its token and description: it lists what it sends."""
+        rows = {frames[child]: (frames[parent], item.static) for parent, child in pairs}
+        if self.state.alive and rows.items() <= self._seen.items():
+            return
+        self._seen |= rows
+        listed = tuple((parent, child, static) for child, (parent, static) in self._seen.items())
+        stream = item.stream
+        description = StreamDescription(1, stream.node, stream.epoch_ns, listed)
+        self.state = replace(self.state, alive=True, description=description)
+
+
+_READER = TransformReader()
+
+# What a listener logged was logged then.
+_SILENT = logging.Logger("recorded", level=logging.CRITICAL + 1)
+
+
+def _log_ns(item: Item) -> int:
+    return item.log_ns
+
+
+def _description_of(event: EventItem) -> StreamDescription | None:
+    try:
+        return from_map(StreamDescription, event.facts) if event.facts else None
+    except (DecodeError, ValueError):
+        return None
+
+
+def _node_of(event: EventItem) -> NodeDescription | None:
+    if event.kind != "node" or not event.facts:
+        return None
+    try:
+        return from_map(NodeDescription, event.facts)
+    except (DecodeError, ValueError):
+        return None
+
+
+def _namespace_of(event: EventItem) -> str:
+    """The namespace of a stream: that of its node, or what is before its last name."""
+    node = str(event.facts.get("node") or "").strip("/")
+    namespace = node.rpartition("/")[0]
+    if node and (not namespace or event.name.startswith(f"{namespace}/")):
+        return namespace
+    return event.name.rpartition("/")[0]
+
+
+def _only_namespace(source: "RecordingReader", fleet: Fleet | None) -> str:
+    """The namespace of all streams, where none is in ours and there is one other."""
+    if fleet is not None:
+        return ""
+    namespaces = {_namespace_of(event) for event in source.events if event.kind == "stream"}
+    namespaces |= {channel.stream.namespace for channel in source.streams}
+    return namespaces.pop() if len(namespaces) == 1 else ""

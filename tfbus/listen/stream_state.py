@@ -1,0 +1,27 @@
+"""A stream as its token and its description show it."""
+
+from dataclasses import dataclass
+
+from tfbus.wire.descriptions import StreamDescription
+
+
+@dataclass(frozen=True)
+class StreamState:
+    """A stream as it is now.
+
+    `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
+    is whether its publisher is there. `description` is the last it has sent, None before the
+    first. `key` is that of its token and its description. `confirmed` is whether the description
+    came from the session that it names, since the token did.
+    """
+
+    name: str
+    alive: bool = False
+    description: StreamDescription | None = None
+    key: str = ""
+    confirmed: bool = False
+
+    @property
+    def owner(self) -> str:
+        """The session that is known to publish it; "" for none."""
+        return self.description.session if self.confirmed and self.description else ""

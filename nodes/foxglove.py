@@ -3,11 +3,22 @@
 Try it: tfbus launch turtle, and beside it: tfbus foxglove --teleop turtle1/cmd_vel
 """
 
+from contextlib import closing
+
 import click
 
-from tfbus import Fleet, Node, NodeSettings, TfbusError, TopicName, fleet_options, node_options
-from tfbus.command import install_command
-from tfbus.foxglove import Front, Serving, is_local, page_url
+from tfbus import (
+    Fleet,
+    Node,
+    NodeSettings,
+    Number,
+    TfbusError,
+    TopicName,
+    fleet_options,
+    node_options,
+)
+from tfbus.command import BagChoice, bag_options, install_command
+from tfbus.foxglove import Serving
 
 
 def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
@@ -16,7 +27,9 @@ def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     return int(text)
 
 
-@click.command(epilog="Example: tfbus foxglove --teleop turtle1/cmd_vel")
+@click.command(
+    epilog="Examples: tfbus foxglove --teleop turtle1/cmd_vel; tfbus foxglove --bag run.mcap"
+)
 @click.option("--host", default="127.0.0.1", help="The address to listen on (default 127.0.0.1).")
 @click.option(
     "--port",
@@ -42,47 +55,92 @@ def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     metavar="URL",
     help="Let pages of another host connect, such as http://viewer.lan:8080; repeatable.",
 )
+@click.option(
+    "-r",
+    "--rate",
+    type=Number(least=0.001, most=10_000.0),
+    metavar="NUMBER",
+    help="With --bag: recorded seconds per second at the beginning (default 1).",
+)
+@click.option("-l", "--loop", is_flag=True, help="With --bag: at the end begin again.")
+@bag_options("begin", "end")
 @fleet_options
 @node_options("foxglove")
 def main(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     host: str,
     port: int,
     teleop: tuple[str, ...],
     read_only: bool,
     origins: tuple[str, ...],
+    rate: float | None,
+    loop: bool,
 ) -> None:
-    """Show the bus in Foxglove: frames, topics, parameters, services and the graph of nodes."""
-    if read_only and teleop:
-        raise click.UsageError("--read-only and --teleop are mutually exclusive: give one")
+    """Show the bus in Foxglove: frames, topics, parameters, services and the graph of nodes.
+
+    With --bag it shows a recording, and Foxglove's bar plays it.
+    """
     _require_foxglove()
+    serving = Serving(host, port, origins)
+    if bag is None:
+        if rate is not None or loop:
+            raise click.UsageError("--rate and --loop play a recording: give --bag")
+        if read_only and teleop:
+            raise click.UsageError("--read-only and --teleop are mutually exclusive: give one")
+        _show_bus(settings, serving, fleet, teleop, read_only)
+    else:
+        if teleop:
+            raise click.UsageError("--teleop and --bag are mutually exclusive: give one")
+        _show_recording(settings, serving, fleet, bag, rate or 1.0, loop)
+
+
+def _show_bus(
+    settings: NodeSettings,
+    serving: Serving,
+    fleet: Fleet | None,
+    teleop: tuple[str, ...],
+    read_only: bool,
+) -> None:
     from tfbus.foxglove import LiveBridge
 
-    serving = Serving(host, port, origins)
     with Node.from_settings(settings) as node:
         bridge = LiveBridge(node, serving, fleet=fleet, teleop=teleop, read_only=read_only)
-        try:
-            _announce(node, bridge.front, serving)
+        with closing(bridge):
+            node.ready(bridge.front.announcement())
+            for warning in bridge.front.warnings():
+                node.log.warning("%s", warning)
             node.wait(None)
-        finally:
-            bridge.close()
 
 
-def _announce(node: Node, front: Front, serving: Serving) -> None:
-    """Log where to open it, and who can."""
-    if front.port != serving.port:
-        node.log.warning("Port %d of %s is taken: using %d", serving.port, serving.host, front.port)
-    address = front.addresses[0]
-    node.ready(f"Foxglove: open {page_url(address)} or connect to {' or '.join(front.addresses)}")
-    if not is_local(serving.host):
-        node.log.warning(
-            "Anyone who reaches %s can see the bus, set parameters and call services: there is no "
-            "password. A tunnel is safer: ssh -L %d:127.0.0.1:%d this-machine",
-            " or ".join(front.addresses),
-            front.port,
-            front.port,
-        )
+def _show_recording(
+    settings: NodeSettings,
+    serving: Serving,
+    fleet: Fleet | None,
+    bag: BagChoice,
+    rate: float,
+    loop: bool,
+) -> None:
+    """Serve a recording; no bus is joined."""
+    with bag.opened() as opened:
+        span = opened.span
+    from tfbus.foxglove import PlaybackBridge
+
+    bridge = PlaybackBridge(
+        bag.paths,
+        span,
+        serving,
+        log_level=settings.log_level,
+        fleet=fleet,
+        rate=rate,
+        at_end="loop" if loop else "wait",
+    )
+    with closing(bridge):
+        bridge.log.info("%s", bridge.front.announcement())
+        for warning in bridge.front.warnings():
+            bridge.log.warning("%s", warning)
+        bridge.run()
 
 
 def _require_foxglove() -> None:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.keyboard import KeyReader as KeyReader
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.recordings import BagChoice as BagChoice
+    from tfbus.command.recordings import bag_options as bag_options
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 _MODULE_OF = {
     "POSITIVE": "tfbus.command.types",
+    "BagChoice": "tfbus.command.recordings",
     "Declared": "tfbus.command.declared",
     "KeyReader": "tfbus.command.keyboard",
     "NoTerminalError": "tfbus.command.terminal",
@@ -42,6 +45,7 @@ _MODULE_OF = {
     "RawTerminal": "tfbus.command.terminal",
     "Value": "tfbus.command.yaml_file",
     "YamlFileError": "tfbus.command.yaml_file",
+    "bag_options": "tfbus.command.recordings",
     "frame_mistake": "tfbus.command.types",
     "install_command": "tfbus.command.extras",
     "namespaces_serving": "tfbus.command.elsewhere",

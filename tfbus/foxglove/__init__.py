@@ -11,18 +11,14 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from tfbus.foxglove.front import Front as Front
-    from tfbus.foxglove.front import page_url as page_url
     from tfbus.foxglove.live import LiveBridge as LiveBridge
+    from tfbus.foxglove.playback import PlaybackBridge as PlaybackBridge
     from tfbus.foxglove.serving import Serving as Serving
-    from tfbus.runtime.addresses import is_local as is_local
 
 _MODULE_OF = {
-    "Front": "tfbus.foxglove.front",
     "LiveBridge": "tfbus.foxglove.live",
+    "PlaybackBridge": "tfbus.foxglove.playback",
     "Serving": "tfbus.foxglove.serving",
-    "is_local": "tfbus.runtime.addresses",
-    "page_url": "tfbus.foxglove.front",
 }
 
 __all__ = sorted(_MODULE_OF)

@@ -74,7 +74,7 @@ class Front:
         on_refused: Callable[[str], object],
     ) -> None:
         self.clients = 0
-        self._host = serving.host
+        self._host, self._wanted_port = serving.host, serving.port
         self._allowed = serving.origins
         self._inner = inner
         self._on_refused = on_refused
@@ -92,6 +92,24 @@ class Front:
             f"ws://{f'[{name}]' if ':' in name else name}:{self.port}"
             for name in names_to_open(self._host)
         )
+
+    def announcement(self) -> str:
+        """Where to open it, in a line."""
+        url = page_url(self.addresses[0])
+        return f"Foxglove: open {url} or connect to {' or '.join(self.addresses)}"
+
+    def warnings(self) -> list[str]:
+        """What who started it should know of the address."""
+        found = []
+        if self.port != self._wanted_port:
+            found.append(f"port {self._wanted_port} of {self._host} is taken: using {self.port}")
+        if not is_local(self._host):
+            found.append(
+                f"anyone who reaches {' or '.join(self.addresses)} may connect: there is no "
+                f"password. A tunnel is safer: ssh -L {self.port}:127.0.0.1:{self.port} "
+                "this-machine"
+            )
+        return found
 
     def close(self) -> None:
         """Stop listening, and disconnect all clients. Twice is fine."""

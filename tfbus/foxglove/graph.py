@@ -1,11 +1,11 @@
 """Nodes, topics and services as Foxglove's Topic Graph panel shows them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from foxglove import ConnectionGraph
 
-from tfbus.discover.graph import TRANSFORMS_TYPE, Graph
+from tfbus.discover.graph import graph_of
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wording import printable
 
@@ -33,9 +33,9 @@ class Connections:
 
 
 def connections(
-    graph: Graph, nodes: Iterable[NodeDescription], streams: Iterable[StreamDescription]
+    nodes: Collection[NodeDescription], streams: Iterable[StreamDescription]
 ) -> Connections:
-    """The graph with the names of Foxglove's topics.
+    """The graph of these nodes and streams, with the names of Foxglove's topics.
 
     All streams are on /tf and /tf_static, and every node with a buffer listens to both.
     """
@@ -49,9 +49,8 @@ def connections(
         if node.buffers:
             for topic in ("/tf", "/tf_static"):
                 subscribed.setdefault(topic, set()).add(node.name)
+    graph = graph_of(nodes, {})
     for name, info in graph.topics.items():
-        if TRANSFORMS_TYPE in info.types and info.subscribers is None:
-            continue
         if info.publishers:
             published[absolute(name)] = {end.node for end in info.publishers}
         if info.subscribers:

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from foxglove import Parameter
 from foxglove.websocket import Capability, ClientChannel
 
-from tfbus.discover.graph import Graph, graph_of
+from tfbus.discover.graph import graph_of
+from tfbus.discover.parameters import set_parameter
 from tfbus.discover.presence import describe_all, describe_streams, relative_name
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, ParameterError
 from tfbus.foxglove.front import Front, hidden_host
 from tfbus.foxglove.graph import Connections, connections
 from tfbus.foxglove.parameters import NodeParameters
@@ -21,7 +22,7 @@ from tfbus.listen.listener import TransformListener
 from tfbus.node.node import Node
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import namespace_of
 
@@ -63,7 +64,7 @@ class LiveBridge(Requests):
         self._transforms = TransformChannels(self._server, node.now_ns, self._once)
         self._topics = LiveTopics(node, self._server, self._once)
         self._parameters = NodeParameters(
-            node.session, self._server.publish_parameters, self._refuse
+            self._set_parameter, self._server.publish_parameters, self._refuse
         )
         self._services = LiveServices(node.session, self._server)
         self._teleop = Teleop(node, teleop, self._once)
@@ -101,10 +102,8 @@ class LiveBridge(Requests):
 
     def subscribed(self, channel_id: int) -> None:
         """Late ones get static transforms, and where each dynamic frame is."""
-        if self._transforms.is_one(channel_id):
-            self._executor.submit(
-                f"subscribed {channel_id}", lambda: self._send_present(channel_id)
-            )
+        if self._transforms.have(channel_id):
+            self._executor.submit("transforms", self._send_present, limit=1)
         else:
             self._executor.submit("topics", self._topics.adapt, limit=1)
 
@@ -116,10 +115,12 @@ class LiveBridge(Requests):
         return self._parameters.get(names)
 
     def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
-        if self._read_only:
-            self._refuse("parameters cannot be set here: tfbus foxglove runs with --read-only")
-            return self._parameters.get([each.name for each in given])
         return self._parameters.set(given)
+
+    def _set_parameter(self, node: str, name: str, value: object) -> ParameterDescription:
+        if self._read_only:
+            raise ParameterError("tfbus foxglove runs with --read-only")
+        return set_parameter(self._node.session, node, name, value, self._refuse)
 
     def advertised(self, client_id: int, channel: ClientChannel) -> None:
         if mistake := self._teleop.begin(client_id, channel):
@@ -138,19 +139,16 @@ class LiveBridge(Requests):
         session = self._node.session
         described = describe_all(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
         nodes = [each for each in described if each.session != session.id and self._sees(each)]
-        found = describe_streams(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
-        streams = [each for key, each in found.items() if self._fleet or not namespace_of(key)]
+        described_streams = describe_streams(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
+        streams = [
+            each for key, each in described_streams.items() if self._fleet or not namespace_of(key)
+        ]
         graph = graph_of(nodes, {})
         self._parameters.update(nodes)
         self._topics.update(graph)
         if not self._read_only:
             self._services.update(graph)
-        self._tell_graph(graph, nodes, streams)
-
-    def _tell_graph(
-        self, graph: Graph, nodes: list[NodeDescription], streams: list[StreamDescription]
-    ) -> None:
-        found = connections(graph, nodes, streams)
+        found = connections(nodes, streams)
         if found != self._connections:
             self._connections = found
             self._server.publish_graph(found.as_foxglove())
@@ -159,9 +157,8 @@ class LiveBridge(Requests):
         name = relative_name(node.name, self._node.namespace)
         return not name.startswith("/") and (self._fleet is not None or "/" not in name)
 
-    def _send_present(self, channel_id: int) -> None:
-        static = self._transforms.is_static(channel_id)
-        self._transforms.send(self._buffer.present(static=static), static=static)
+    def _send_present(self) -> None:
+        self._transforms.send_present(self._buffer)
 
     def _tell_time(self) -> None:
         if self._node.clock.is_running:
@@ -170,8 +167,7 @@ class LiveBridge(Requests):
     def _on_jump_back(self, now_ns: int) -> None:
         """Clients keep transforms of what is now the future until they forget all."""
         self._server.forget_the_past()
-        for static in (True, False):
-            self._transforms.send(self._buffer.present(static=static), static=static)
+        self._send_present()
 
     # What is wrong
 

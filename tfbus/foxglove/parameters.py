@@ -9,8 +9,6 @@ from typing import Any
 
 from foxglove import Parameter
 
-from tfbus.bus.session import Session
-from tfbus.discover.parameters import set_parameter
 from tfbus.errors import TfbusError
 from tfbus.runtime.workers import Workers
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
@@ -26,16 +24,18 @@ _WAITING = 64
 class NodeParameters:
     """The parameters of nodes by names like `/sim.background_r`, as of the last `update`.
 
-    `publish(parameters)` gets those that changed, `say(text)` why one could not be set.
+    `set_one(node, name, value)` sets one and returns it; it may take a moment, and raises
+    TfbusError where it cannot. `publish(parameters)` gets those that changed, `say(text)` why one
+    is not set.
     """
 
     def __init__(
         self,
-        session: Session,
+        set_one: Callable[[str, str, object], ParameterDescription],
         publish: Callable[[Sequence[Parameter]], None],
         say: Callable[[str], None],
     ) -> None:
-        self._session = session
+        self._set_one = set_one
         self._publish = publish
         self._say = say
         self._workers = Workers("foxglove parameters", threads=_AT_A_TIME, waiting=_WAITING)
@@ -96,7 +96,7 @@ class NodeParameters:
         node, described = self._present()[name]
         try:
             value = _typed(given.get_value(), described)
-            described = set_parameter(self._session, node, described.name, value, self._say)
+            described = self._set_one(node, described.name, value)
         except (TfbusError, OverflowError, TypeError, ValueError) as error:
             # Clients show what they asked for until they get what it is.
             self._say(f"{name} is not set: {error}")

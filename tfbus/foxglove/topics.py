@@ -7,7 +7,7 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from tfbus import messages
-from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
+from tfbus.discover.graph import Graph, TopicInfo
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.foxglove.as_json import json_of
 from tfbus.foxglove.graph import absolute
@@ -154,8 +154,6 @@ class LiveTopics:
         """Take the topics of the graph."""
         now_s = time.monotonic()
         for name, info in graph.topics.items():
-            if TRANSFORMS_TYPE in info.types and info.subscribers is None:
-                continue
             self._see(absolute(name), info, now_s)
         for name, topic in list(self._topics.items()):
             if now_s > topic.seen_s + _GONE_AFTER_S:

@@ -20,11 +20,7 @@ from tfbus.runtime.log_once import LogOnce
 
 
 class TransformChannels:
-    """Sends transforms to the clients that subscribe; safe from any thread.
-
-    A client that comes late gets the transforms that `present()` returns: static ones, and the last
-    of each dynamic frame.
-    """
+    """Sends transforms to the clients that subscribe; safe from any thread."""
 
     def __init__(self, server: Server, now_ns: Callable[[], int], once: LogOnce) -> None:
         schema = TF_MESSAGE.name, "ros2msg", TF_MESSAGE.text.encode()
@@ -35,13 +31,14 @@ class TransformChannels:
         self._writer = TFMessageWriter()
         self._lock = threading.Lock()
 
-    def is_one(self, channel_id: int) -> bool:
+    def have(self, channel_id: int) -> bool:
         """Whether a channel is one of these."""
         return channel_id in (self._dynamic.id, self._static.id)
 
-    def is_static(self, channel_id: int) -> bool:
-        """Whether a channel is that of static transforms."""
-        return channel_id == self._static.id
+    def send_present(self, buffer: Buffer, log_ns: int | None = None) -> None:
+        """Send where all frames of a buffer are, for clients that come late."""
+        for static in (True, False):
+            self.send(present(buffer, static=static), static=static, log_ns=log_ns)
 
     def send(self, rows: Columns, *, static: bool, log_ns: int | None = None) -> None:
         """Send transforms, where a client subscribes."""
@@ -85,17 +82,6 @@ class ShownBuffer(Buffer):
             self.on_rows(self._taken_of(batch), static)
         return taken
 
-    def present(self, *, static: bool) -> Columns:
-        """The static transforms, or the last of each dynamic frame."""
-        found = []
-        for frame in self.all_frames():
-            if frame.parent is None or frame.newest_ns is None or frame.static is not static:
-                continue
-            with suppress(TransformException):  # removed in between
-                pose = self.lookup_transform(frame.parent, frame.name).transform
-                found.append(TransformStamped(frame.newest_ns, frame.parent, frame.name, pose))
-        return Columns.of_transforms(found)
-
     def _taken_of(self, rows: Columns) -> Columns:
         """The rows of frames of which all are valid and held: rows are rarely refused."""
         kept = []
@@ -105,3 +91,15 @@ class ShownBuffer(Buffer):
                 if parents == {self.frame(child).parent}:
                     kept.append(child)
         return rows.only(kept)
+
+
+def present(buffer: Buffer, *, static: bool) -> Columns:
+    """The static transforms of a buffer, or the last of each dynamic frame."""
+    found = []
+    for frame in buffer.all_frames():
+        if frame.parent is None or frame.newest_ns is None or frame.static is not static:
+            continue
+        with suppress(TransformException):  # removed in between
+            pose = buffer.lookup_transform(frame.parent, frame.name).transform
+            found.append(TransformStamped(frame.newest_ns, frame.parent, frame.name, pose))
+    return Columns.of_transforms(found)

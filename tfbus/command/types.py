@@ -17,6 +17,7 @@ from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import mistake_in
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, check_topic
+from tfbus.wire.limits import size_in
 
 if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
@@ -217,6 +218,26 @@ class MomentType(click.ParamType[Moment]):
             return value if isinstance(value, Moment) else parse_moment(str(value))
         except ValueError as error:
             self.fail(str(error), param, ctx)
+
+
+class Size(click.ParamType[int]):
+    """A size in bytes, more than 0: `500MB`, `2GB`, or a plain number."""
+
+    name = "size"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
+        """The size; a usage error for another text."""
+        size = value if isinstance(value, int) else size_in(str(value))
+        if not size:
+            self.fail(
+                f"{value!r} is not a size: write a number of bytes, or one with a unit of B, kB, "
+                "MB, GB, as in 500MB",
+                param,
+                ctx,
+            )
+        return size
 
 
 class OutputFile(click.Path):

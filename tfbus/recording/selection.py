@@ -12,9 +12,11 @@ class Selection:
     """What to take; everything by default.
 
     `topics` are names of topics: given, only those, and no transforms unless `streams` or `frames`
-    are given too. `streams` are names of streams: given, only those. `frames` are child frames:
-    given, only their transforms. `regex` and `exclude` are regular expressions, found anywhere in
-    the name of a topic or stream. Names are full, as a session without a namespace has them.
+    are given too; `tf` and `tf_static` among them stand for the transforms of all streams,
+    `robot7/tf` for those of a namespace. `streams` are names of streams: given, only those.
+    `frames` are child frames: given, only their transforms. `regex` and `exclude` are regular
+    expressions, found anywhere in the name of a topic or stream. Names are full, as a session
+    without a namespace has them.
     """
 
     topics: tuple[str, ...] = ()
@@ -50,7 +52,8 @@ class Selection:
         if self.streams:
             return stream in self.streams and self._matches(stream)
         if self.topics and not self.frames and not self.regex:
-            return False
+            named = any(is_of_transforms(topic, stream) for topic in self.topics)
+            return named and self._matches(stream)
         return self._matches(stream)
 
     def taken_of(self, item: Item) -> Item | None:
@@ -74,6 +77,14 @@ class Selection:
         if self.exclude and re.search(self.exclude, name):
             return False
         return not self.regex or re.search(self.regex, name) is not None
+
+
+def is_of_transforms(topic: str, stream: str = "") -> bool:
+    """Whether a topic stands for transforms, those of this stream among them."""
+    namespace, _, last = topic.rpartition("/")
+    if last not in ("tf", "tf_static"):
+        return False
+    return not stream or not namespace or stream.startswith(f"{namespace}/")
 
 
 ALL = Selection()

@@ -118,6 +118,12 @@ def size_text(size: int) -> str:
     return f"{size} B"
 
 
+def size_in(text: str) -> int | None:
+    """The bytes in a text such as `512 B`, `64MB` or `1000`; None where it is of another form."""
+    found = _SIZE.fullmatch(text.strip())
+    return int(found[1]) * _UNITS[found[2]] if found else None
+
+
 def _rounded_up(size: int) -> int:
     """The size with one digit that is not 0, and not less."""
     digit = 10 ** (len(str(size)) - 1)
@@ -126,11 +132,11 @@ def _rounded_up(size: int) -> int:
 
 
 def _parsed(text: str) -> tuple[str, int]:
-    kind, _, size = map(str.strip, text.partition("="))
-    found = _SIZE.fullmatch(size)
-    if kind not in KINDS or not found:
+    kind, _, text_of_size = map(str.strip, text.partition("="))
+    size = size_in(text_of_size)
+    if kind not in KINDS or size is None:
         raise SettingsError(
             f"'{printable(text, 60)}' is not a limit: write kind=size, as in topic=64MB, where the "
             f"kind is one of {', '.join(KINDS)} and the unit one of B, kB, MB, GB"
         )
-    return kind, int(found[1]) * _UNITS[found[2]]
+    return kind, size

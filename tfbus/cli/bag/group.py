@@ -9,7 +9,9 @@ from tfbus.cli.verbs import Verbs
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.
-VERBS: dict[str, str] = {}
+VERBS: dict[str, str] = {
+    "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
+}
 
 # Verbs of ros2 bag that have another name here.
 _CALLED_IN_ROS = {

@@ -1,0 +1,224 @@
+"""Everything on the bus, or a part of it, as it comes: bytes into a queue."""
+
+from collections.abc import Callable
+from functools import partial
+
+from tfbus.bag.node_roster import NodeRoster
+from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.sources import EVENTS, Names, TopicSource, TransformSource
+from tfbus.bus.handles import Declaration
+from tfbus.bus.retained import declare_retained_subscriber
+from tfbus.discover.graph import TopicInfo, graph_of
+from tfbus.errors import InvalidNameError
+from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.names import is_printable
+from tfbus.node.node import Node
+from tfbus.node.topic import RawSubscription
+from tfbus.recording.items import EventItem, EventKind
+from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import as_map
+from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.keys import (
+    ALL_STATIC_TRANSFORMS,
+    ALL_STATIC_TRANSFORMS_EVERYWHERE,
+    ALL_TRANSFORMS,
+    ALL_TRANSFORMS_EVERYWHERE,
+    check_no_transforms,
+    namespace_of,
+    relative,
+    static_transforms_key_beside,
+    stream_of,
+    transforms_key_beside,
+)
+from tfbus.wire.transforms import TransformReader
+
+# Keys and names come from the bus: at most as many are recorded.
+MOST_KEYS = 200_000
+_MOST_TOPICS = 10_000
+
+
+class Capture:
+    """Puts what a selection takes into a queue, from its construction until `close()`.
+
+    It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
+    all namespaces below. Streams and nodes become events as they come, change and go. Topics are
+    those of which nodes say that they publish or receive them, and those that the selection names.
+    `on_stream(state)` is called after each change of a stream that is taken.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        queue: RawQueue,
+        selection: Selection,
+        *,
+        everywhere: bool = False,
+        on_stream: Callable[[StreamState], None] = lambda state: None,
+    ) -> None:
+        self.names = Names(node.namespace)
+        # By the full names of streams and topics.
+        self.described: dict[str, StreamDescription] = {}
+        self.types: dict[str, str] = {}
+        self._node = node
+        self._queue = queue
+        self._selection = selection
+        self._on_stream = on_stream
+        self._once = LogOnce(node.log)
+        self._reader = TransformReader()
+        self._sources: dict[str, TransformSource | None] = {}
+        self._last_statics: dict[str, bytes] = {}
+        self._states: dict[str, StreamState] = {}
+        self._declarations: list[Declaration] = []
+        self._stream_keys: set[str] = set()
+        self._nodes: dict[str, NodeDescription] = {}
+        self._topics: dict[str, RawSubscription] = {}
+        for topic in selection.topics:
+            if not is_of_transforms(topic):
+                self._subscribe_topic(f"/{topic}", topic, "")
+        self._is_narrow = selection != Selection()
+        if not self._is_narrow:
+            dynamic, static = (
+                (ALL_TRANSFORMS_EVERYWHERE, ALL_STATIC_TRANSFORMS_EVERYWHERE)
+                if everywhere
+                else (ALL_TRANSFORMS, ALL_STATIC_TRANSFORMS)
+            )
+            self._subscribe(dynamic, static)
+        self._streams = StreamWatch(
+            node.session, self._on_state, everywhere=everywhere, log=node.log
+        )
+        self._roster = NodeRoster(node.session, self._on_node, everywhere=everywhere, log=node.log)
+
+    def close(self) -> None:
+        """Take nothing further. Twice is fine."""
+        self._streams.close()
+        self._roster.close()
+        for declaration in self._declarations:
+            declaration.close()
+        for topic in self._topics.values():
+            topic.close()
+
+    def source(self, key: str, *, static: bool = False) -> TransformSource | None:
+        """What the messages of a key of transforms are; None where they are not recorded."""
+        try:
+            return self._sources[key]
+        except KeyError:
+            return self._meet(key, static)
+
+    # Transforms
+
+    def _subscribe(self, dynamic: str, static: str) -> None:
+        session = self._node.session
+        self._declarations += [
+            declare_retained_subscriber(session, static, self._on_static),
+            session.subscriber(dynamic, self._on_transforms),
+        ]
+
+    def _on_transforms(self, key: str, payload: bytes) -> None:
+        source = self._sources.get(key) or self.source(key)
+        if source is not None:
+            self._queue.put(source, payload)
+
+    def _on_static(self, key: str, payload: bytes) -> None:
+        source = self.source(key, static=True)
+        # What is retained comes again when a link is back.
+        if source is not None and self._last_statics.get(key) != payload:
+            self._last_statics[key] = payload
+            self._queue.put(source, payload)
+
+    def _meet(self, key: str, static: bool) -> TransformSource | None:
+        if len(self._sources) >= MOST_KEYS:
+            self._once.warning(
+                "keys", "Did not record %r: transforms come on more than %d keys", key, MOST_KEYS
+            )
+            return None
+        name = stream_of(key)
+        source = None
+        if not name or not is_printable(name):
+            self._once.warning(
+                "name", "Did not record a stream: its name %r cannot be shown", name[:300]
+            )
+        elif self._selection.takes_stream(self.names.full(name)):
+            source = TransformSource(
+                self.names.full(name),
+                self.names.namespace(namespace_of(key)),
+                self.described,
+                self._reader,
+                static=static,
+            )
+        self._sources[key] = source
+        return source
+
+    # Streams
+
+    def _on_state(self, state: StreamState) -> None:
+        name = self.names.full(state.name)
+        if not self._selection.takes_stream(name):
+            return
+        former = self._states.get(name, StreamState(name))
+        self._states[name] = state
+        if state.description is not None:
+            self.described[name] = state.description
+        if self._is_narrow and state.alive:
+            self._subscribe_stream(state)
+        if state.alive and state.description is not None:
+            if not former.alive or former.description != state.description:
+                self._note("stream", name, state.description)
+        elif former.alive and former.description is not None:
+            self._note("stream gone", name)
+        self._on_stream(state)
+
+    def _subscribe_stream(self, state: StreamState) -> None:
+        if state.key not in self._stream_keys:
+            self._stream_keys.add(state.key)
+            self._subscribe(
+                f"{transforms_key_beside(state.key)}/**", static_transforms_key_beside(state.key)
+            )
+
+    def _note(
+        self,
+        kind: EventKind,
+        name: str,
+        description: StreamDescription | NodeDescription | None = None,
+    ) -> None:
+        facts = {} if description is None else as_map(description)
+        self._queue.put(EVENTS, EventItem(0, kind, name, facts))
+
+    # Nodes and topics
+
+    def _on_node(self, name: str, description: NodeDescription | None) -> None:
+        if description is None:
+            self._nodes.pop(name, None)
+            self._note("node gone", name)
+            return
+        self._nodes[name] = description
+        self._note("node", name, description)
+        graph = graph_of([description], {}, self._node.namespace)
+        for topic, info in graph.topics.items():
+            self._take_topic(topic, info)
+
+    def _take_topic(self, topic: str, info: TopicInfo) -> None:
+        name = self.names.full(topic)
+        type_name = next((end.type for end in (*info.publishers, *(info.subscribers or ()))), "")
+        if not self._selection.takes_topic(name):
+            return
+        if type_name or name not in self.types:
+            self.types[name] = type_name
+        self._subscribe_topic(topic, name, type_name)
+
+    def _subscribe_topic(self, topic: str, name: str, type_name: str) -> None:
+        known = self._topics.get(name)
+        if known is not None:
+            known.type_name = known.type_name or type_name
+            return
+        if len(self._topics) >= _MOST_TOPICS:
+            self._once.warning(
+                "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
+            )
+            return
+        put = partial(self._queue.put, TopicSource(name, self.types))
+        try:
+            topic = check_no_transforms(relative(topic, self._node.namespace))
+            self._topics[name] = self._node.create_raw_subscription(topic, put, type_name=type_name)
+        except InvalidNameError as error:
+            self._once.warning("topic", "Did not record a topic: %s", error)

@@ -1,0 +1,143 @@
+"""What becomes of messages: all into files that are split, or the last seconds into snapshots."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.raw_queue import Raw
+from tfbus.errors import TfbusError
+from tfbus.recording.items import EventItem, Item
+from tfbus.recording.state import BusState
+
+# Reads a message and selects; None where nothing of it is recorded.
+Read = Callable[[Raw], Item | None]
+# Writes an item, and counts it.
+Write = Callable[[Item], None]
+
+
+@dataclass(frozen=True)
+class Splits:
+    """A file ends once it has this many bytes, or seconds; None: it does not."""
+
+    most_bytes: int | None = None
+    most_s: float | None = None
+
+
+UNSPLIT = Splits()
+
+
+class Keeping(Protocol):
+    """Takes messages in the order in which they came."""
+
+    def take(self, raw: Raw) -> EventItem | None:
+        """Take a message; the event that it is."""
+
+    def split(self, log_ns: int) -> Path:
+        """Go on in a new file, or write a snapshot; its path. Raises TfbusError."""
+
+
+class InFiles:
+    """Writes all messages, into one file after the other."""
+
+    def __init__(self, parts: PartsWritten, splits: Splits, read: Read, write: Write) -> None:
+        self._parts = parts
+        self._splits = splits
+        self._read = read
+        self._write = write
+        self._state = BusState()
+        self._began_ns: int | None = None
+
+    def take(self, raw: Raw) -> EventItem | None:
+        """Take a message; the event that it is."""
+        item = self._read(raw)
+        if item is None:
+            return None
+        if self._is_full(raw.log_ns):
+            self.split(raw.log_ns)
+        self._write(item)
+        if raw.source.is_essential:
+            self._state.take(item)
+        return item if isinstance(item, EventItem) else None
+
+    def split(self, log_ns: int) -> Path:
+        """Go on in a new file, which begins with what is in force."""
+        self._began_ns = log_ns
+        return self._parts.open(self._state.items(log_ns))
+
+    def _is_full(self, log_ns: int) -> bool:
+        if self._began_ns is None:
+            self._began_ns = log_ns
+        most_bytes, most_s = self._splits.most_bytes, self._splits.most_s
+        if most_bytes is not None and self._parts.part_bytes >= most_bytes:
+            return True
+        return most_s is not None and log_ns - self._began_ns >= most_s * 1e9
+
+
+class LastSeconds:
+    """Keeps the last seconds of messages as they came, and writes them into a file when asked.
+
+    What came before is in force in it: statics, streams, nodes. Of more than `most_bytes` the
+    oldest messages go.
+    """
+
+    def __init__(
+        self, parts: PartsWritten, last_s: float, most_bytes: int, read: Read, write: Write
+    ) -> None:
+        self._parts = parts
+        self._last_ns = int(last_s * 1e9)
+        self._most_bytes = most_bytes
+        self._read = read
+        self._write = write
+        self._state = BusState()
+        self._kept: deque[Raw] = deque()
+        self.bytes = 0
+        # For how many seconds there was room, where that was less than asked for.
+        self.short_s: float | None = None
+
+    @property
+    def kept_s(self) -> float:
+        """How many seconds are kept now."""
+        return (self._kept[-1].log_ns - self._kept[0].log_ns) / 1e9 if self._kept else 0.0
+
+    def take(self, raw: Raw) -> EventItem | None:
+        """Take a message; the event that it is."""
+        self._kept.append(raw)
+        self.bytes += raw.size
+        while self._kept[0].log_ns < raw.log_ns - self._last_ns:
+            self._forget_oldest()
+        while self.bytes > self._most_bytes and len(self._kept) > 1:
+            self._forget_oldest()
+            self.short_s = self.kept_s
+        return raw.payload if isinstance(raw.payload, EventItem) else None
+
+    def split(self, log_ns: int) -> Path:
+        """Write what is kept into a file, and begin again. Raises TfbusError where that is
+        nothing.
+        """
+        if not self._kept:
+            raise TfbusError("nothing has come since the last snapshot")
+        path = self._parts.open(self._state.items(self._kept[0].log_ns))
+        for raw in self._kept:
+            item = self._read(raw)
+            if item is not None:
+                self._write(item)
+                self._note(raw, item)
+        self._kept.clear()
+        self.bytes = 0
+        self._parts.close()
+        return path
+
+    def _forget_oldest(self) -> None:
+        raw = self._kept.popleft()
+        self.bytes -= raw.size
+        if raw.source.is_essential:
+            item = self._read(raw)
+            if item is not None:
+                self._note(raw, item)
+
+    def _note(self, raw: Raw, item: Item) -> None:
+        if raw.source.is_essential:
+            self._state.take(item)

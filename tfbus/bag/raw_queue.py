@@ -1,0 +1,100 @@
+"""Messages as they came, on their way from the bus to the thread that writes them."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from tfbus.recording.items import Item
+
+# What Python's objects of a message take, besides its payload.
+OVERHEAD_BYTES = 200
+
+# The thread that writes wakes at once where this much of the room is taken.
+_MUCH = 1 / 16
+
+
+class Source(Protocol):
+    """What messages of one key are, and how to read them.
+
+    `kind` is counted where messages are dropped: "transforms", "statics", "topics" or "events".
+    `is_essential` is what the messages after it are not understood without.
+    """
+
+    kind: str
+    is_essential: bool
+
+    def is_described(self) -> bool:
+        """Whether all is known that its messages do not say themselves."""
+
+    def item(self, log_ns: int, payload: Any) -> Item:
+        """A message, read. Raises DecodeError."""
+
+
+class Raw(NamedTuple):
+    """A message as it came: when (ns since the Unix epoch), from what, and its bytes. That of an
+    event is the event.
+    """
+
+    log_ns: int
+    source: Source
+    payload: Any
+
+    @property
+    def size(self) -> int:
+        """The memory that it takes, in bytes."""
+        return OVERHEAD_BYTES + (len(self.payload) if isinstance(self.payload, bytes) else 0)
+
+    def item(self) -> Item:
+        """The message, read. Raises DecodeError."""
+        return self.source.item(self.log_ns, self.payload)
+
+
+class RawQueue:
+    """Takes messages from any thread, at most `most_bytes` of them; one thread takes them out.
+
+    Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
+    again. What was taken out counts until the next `take`.
+    """
+
+    def __init__(self, most_bytes: int, clock_ns: Callable[[], int] = time.time_ns) -> None:
+        self.dropped: Counter[str] = Counter()
+        self.is_paused = False
+        self._most_bytes = most_bytes
+        self._clock_ns = clock_ns
+        self._lock = threading.Lock()
+        self._waiting: list[Raw] = []
+        self._bytes = self._taken_bytes = 0
+        self._wakes = threading.Event()
+
+    def put(self, source: Source, payload: Any) -> None:
+        """Note that a message has come now. While the queue is paused only essential ones are
+        taken.
+        """
+        is_essential = source.is_essential
+        if self.is_paused and not is_essential:
+            return
+        size = OVERHEAD_BYTES + (len(payload) if payload.__class__ is bytes else 0)
+        with self._lock:
+            taken = self._bytes + size
+            if taken + self._taken_bytes > self._most_bytes * (2 if is_essential else 1):
+                self.dropped[source.kind] += 1
+                return
+            self._bytes = taken
+            self._waiting.append(Raw(self._clock_ns(), source, payload))
+        if taken > self._most_bytes * _MUCH:
+            self._wakes.set()
+
+    def wake(self) -> None:
+        """End the wait of `take`."""
+        self._wakes.set()
+
+    def take(self, wait_s: float) -> list[Raw]:
+        """All that waits, in the order in which it came, after at most `wait_s` seconds."""
+        self._wakes.wait(wait_s)
+        self._wakes.clear()
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+            self._taken_bytes, self._bytes = self._bytes, 0
+        return waiting

@@ -1,0 +1,307 @@
+"""The thread that takes messages out of the queue and has them written."""
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
+from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.past import Past, SourceOf
+from tfbus.bag.raw_queue import Raw, RawQueue
+from tfbus.bag.sources import EVENTS
+from tfbus.bag.trigger import Triggers
+from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.selection import Selection
+from tfbus.runtime.log_once import LogOnce
+
+# The queue is looked at so often. Few wake-ups cost less than one for each message.
+_LOOK_EVERY_S = 0.1
+
+# What came is on the disk after this time.
+_FLUSH_EVERY_S = 0.5
+
+# The first messages of a stream or topic wait for its description; later ones wait behind them.
+_DESCRIBED_WITHIN_NS = 300_000_000
+
+# What was dropped becomes an event at most so often.
+_DROPPED_EVERY_S = 1.0
+
+# A service, or a key, waits at most this long for the thread.
+_ANSWER_WITHIN_S = 10.0
+
+UNREADABLE, REFUSED = "unreadable", "refused"
+
+
+@dataclass
+class Counts:
+    """What was recorded, and what was not.
+
+    `topics` and `streams` count messages by name, `lost` messages by what became of them: the kinds
+    that the queue dropped, "unreadable", and "refused" by the format of the file.
+    """
+
+    messages: int = 0
+    transforms: int = 0
+    events: int = 0
+    topics: Counter[str] = field(default_factory=Counter)
+    streams: Counter[str] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)
+
+    def add(self, item: Item) -> None:
+        """Count an item that was written."""
+        if isinstance(item, TransformItem):
+            self.messages += 1
+            self.transforms += item.rows.count
+            self.streams[item.stream.name] += 1
+        elif isinstance(item, TopicItem):
+            self.messages += 1
+            self.topics[item.topic] += 1
+        else:
+            self.events += 1
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """Write the last `last_s` seconds when asked, or when one of the `triggers` fires; keep at most
+    `most_bytes` in memory.
+    """
+
+    last_s: float
+    most_bytes: int
+    triggers: Triggers
+
+
+class Recorder:
+    """Writes what comes into a queue, on a thread of its own, until `close()`.
+
+    With `snapshots` only the last seconds are kept, and written when asked. `past` is what is
+    waited for first, and `source` gives what messages of a key are. `on_file(path, why)` is called
+    for each further file.
+
+    Where a file cannot be written, `failure` says why, and nothing further is recorded.
+    """
+
+    def __init__(
+        self,
+        queue: RawQueue,
+        parts: PartsWritten,
+        log: logging.Logger,
+        *,
+        selection: Selection,
+        splits: Splits = UNSPLIT,
+        snapshots: Snapshots | None = None,
+        past: Past | None = None,
+        source: SourceOf = lambda key: None,
+        on_file: Callable[[Path, str], object] = lambda path, why: None,
+    ) -> None:
+        self.counts = Counts()
+        self.failure = ""
+        # How many messages came, also such as are only held.
+        self.received = 0
+        self.began_s = time.monotonic()
+        self._queue = queue
+        self._parts = parts
+        self._log = log
+        self._once = LogOnce(log)
+        self._selection = None if selection.is_all else selection
+        self._triggers = None if snapshots is None else snapshots.triggers
+        self._past = past
+        self._source = source
+        self._on_file = on_file
+        self._pending: deque[Raw] = deque()
+        self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
+        self._dropped_noted: Counter[str] = Counter()
+        self._flushed_s = self._noted_s = self.began_s
+        self._closing = threading.Event()
+        self.window: LastSeconds | None = None
+        self._keeping: Keeping
+        if snapshots is None:
+            parts.open()
+            self._keeping = InFiles(parts, splits, self._read, self._write)
+        else:
+            self._keeping = self.window = LastSeconds(
+                parts, snapshots.last_s, snapshots.most_bytes, self._read, self._write
+            )
+        # Not a daemon: the process ends when the file is whole.
+        self._thread = threading.Thread(target=self._run, name="recorder")
+        self._thread.start()
+
+    # From any thread
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it records still: False after `close()`, and after a failure."""
+        return self._thread.is_alive() and not self.failure
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether it records only what is in force: streams, nodes, statics."""
+        return self._queue.is_paused
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it still waits for what publishers hold from before."""
+        return self._past is not None
+
+    def pause(self) -> None:
+        """Record only what is in force, until `resume`. Twice is fine."""
+        if not self._queue.is_paused:
+            self._queue.put(EVENTS, EventItem(0, "paused"))
+            self._queue.is_paused = True
+
+    def resume(self) -> None:
+        """Record everything again. Twice is fine."""
+        if self._queue.is_paused:
+            self._queue.is_paused = False
+            self._queue.put(EVENTS, EventItem(0, "resumed"))
+
+    def split(self) -> Path:
+        """Go on in a new file, or write a snapshot; its path. Raises TfbusError where it cannot."""
+        path = self._ask(lambda: self._split("asked"))
+        assert isinstance(path, Path)
+        return path
+
+    def split_later(self) -> None:
+        """As `split`, without waiting for it."""
+        self._submit(lambda: self._split("asked"))
+
+    def close(self) -> None:
+        """Write all that has come, end the file, and wait for that. Twice is fine."""
+        self._closing.set()
+        self._queue.wake()
+        self._thread.join()
+
+    # On its own thread
+
+    def _run(self) -> None:
+        try:
+            self._record()
+        except OSError as error:
+            self._fail(error)
+        except Exception as error:
+            self._log.exception("Stopped recording")
+            self._fail(error)
+        for _, answer in self._asked:
+            answer.set_exception(TfbusError(self.failure or "the recorder has ended"))
+
+    def _record(self) -> None:
+        is_closing = False
+        while not is_closing:
+            is_closing = self._closing.is_set()
+            self._pending.extend(self._queue.take(0.0 if is_closing else _LOOK_EVERY_S))
+            if self._past is not None:
+                if not is_closing and not self._past.is_complete():
+                    continue
+                self._pending = deque(self._past.before(self._pending, self._source))
+                self._past = None
+            while self._pending and (is_closing or not self._waits(self._pending[0])):
+                self._take(self._pending.popleft())
+            while self._asked:
+                self._answer(*self._asked.popleft())
+            self._do_regularly(is_closing)
+        self._parts.close()
+
+    def _waits(self, raw: Raw) -> bool:
+        """Whether a message waits for what describes it."""
+        if raw.source.is_described():
+            return False
+        return time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS
+
+    def _take(self, raw: Raw) -> None:
+        self.received += raw.source is not EVENTS
+        event = self._keeping.take(raw)
+        if event is None or self._triggers is None:
+            return
+        if why := self._triggers.fulfilled_by(event):
+            self._split(why)
+
+    def _read(self, raw: Raw) -> Item | None:
+        try:
+            item: Item | None = raw.item()
+        except DecodeError as error:
+            self._lose(UNREADABLE, raw.source, error)
+            return None
+        if self._selection is not None and item is not None:
+            item = self._selection.taken_of(item)
+        return item
+
+    def _write(self, item: Item) -> None:
+        try:
+            self._parts.write(item)
+        except InvalidArgumentException as error:
+            self._lose(REFUSED, item, error)
+        else:
+            self.counts.add(item)
+
+    def _lose(self, how: str, what: object, error: TfbusError) -> None:
+        self.counts.lost[how] += 1
+        named = what.stream if isinstance(what, TransformItem) else what
+        name = getattr(named, "name", "") or getattr(named, "topic", "")
+        self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
+
+    def _split(self, why: str) -> Path:
+        path = self._keeping.split(time.time_ns())
+        self._on_file(path, why)
+        return path
+
+    def _do_regularly(self, is_closing: bool) -> None:
+        now_s = time.monotonic()
+        if is_closing or now_s >= self._noted_s + _DROPPED_EVERY_S:
+            self._noted_s = now_s
+            self._note_dropped()
+        if is_closing or now_s >= self._flushed_s + _FLUSH_EVERY_S:
+            self._parts.flush()
+            self._flushed_s = time.monotonic()
+
+    def _note_dropped(self) -> None:
+        dropped = Counter(self._queue.dropped)
+        news = dropped - self._dropped_noted
+        if not news:
+            return
+        self._dropped_noted = dropped
+        self.counts.lost.update(news)
+        self._once.warning(
+            "dropped", "Dropped %d messages: the disk or this machine is too slow", news.total()
+        )
+        facts = {"messages": news.total(), **news}
+        self._take(Raw(time.time_ns(), EVENTS, EventItem(0, "dropped", "", facts)))
+
+    def _fail(self, error: Exception) -> None:
+        self.failure = str(getattr(error, "strerror", None) or error)
+        with suppress(OSError):
+            self._parts.close()
+        self._closing.set()
+
+    # Questions of other threads
+
+    def _submit(self, job: Callable[[], object]) -> "Future[object]":
+        answer: Future[object] = Future()
+        self._asked.append((job, answer))
+        self._queue.wake()
+        if not self._thread.is_alive():
+            answer.set_exception(TfbusError(self.failure or "the recorder has ended"))
+        return answer
+
+    def _ask(self, job: Callable[[], object]) -> object:
+        try:
+            return self._submit(job).result(_ANSWER_WITHIN_S)
+        except TimeoutError:
+            raise TfbusError(
+                f"the recorder did not answer within {_ANSWER_WITHIN_S:g} s: is the disk too slow?"
+            ) from None
+
+    def _answer(self, job: Callable[[], object], answer: "Future[object]") -> None:
+        try:
+            answer.set_result(job())
+        except TfbusError as error:
+            answer.set_exception(error)
+        except OSError as error:
+            answer.set_exception(TfbusError(str(error.strerror or error)))
+            raise

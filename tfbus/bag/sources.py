@@ -1,0 +1,105 @@
+"""What comes from the bus, as items of a recording."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from tfbus.recording.items import EventItem, RecordedStream, TopicItem, TransformItem
+from tfbus.wire.codec import decode_map
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.transforms import TransformReader
+
+
+class Names:
+    """Names as a session of this namespace has them, as one without a namespace does."""
+
+    def __init__(self, namespace: str) -> None:
+        self._prefix = f"{namespace}/" if namespace else ""
+
+    def full(self, name: str) -> str:
+        """`turtle1/pose` in the namespace robot7 is `robot7/turtle1/pose`."""
+        return name[1:] if name.startswith("/") else f"{self._prefix}{name}"
+
+    def namespace(self, below: str) -> str:
+        """The namespace of what is in the namespace `below` ours."""
+        return f"{self._prefix}{below}".rstrip("/")
+
+
+class TransformSource:
+    """The transforms of one key of a stream, of which `described` has the descriptions."""
+
+    def __init__(
+        self,
+        name: str,
+        namespace: str,
+        described: Mapping[str, StreamDescription],
+        reader: TransformReader,
+        *,
+        static: bool,
+    ) -> None:
+        self.kind = "statics" if static else "transforms"
+        self.is_essential = static
+        self.name = name
+        self._namespace = namespace
+        self._described = described
+        self._reader = reader
+        self._static = static
+        self._last: tuple[StreamDescription | None, RecordedStream] | None = None
+
+    def is_described(self) -> bool:
+        """Whether its publisher's node is known."""
+        return self.name in self._described
+
+    def item(self, log_ns: int, payload: bytes) -> TransformItem:
+        """A message, read. Raises DecodeError."""
+        message = self._reader.read(payload)
+        description = self._described.get(self.name)
+        last = self._last
+        if last is None or last[0] is not description or last[1].epoch_ns != message.epoch_ns:
+            last = self._last = (description, self._stream(description, message.epoch_ns))
+        return TransformItem(log_ns, last[1], message.rows, self._static, message.seq)
+
+    def _stream(self, description: StreamDescription | None, epoch_ns: int) -> RecordedStream:
+        if description is None:
+            return RecordedStream(self.name, "", self._namespace, epoch_ns)
+        return RecordedStream(
+            self.name, description.node, self._namespace, epoch_ns, description.split
+        )
+
+
+class TopicSource:
+    """The messages of one topic, of which `types` has the names of their types."""
+
+    kind = "topics"
+    is_essential = False
+
+    def __init__(self, name: str, types: Mapping[str, str]) -> None:
+        self.name = name
+        self._types = types
+
+    def is_described(self) -> bool:
+        """Whether its type is known."""
+        return self.name in self._types
+
+    def item(self, log_ns: int, payload: bytes) -> TopicItem:
+        """A message, read. Raises DecodeError."""
+        return TopicItem(log_ns, self.name, self._types.get(self.name, ""), decode_map(payload))
+
+
+class EventSource:
+    """What happened: its payloads are events."""
+
+    kind = "events"
+    is_essential = True
+
+    def is_described(self) -> bool:
+        """An event says all itself."""
+        return True
+
+    def item(self, log_ns: int, payload: Any) -> EventItem:
+        """The event, at the time when it came."""
+        event: EventItem = payload
+        return replace(event, log_ns=log_ns)
+
+
+EVENTS = EventSource()

@@ -1,0 +1,70 @@
+"""What makes a recorder write a snapshot by itself: `gone base_link`, `conflict map`."""
+
+from dataclasses import dataclass, field
+
+from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.listen.claims import Claims
+from tfbus.recording.items import EventItem
+from tfbus.wire.codec import from_map
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wording import listed, printable
+
+_KINDS = ("gone", "conflict")
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A frame's publisher is gone, or two publishers send it; "" is any frame."""
+
+    kind: str
+    frame: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> "Condition":
+        """The condition in `gone base_link`. Raises InvalidArgumentException."""
+        kind, _, frame = text.strip().partition(" ")
+        if kind not in _KINDS:
+            raise InvalidArgumentException(
+                f"'{printable(text, 60)}' is no condition: write 'gone FRAME' or 'conflict FRAME'; "
+                "without FRAME it holds for any"
+            )
+        return cls(kind, frame.strip())
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.frame}".strip()
+
+
+@dataclass
+class Triggers:
+    """Finds in the events of streams what fulfils one of some conditions."""
+
+    conditions: tuple[Condition, ...]
+    _claims: Claims = field(default_factory=lambda: Claims("latest"))
+    _frames: dict[str, list[str]] = field(default_factory=dict)
+
+    def fulfilled_by(self, event: EventItem) -> str:
+        """What the event says that a condition asks for, as a sentence; "" for nothing."""
+        if event.kind == "stream":
+            return self._conflict(event)
+        if event.kind != "stream gone":
+            return ""
+        self._claims.update(event.name, None)
+        frames = self._wanted("gone", self._frames.pop(event.name, []))
+        return f"stream {event.name!r} is gone, with {listed(frames, most=3)}" if frames else ""
+
+    def _conflict(self, event: EventItem) -> str:
+        try:
+            description = from_map(StreamDescription, event.facts)
+        except DecodeError:
+            return ""
+        self._frames[event.name] = [child for _, child, _ in description.frames]
+        contested = self._claims.update(event.name, description)
+        for conflict in self._claims.news(event.name, contested):
+            if frames := self._wanted("conflict", conflict.frames):
+                streams = f"{conflict.first.stream!r} and {conflict.other.stream!r}"
+                return f"streams {streams} both send {listed(frames, most=3)}"
+        return ""
+
+    def _wanted(self, kind: str, frames: list[str] | tuple[str, ...]) -> list[str]:
+        wanted = {each.frame for each in self.conditions if each.kind == kind}
+        return [frame for frame in frames if wanted & {"", frame}]

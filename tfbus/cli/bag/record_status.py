@@ -1,0 +1,191 @@
+"""What `tfbus bag record` shows while it records, and at its end."""
+
+import sys
+from collections import Counter, deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tfbus.cli.output import paint, width
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, cut, duration, listed, printable
+
+# Rates are those of this time.
+_RATES_OVER_S = 3.0
+
+# A disk that lasts longer lasts.
+_LASTS_S = 30 * 86_400.0
+
+_NAMED = 6
+
+_ERASE_LINE = "\r\x1b[K"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What was recorded by a moment of the monotonic clock; `held` is how much a snapshot would
+    have now, in bytes and seconds, None where all is written.
+    """
+
+    at_s: float
+    messages: int
+    transforms: int
+    bytes: int
+    free_bytes: int
+    lost: int
+    is_paused: bool = False
+    held: tuple[int, float] | None = None
+    files: int = 1
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What is recorded in a second."""
+
+    messages: float = 0.0
+    transforms: float = 0.0
+    bytes: float = 0.0
+
+
+class Rating:
+    """The rates of the last seconds, from looks."""
+
+    def __init__(self, over_s: float = _RATES_OVER_S) -> None:
+        self._over_s = over_s
+        self._looks: deque[Look] = deque()
+
+    def add(self, look: Look) -> Rates:
+        """The rates with this look, the newest."""
+        looks = self._looks
+        looks.append(look)
+        while len(looks) > 2 and looks[1].at_s <= look.at_s - self._over_s:
+            looks.popleft()
+        first = looks[0]
+        passed_s = look.at_s - first.at_s
+        if passed_s <= 0.0:
+            return Rates()
+        return Rates(
+            (look.messages - first.messages) / passed_s,
+            (look.transforms - first.transforms) / passed_s,
+            (look.bytes - first.bytes) / passed_s,
+        )
+
+
+def clock_text(seconds: float) -> str:
+    """A time as a recorder's clock shows it: `0:12:05`."""
+    whole = int(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02}:{whole % 60:02}"
+
+
+def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
+    """The parts of the status line, the most important first."""
+    state = "paused" if look.is_paused else "rec"
+    parts = [f"{state} {clock_text(running_s)}"]
+    parts.append(f"{rates.messages:.0f} msg/s")
+    if look.held is None:
+        parts.append(f"{rates.transforms:.0f} tf/s")
+        parts.append(f"{size_text(look.bytes)} +{size_text(int(rates.bytes))}/s")
+    else:
+        held_bytes, held_s = look.held
+        parts.append(f"last {held_s:.0f} s: {size_text(held_bytes)}")
+        parts.append(counted(look.files, "snapshot"))
+    parts.append(f"{_free_text(look.free_bytes, rates.bytes)} free")
+    parts.append(f"dropped {look.lost}")
+    return parts
+
+
+def _free_text(free_bytes: int, bytes_per_s: float) -> str:
+    free = size_text(free_bytes)
+    if bytes_per_s <= 0.0 or free_bytes / bytes_per_s > _LASTS_S:
+        return free
+    return f"{free} ({duration(free_bytes / bytes_per_s)})"
+
+
+class StatusLine:
+    """One line of a terminal that is written again and again; log lines go above it."""
+
+    def __init__(self) -> None:
+        self._shown = False
+
+    def show(self, parts: Sequence[str], *, warns: bool = False) -> None:
+        """Show these parts; the last is painted where it `warns`."""
+        line = cut("  ".join(parts), width() - 1)
+        head, _, tail = line.partition(" ")
+        head = paint(head, "warning" if head == "paused" else "bad")
+        if warns and tail.endswith(parts[-1]):
+            tail = f"{tail.removesuffix(parts[-1])}{paint(parts[-1], 'bad')}"
+        self._shown = True
+        self._write(f"{_ERASE_LINE}{head} {tail}")
+
+    def clear(self, *_: object) -> bool:
+        """Take the line away until it is shown again; True, as a filter of log records says."""
+        if self._shown:
+            self._shown = False
+            self._write(_ERASE_LINE)
+        return True
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError):  # the terminal has hung up
+            sys.stdout.write(text)
+            sys.stdout.flush()
+
+
+def log_text(look: Look, rates: Rates) -> str:
+    """The line of the log that says every now and then how it goes."""
+    of = (
+        f"{rates.transforms:.0f} transforms/s, {size_text(look.bytes)}, "
+        f"{size_text(int(rates.bytes))}/s"
+        if look.held is None
+        else f"the last {look.held[1]:.0f} s held, {size_text(look.held[0])}"
+    )
+    free = _free_text(look.free_bytes, rates.bytes)
+    text = f"{rates.messages:.0f} messages/s, {of}, {free} free, {look.lost} dropped"
+    return f"Paused: {text}" if look.is_paused else text
+
+
+def summary(
+    paths: Sequence[Path],
+    running_s: float,
+    transforms: int,
+    streams: Counter[str],
+    topics: Counter[str],
+    lost: Counter[str],
+) -> list[str]:
+    """What was recorded, in at most a screen."""
+    if not paths:
+        return ["Recorded nothing: no snapshot was asked for"]
+    lines = [f"Recorded {duration(running_s)} to {counted(len(paths), 'file')}"]
+    sizes = [(path, path.stat().st_size) for path in paths if path.exists()]
+    shown = sizes if len(sizes) <= _NAMED else [*sizes[:2], *sizes[-3:]]
+    for path, size in shown:
+        lines.append(f"  {printable(str(path))}  {size_text(size)}")
+    if len(shown) < len(sizes):
+        lines.insert(3, f"  … {len(sizes) - len(shown)} more")
+    sent = f"{transforms} transforms in {counted(streams.total(), 'message')}"
+    lines.append(f"{_rows('stream', streams)}: {sent}" if streams else "No transforms")
+    if topics:
+        lines.append(f"{_rows('topic', topics)}: {counted(topics.total(), 'message')}")
+    if lost:
+        what = listed([f"{count} {_LOST.get(kind, kind)}" for kind, count in lost.items()])
+        lines.append(f"Not recorded: {what}")
+    lines.append(f"Look into it: tfbus bag info {printable(str(paths[0]))}")
+    return lines
+
+
+_LOST = {
+    "transforms": "messages of transforms (dropped: too slow)",
+    "statics": "messages of static transforms (dropped: too slow)",
+    "topics": "messages of topics (dropped: too slow)",
+    "events": "events (dropped: too slow)",
+    "too large": "larger than the limits",
+    "unreadable": "that could not be read",
+    "refused": "that the file cannot hold",
+}
+
+
+def _rows(noun: str, counts: Counter[str]) -> str:
+    names = [printable(name, 60) for name, _ in counts.most_common(_NAMED)]
+    more = len(counts) - len(names)
+    named = listed([*names, *[""] * more], most=_NAMED)
+    return f"{counted(len(counts), noun)} ({named})"

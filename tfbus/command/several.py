@@ -1,0 +1,27 @@
+"""Options that take several values after one name, as those of ROS do."""
+
+from typing import Any
+
+import click
+
+
+class Several(click.Option):
+    """An option with `multiple=True` whose values may follow one another: `--topics a b`, as well
+    as `--topics a --topics b`. The next word that begins with `-` ends them.
+    """
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
+        """Have the parser take all values that follow."""
+        super().add_to_parser(parser, ctx)
+        for name in self.opts:
+            option = parser._long_opt.get(name) or parser._short_opt.get(name)
+            option.process = _taking_several(option.process)
+
+
+def _taking_several(process: Any) -> Any:
+    def take(value: Any, state: Any) -> None:
+        process(value, state)
+        while state.rargs and not state.rargs[0].startswith("-"):
+            process(state.rargs.pop(0), state)
+
+    return take

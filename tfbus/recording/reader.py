@@ -2,7 +2,7 @@
 
 import heapq
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from types import TracebackType
@@ -10,7 +10,7 @@ from typing import Self
 
 from tfbus.errors import DecodeError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
-from tfbus.recording.part import Part
+from tfbus.recording.part import Part, StoredChunk
 from tfbus.recording.parts import files_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
@@ -64,6 +64,11 @@ class RecordingReader:
         )
         # Up to each chunk, the last log time of those before it and of its own.
         self._until = list(accumulate((chunk.to_ns for chunk in self._chunks), max))
+
+    @property
+    def chunks(self) -> Sequence[StoredChunk]:
+        """The chunks of all files, by the log times of their first messages."""
+        return self._chunks
 
     def __enter__(self) -> Self:
         return self
@@ -229,7 +234,9 @@ class RecordingReader:
                 continue
             last = {
                 item.stream.name: item
-                for item in sorted(chunk.statics(), key=lambda item: item.log_ns)
+                for item in sorted(
+                    (each for each, _ in chunk.statics()), key=lambda item: item.log_ns
+                )
                 if item.log_ns <= log_ns
             }
             for name in last.keys() & names:

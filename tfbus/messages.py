@@ -98,6 +98,86 @@ class SetClock:
         """Done, and published on the topic clock."""
 
 
+class SetRate:
+    """Sets how fast a recording is played."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """So many recorded seconds in a second, from 0.001 to 10,000."""
+
+        rate: float
+
+        def __post_init__(self) -> None:
+            _check_finite("rate", self.rate)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Done."""
+
+
+class Seek:
+    """Goes to another moment of a recording that is played."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """`offset_s` seconds after `log_ns`, or after the beginning where that is 0."""
+
+        offset_s: float = 0.0
+        log_ns: int = 0
+
+        def __post_init__(self) -> None:
+            _check_finite("offset_s", self.offset_s)
+            _check_stamp("log_ns", self.log_ns)
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """Where it goes on: the log time in ns, and how many seconds after the beginning."""
+
+        log_ns: int
+        offset_s: float
+
+
+class PlayNext:
+    """Pauses a recording that is played, and plays its next messages."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """How many messages."""
+
+        messages: int = 1
+
+        def __post_init__(self) -> None:
+            if self.messages < 1:
+                raise ValueError(f"messages must be at least 1, not {self.messages}")
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """They are played now."""
+
+
+class PlayProgress:
+    """How far a recording is played."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """No values."""
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """It plays from `start_ns` to `end_ns` and is at `log_ns`, log times in ns.
+
+        `sent` messages were played, and it began again `loops` times.
+        """
+
+        log_ns: int
+        start_ns: int
+        end_ns: int
+        rate: float
+        paused: bool
+        sent: int
+        loops: int
+
+
 class Field:
     """What the turtles' field looks like, for programs that show it."""
 

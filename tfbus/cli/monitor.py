@@ -4,26 +4,31 @@ import itertools
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.cli.monitor_report import as_lines
+from tfbus.cli.monitor_report import as_lines, span_as_lines
 from tfbus.cli.output import json_option, print_json, print_lines, screen
 from tfbus.command.options import listening_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, Number, own_name
-from tfbus.frames.command_listener import Listening, listening
-from tfbus.monitor.meter import TransformMeter
+from tfbus.frames.heard import Heard
 from tfbus.monitor.report import PairWatch, Report, as_map, make_report
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
+
+if TYPE_CHECKING:
+    from tfbus.frames.command_listener import Listening
 
 # How often a pair is looked up: its answer ages between two samples.
 _LOOK_EVERY_S = 0.05
 
 
 @click.command(
-    epilog="Examples: tfbus monitor; tfbus monitor world drone; tfbus monitor --once --json"
+    epilog="Examples: tfbus monitor; tfbus monitor world drone; tfbus monitor --once --json; "
+    "tfbus monitor --bag run.mcap --from +10s --to +20s"
 )
 @click.argument("target", type=FrameName(), required=False)
 @click.argument("source", type=FrameName(), required=False)
@@ -39,10 +44,12 @@ _LOOK_EVERY_S = 0.05
 )
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
+@bag_options("begin", "end")
 @listening_options(own_name("_monitor"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     target: str | None,
     source: str | None,
     period_s: float,
@@ -51,10 +58,16 @@ def command(
 ) -> None:
     """Measure rate, delay and order of transforms: all, or those between two frames.
 
-    With two frames, measure the edges on the path between TARGET and SOURCE.
+    With two frames, measure the edges on the path between TARGET and SOURCE. With --bag, print one
+    report of a whole recording, or of a span of it.
     """
     if target is not None and source is None:
         raise click.UsageError(f"give two frames, as in: tfbus monitor {target} FRAME; or none")
+    if bag is not None:
+        _measure_recorded(settings, fleet, bag, target, source, as_json)
+        return
+    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+
     pair = PairWatch(target, source) if target is not None and source is not None else None
     with listening(settings, fleet, goes_on=not once) as heard:
         reports = _reports(heard, pair, period_s)
@@ -74,7 +87,33 @@ def command(
                     show(as_lines(report, "" if report.edges() else heard.hint_while_empty()))
 
 
-def _check(heard: Listening, report: Report, once: bool) -> None:
+def _measure_recorded(
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    bag: BagChoice,
+    target: str | None,
+    source: str | None,
+    as_json: bool,
+) -> None:
+    from tfbus.cli.recorded import frames_of, span_line
+    from tfbus.monitor.recorded import MOST_LOOKS, measured
+    from tfbus.monitor.recorded import as_map as span_as_map
+
+    pair = None
+    if target is not None and source is not None:
+        pair = PairWatch(target, source, MOST_LOOKS)
+    with bag.opened() as recording:
+        from_ns, to_ns = recording.span
+        heard = frames_of(recording, settings, fleet)
+        report = measured(heard, from_ns, to_ns, pair)
+        _check(heard, report, once=True)
+        if as_json:
+            print_json(span_as_map(report))
+        else:
+            print_lines([span_line(bag, from_ns, to_ns), *span_as_lines(report, heard.start_ns)])
+
+
+def _check(heard: Heard, report: Report, once: bool) -> None:
     """Raises ClickException if there is nothing to measure and waiting does not help."""
     pair = report.pair
     if pair and pair.failure:
@@ -87,14 +126,16 @@ def _check(heard: Listening, report: Report, once: bool) -> None:
         raise click.ClickException(f"no transform yet: {hint}")
 
 
-def _reports(heard: Listening, pair: PairWatch | None, period_s: float) -> Iterator[Report]:
+def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Iterator[Report]:
     """A report after each period, until the node is shut down."""
+    from tfbus.monitor.meter import TransformMeter
+
     meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
         yield make_report(heard, meter, pair)
 
 
-def _measure(heard: Listening, pair: PairWatch | None, period_s: float) -> bool:
+def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> bool:
     """Wait for one period; False if the node is shut down."""
     end_s = time.monotonic() + period_s
     while (left_s := end_s - time.monotonic()) > 0:

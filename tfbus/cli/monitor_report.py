@@ -1,9 +1,14 @@
 """The report of `tfbus monitor` as tables in a terminal."""
 
+from typing import TYPE_CHECKING
+
 from tfbus.cli.output import paint, paint_state, table
 from tfbus.frames.state import faults, is_another_time, state, whose_clock
 from tfbus.monitor.report import Pair, Report
 from tfbus.wording import counted, duration, listed
+
+if TYPE_CHECKING:
+    from tfbus.monitor.recorded import SpanReport
 
 
 def as_lines(report: Report, hint: str = "") -> list[str]:
@@ -15,6 +20,45 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
         return [f"No transform yet: {hint}" if hint else "No transform yet"]
     tables = [*_edge_table(report), "", *_stream_table(report)]
     return [*lines, *tables, *_dropped_lines(report), *_clock_lines(report)]
+
+
+def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
+    """The report of a span of a recording that begins at `start_ns`, as tables."""
+    lines = _pair_lines(report.pair) if report.pair else []
+    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "disordered", "longest gap")
+    rows = []
+    for flow in report.shown():
+        delays, gap = flow.delays_s, ""
+        if flow.gap_from_ns is not None:
+            at_s = (flow.gap_from_ns - start_ns) / 1e9
+            gap = f"{duration(flow.longest_gap_s)} at +{at_s:.1f}s"
+        rows.append(
+            [
+                flow.child,
+                flow.stream,
+                "" if flow.rate_hz is None else f"{flow.rate_hz:.1f}",
+                "" if flow.jitter_s is None else duration(flow.jitter_s),
+                "" if delays is None else duration(delays.p50),
+                "" if delays is None else duration(delays.p99),
+                str(flow.out_of_order),
+                paint(gap, "warning") if gap else "",
+            ]
+        )
+    rows += [[frame.name, frame.authority, "static", *[""] * 5] for frame in report.statics()]
+    tables = [*table(headings, sorted(rows), right=range(2, len(headings))), ""]
+    of_stream = ("stream", "node", "host", "Hz", "missed", "restarts")
+    rows = [
+        [
+            stream.name,
+            stream.node if stream.alive else paint(f"{stream.node} GONE", "bad"),
+            stream.host,
+            f"{report.meter.stream(stream.name).messages_hz:.1f}",
+            str(stream.missed),
+            str(report.restarts(stream.name)),
+        ]
+        for stream in report.tree.streams.values()
+    ]
+    return [*lines, *tables, *table(of_stream, rows, right=range(3, len(of_stream)))]
 
 
 def _pair_lines(pair: Pair) -> list[str]:

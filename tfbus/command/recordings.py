@@ -142,7 +142,7 @@ def bag_option(function: F) -> F:
         metavar="FILE",
         help="Look into a recording, not at the bus: a file, or a folder of its files; repeatable.",
     )
-    return cast(F, option(function))
+    return option(function)
 
 
 def bag_choice(bags: tuple[Path, ...], **moments: Moment | None) -> BagChoice | None:

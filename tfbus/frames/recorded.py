@@ -6,7 +6,7 @@ stale, are by the log times too: it makes no difference when the recording is lo
 """
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,6 @@ from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
@@ -101,20 +100,33 @@ class RecordedFrames:
             self.take(item)
         for item in span:
             self.take(item)
-        self._move_to(at_ns)
+        self.pass_time(at_ns)
 
     def advance(self, to_ns: int) -> None:
         """Go on to a later log time; to an earlier one as `seek`."""
         if to_ns < self._at_ns:
             self.seek(to_ns)
             return
-        for item in self._items(self._at_ns + 1, to_ns):
-            self.take(item)
-        self._move_to(to_ns)
+        for _ in self.play(to_ns):
+            pass
 
-    def _move_to(self, at_ns: int) -> None:
-        self._at_ns = at_ns
-        self._clock.log_ns = at_ns
+    def play(
+        self, to_ns: int, before: Callable[[int], object] = lambda log_ns: None
+    ) -> Iterator[Item]:
+        """Go on to a later log time; yields each item when it has been taken. Streams and frames in
+        it are called as here, and those that are not seen from here are left out. `before` is
+        called with the log time of the next item, and at last with `to_ns`.
+        """
+        for item in self._items(self._at_ns + 1, to_ns):
+            before(item.log_ns)
+            if (taken := self.take(item)) is not None:
+                yield taken
+        before(to_ns)
+        self.pass_time(to_ns)
+
+    def pass_time(self, at_ns: int) -> None:
+        """Go on to a later log time, before which there is no item."""
+        self._at_ns = self._clock.log_ns = at_ns
 
     def _items(self, from_ns: int, to_ns: int) -> Iterator[Item]:
         """The items from one log time to another, both included."""
@@ -158,24 +170,26 @@ class RecordedFrames:
 
     # Items
 
-    def take(self, item: Item) -> None:
-        """Take the next item."""
+    def take(self, item: Item) -> Item | None:
+        """Take the next item; it, as it is called here, None where it is not seen from here."""
         self._clock.log_ns = item.log_ns
         if isinstance(item, TransformItem):
-            self._take_transforms(item)
-        elif isinstance(item, EventItem):
+            return self._take_transforms(item)
+        if isinstance(item, EventItem):
             self._take_event(item)
         elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
             # The clock was set back: transforms in its future have not happened.
             self.buffer.clear(after_ns=self._clock.now_ns())
+        return item
 
-    def _take_transforms(self, item: TransformItem) -> None:
+    def _take_transforms(self, item: TransformItem) -> TransformItem | None:
         name = self._view.called(item.stream.name, item.stream.namespace)
         if name is None:
-            return
+            return None
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
         names = self._names(item.stream)
-        rows = item.rows.with_frames(names.all_outside(item.rows.frames))
+        called = names.all_outside(item.rows.frames)
+        rows = item.rows if called is item.rows.frames else item.rows.with_frames(called)
         message = TransformMessage(rows, item.stream.epoch_ns, item.seq)
         if item.stream.name not in self._described:
             stream.describe_by(item, rows.pairs(), rows.frames)
@@ -184,6 +198,9 @@ class RecordedFrames:
         else:
             key = rows.frames[rows.pairs()[0][1]] if item.stream.split and rows.count else ""
             stream.key(key).take_recorded(message, item.log_ns)
+        if rows is item.rows and name == item.stream.name:
+            return item
+        return replace(item, stream=replace(item.stream, name=name), rows=rows)
 
     def _take_event(self, event: EventItem) -> None:
         if event.kind == "node":
@@ -281,11 +298,7 @@ class RecordedFrames:
         if not frame and first_ns and min(first_ns.values()) > self._at_ns:
             later_s = (min(first_ns.values()) - self._source.start_ns) / S
             return f"the first frames come at +{later_s:.3f}s"
-        if found := where_to_look(elsewhere, frame):
-            return found
-        if frame and frame not in first_ns:
-            return did_you_mean(frame, first_ns).removeprefix("; ")
-        return ""
+        return where_to_look(elsewhere, frame)
 
 
 @dataclass

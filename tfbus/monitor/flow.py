@@ -17,6 +17,10 @@ class EdgeFlow:
     between them, `delays_s` their ages at arrival, by their stamps and our clock, below zero for
     stamps in the future. Since the meter was made: `longest_gap_s` between two stamps,
     `out_of_order` counts samples older than one before, `at_zero` those with the stamp 0.
+
+    In a span of a recording all are of the whole span, and times between samples are of their
+    arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the longest
+    begins at the log time `gap_from_ns`, None without one.
     """
 
     stream: str
@@ -28,6 +32,8 @@ class EdgeFlow:
     longest_gap_s: float = 0.0
     out_of_order: int = 0
     at_zero: int = 0
+    gaps: int = 0
+    gap_from_ns: int | None = None
 
     @property
     def least_delay_s(self) -> float | None:

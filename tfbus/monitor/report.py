@@ -13,7 +13,15 @@ from tfbus.monitor.window import Spread, Window, spread_of
 _MOST_SAMPLES = 1_000
 _NO_FLOW = EdgeFlow("", "", "")
 # What `as_map` has of an edge, besides its frame.
-_MEASURED = ("rate_hz", "jitter_s", "delays_s", "out_of_order")
+_MEASURED = (
+    "rate_hz",
+    "jitter_s",
+    "delays_s",
+    "out_of_order",
+    "longest_gap_s",
+    "gaps",
+    "gap_from_ns",
+)
 
 
 @dataclass(frozen=True)
@@ -34,11 +42,11 @@ class Pair:
 
 
 class PairWatch:
-    """Looks up one frame in another, repeatedly."""
+    """Looks up one frame in another, repeatedly; it keeps the last `most` delays."""
 
-    def __init__(self, target: str, source: str):
+    def __init__(self, target: str, source: str, most: int = _MOST_SAMPLES):
         self._target, self._source = target, source
-        self._delays = Window(_MOST_SAMPLES)
+        self._delays = Window(most)
 
     def look(self, heard: Heard, at_s: float) -> None:
         """Measure the age of the newest answer now."""

@@ -1,0 +1,320 @@
+"""Replays a recording on the bus: its streams and topics as they were."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
+
+from tfbus.bag.moved_stamps import moved, stamps_ahead_ns
+from tfbus.bag.player import Pace, Progress
+from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
+from tfbus.bag.replayed_names import ReplayedNames
+from tfbus.bag.replayed_stream import ReplayedStream
+from tfbus.bag.stream_epochs import StreamEpochs
+from tfbus.errors import BusError, DecodeError, InvalidNameError
+from tfbus.node.node import Node
+from tfbus.node.topic import RawPublisher
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import ALL, Selection
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import encode_map, from_map
+from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
+from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, stream_of
+from tfbus.wording import counted, listed, printable
+
+# What the descriptions of replayed streams have as their host.
+RECORDED = "recorded"
+
+# Stamps of transforms: moved to the time of now, or as they were recorded.
+Stamps = Literal["now", "recorded"]
+
+_NAMED = 5
+
+
+class Replay:
+    """Publishes what a player plays: a Stage.
+
+    `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
+    at another rate than 1 the times between them are scaled too. Messages of topics stay as they
+    are. With `clock_hz` it publishes the time of the recording for nodes with simulated time, so
+    many times a second; `progress` is then that of the player.
+
+    Raises InvalidNameError where two streams would get the same name.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        reader: RecordingReader,
+        progress: Callable[[], Progress],
+        *,
+        selection: Selection = ALL,
+        names: ReplayedNames | None = None,
+        stamps: Stamps = "now",
+        clock_hz: float | None = None,
+    ) -> None:
+        self._node = node
+        self._selection = selection
+        self._names = names or ReplayedNames()
+        self._stamps = stamps
+        self._log_once = LogOnce(node.log)
+        self._ahead_ns = stamps_ahead_ns(reader, selection, progress().start_ns)
+        self._clock = None
+        if clock_hz is not None:
+            self._clock = ReplayedClock(
+                node,
+                clock_hz,
+                progress,
+                ahead_ns=self._ahead_ns,
+                recorded_topic=clock_topic_of(reader),
+            )
+        # How far what is recorded lies in the past; None before it begins.
+        self._past_ns: int | None = None
+        self._described = _descriptions(reader, selection)
+        self._epochs = StreamEpochs(_epochs(reader))
+        self._streams: dict[str, ReplayedStream] = {}
+        self._statics: dict[str, tuple[object, ...]] = {}
+        self._topics: dict[str, RawPublisher | None] = {}
+        self._declare(reader)
+        node.describers.append(self._describe_node)
+
+    @property
+    def streams(self) -> Sequence[str]:
+        """The names of its streams on the bus, sorted."""
+        return sorted(stream.name for stream in self._streams.values())
+
+    @property
+    def topics(self) -> Sequence[str]:
+        """The names of its topics on the bus, sorted."""
+        return sorted(topic.name for topic in self._topics.values() if topic is not None)
+
+    def warn_of_living(self) -> None:
+        """Log which of its streams other processes publish now."""
+        own = set(self.streams)
+        keys = self._node.session.living(ALL_STREAMS_EVERYWHERE)
+        living = sorted(own.intersection(map(stream_of, keys)))
+        if living:
+            self._node.log.warning(
+                "%s of the recording %s published now too: %s. Listeners drop the messages of one; "
+                "stop the other, or play with --prefix recorded",
+                counted(len(living), "stream"),
+                "is" if len(living) == 1 else "are",
+                listed([repr(name) for name in living], most=_NAMED),
+            )
+
+    # As the stage of a player
+
+    def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
+        """What is in force comes first; after a jump back, in new epochs."""
+        is_new_run = is_back or self._past_ns is None
+        if self._past_ns is None:
+            self._past_ns = pace.wall_ns - pace.log_ns
+        if is_new_run:
+            self._epochs.begin_run()
+            self._statics.clear()
+        if self._clock is not None:
+            # First, so that followers do not take what comes for the past, or forget it.
+            self._clock.follow()
+        gone = {
+            item.name
+            for item in state
+            if isinstance(item, EventItem) and item.kind == "stream gone"
+        }
+        stay_gone = set() if is_new_run else {name for name in gone if not self._is_there(name)}
+        for item in state:
+            if _stream_of(item) not in stay_gone:
+                self.take(item, pace)
+        if is_back:
+            there = {_stream_of(item) for item in state}
+            for name in self._streams.keys() - there:
+                self._streams[name].withdraw(self._epochs.of(name, 0))
+
+    def take(self, item: Item, pace: Pace) -> None:
+        """Publish an item."""
+        if isinstance(item, TransformItem):
+            self._send(item, pace)
+        elif isinstance(item, TopicItem):
+            self._publish(item)
+        else:
+            self._happen(item)
+
+    def follow(self, progress: Progress) -> None:
+        """The clock stands still, or goes at another rate."""
+        if self._clock is not None:
+            self._clock.follow()
+
+    # Streams
+
+    def _send(self, item: TransformItem, pace: Pace) -> None:
+        name = item.stream.name
+        stream = self._stream(item.stream)
+        epoch_ns = self._epochs.of(name, item.stream.epoch_ns)
+        rows = item.rows
+        if item.static:
+            recorded = (epoch_ns, rows.frames, rows.edges_bytes(), rows.poses_bytes())
+            if self._statics.get(name) == recorded:
+                return
+            self._statics[name] = recorded
+        if self._stamps == "now":
+            rows = moved(rows, pace, self._ahead_ns)
+        try:
+            (stream.send_static if item.static else stream.send)(rows, epoch_ns)
+        except BusError as error:
+            self._log_once.warning(("transforms", name), "Left out a message: %s", error)
+
+    def _happen(self, event: EventItem) -> None:
+        match event.kind:
+            case "stream" if self._selection.takes_stream(event.name):
+                self._describe(event)
+            case "stream gone" if event.name in self._streams:
+                self._statics.pop(event.name, None)
+                self._streams[event.name].vanish()
+            case "dropped":
+                self._node.log.info(
+                    "The recorder dropped %s here",
+                    counted(int(event.facts.get("messages", 0)), "message"),
+                )
+
+    def _describe(self, event: EventItem) -> None:
+        try:
+            description = from_map(StreamDescription, event.facts)
+        except DecodeError as error:
+            self._log_once.warning(
+                ("description", event.name),
+                "The recorded description of stream '%s' cannot be read: %s",
+                printable(event.name),
+                error,
+            )
+            return
+        self._stream(_recorded_stream(event)).describe(self._as_replayed(event.name, description))
+
+    def _as_replayed(self, name: str, description: StreamDescription) -> StreamDescription:
+        """A recorded description as it is true now."""
+        frames, chosen = description.frames, self._selection.frames
+        started_ns = description.started_ns
+        return replace(
+            description,
+            epoch=self._epochs.of(name, description.epoch),
+            frames=tuple(row for row in frames if row[1] in chosen) if chosen else frames,
+            host=RECORDED,
+            session=self._node.session.id,
+            # So the order in which they started holds, among them and beside those that live.
+            started_ns=started_ns + (self._past_ns or 0) if started_ns else 0,
+        )
+
+    def _is_there(self, name: str) -> bool:
+        return name in self._streams and self._streams[name].is_there
+
+    def _stream(self, recorded: RecordedStream) -> ReplayedStream:
+        stream = self._streams.get(recorded.name)
+        if stream is None:
+            stream = self._streams[recorded.name] = self._declared(recorded)
+        return stream
+
+    def _declared(self, recorded: RecordedStream) -> ReplayedStream:
+        name, new_name = recorded.name, self._names.stream(recorded)
+        for other, stream in self._streams.items():
+            if stream.name == new_name:
+                raise InvalidNameError(
+                    f"the streams {other!r} and {name!r} would both be called {new_name!r}: "
+                    "give one another name (--remap)"
+                )
+        first = self._described.get(name)
+        description = first or StreamDescription(
+            STREAM_VERSION,
+            recorded.node or self._node.full_name,
+            epoch=0,
+            frames=(),
+            host=RECORDED,
+            session=self._node.session.id,
+            split=recorded.split,
+        )
+        key = self._names.stream_key(recorded)
+        return ReplayedStream(new_name, key, description, self._node, is_described=bool(first))
+
+    # Topics
+
+    def _publish(self, item: TopicItem) -> None:
+        if self._is_time(item.topic, item.type_name):
+            if self._clock is not None:
+                self._clock.take(item)
+            return
+        if item.topic not in self._topics:
+            self._topics[item.topic] = self._topic(item.topic, item.type_name)
+        publisher = self._topics[item.topic]
+        if publisher is not None:
+            try:
+                publisher.publish(encode_map(item.values))
+            except BusError as error:
+                self._log_once.warning(("topic", item.topic), "Left out a message: %s", error)
+
+    def _topic(self, name: str, type_name: str) -> RawPublisher | None:
+        try:
+            return self._node.create_raw_publisher(self._names.topic(name), type_name=type_name)
+        except InvalidNameError as error:
+            self._log_once.warning(("topic", name), "Left out a topic: %s", error)
+            return None
+
+    def _is_time(self, topic: str, type_name: str) -> bool:
+        """Whether a topic has the simulated time, and is not replayed as it is: stamps of now do
+        not belong to it, and a clock of this node stands for it.
+        """
+        return is_clock(topic, type_name) and (self._clock is not None or self._stamps == "now")
+
+    # What it will send
+
+    def _declare(self, reader: RecordingReader) -> None:
+        """Declare all before the first message: subscribers then know where it comes from."""
+        for summary in reader.streams:
+            if self._selection.takes_stream(summary.stream.name):
+                self._stream(summary.stream)
+        for topic in reader.topics:
+            if not self._selection.takes_topic(topic.name):
+                continue
+            if not self._is_time(topic.name, topic.type_name):
+                self._topics[topic.name] = self._topic(topic.name, topic.type_name)
+            elif self._clock is None:
+                self._node.log.info(
+                    "Topic '%s' is left out, since the stamps are those of now: --clock replays it",
+                    printable(topic.name),
+                )
+
+    def _describe_node(self) -> dict[str, list[str]]:
+        streams = [*self._streams.values()]
+        return {
+            "streams": sorted(each.name for each in streams if each.is_there),
+            "unread": sorted(each.name for each in streams if each.is_unread),
+        }
+
+
+def _descriptions(reader: RecordingReader, selection: Selection) -> dict[str, StreamDescription]:
+    """The first description of each stream that has one."""
+    found: dict[str, StreamDescription] = {}
+    for event in reader.events:
+        if event.kind == "stream" and event.name not in found:
+            try:
+                found[event.name] = from_map(StreamDescription, event.facts)
+            except DecodeError:
+                continue
+    return found
+
+
+def _epochs(reader: RecordingReader) -> set[tuple[str, int]]:
+    """The streams and their epochs."""
+    epochs = {(each.stream.name, each.stream.epoch_ns) for each in reader.streams}
+    for event in reader.events:
+        if event.kind == "stream" and isinstance(event.facts.get("epoch"), int):
+            epochs.add((event.name, event.facts["epoch"]))
+    return epochs
+
+
+def _recorded_stream(event: EventItem) -> RecordedStream:
+    return RecordedStream(event.name, namespace=event.name.rpartition("/")[0])
+
+
+def _stream_of(item: Item) -> str:
+    """The stream that an item is about, "" where it is about none."""
+    if isinstance(item, TransformItem):
+        return item.stream.name
+    about_stream = isinstance(item, EventItem) and item.kind in ("stream", "stream gone")
+    return item.name if isinstance(item, EventItem) and about_stream else ""

@@ -1,0 +1,216 @@
+"""A recorded stream, on the bus again."""
+
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from tfbus.broadcast.announcer import FrameAnnouncer, FrameRows
+from tfbus.broadcast.history import Entry, SentHistory, answer_from_history
+from tfbus.broadcast.keys import KeyPerFrame, OneKey, RowsOfKey, StreamKeys
+from tfbus.bus.handles import Declaration
+from tfbus.bus.query import Query
+from tfbus.bus.retained import declare_retained_publisher
+from tfbus.errors import BusError, InvalidArgumentException
+from tfbus.geometry.columns import Columns
+from tfbus.node.node import Node
+from tfbus.wire.codec import encode_map
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import static_transforms_key_beside, transforms_key_beside
+from tfbus.wire.transforms import TransformMessage, encode_transforms
+
+# How long a stream without a description keeps its messages, as a TransformBroadcaster does.
+_HISTORY_S = 10.0
+
+# What messages of the same frames have in common is kept for so many tables of frames.
+_MOST_TABLES = 1000
+
+
+class ReplayedStream:
+    """Publishes one recorded stream; `key` is that of its token, as of `wire.keys.stream_key`.
+
+    Where it `is_described`, descriptions come by `describe`, and `description` only says how it
+    sends: split or not, and for how long it keeps messages. Otherwise `description` is sent with
+    the frames that were sent so far. Used by one thread at a time.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        key: str,
+        description: StreamDescription,
+        node: Node,
+        *,
+        is_described: bool,
+    ) -> None:
+        self.name = name
+        self._key = key
+        self._is_described = is_described
+        self._node = node
+        own_key = transforms_key_beside(key)
+        keys = (KeyPerFrame if description.split else OneKey)(own_key, node.session)
+        self._keys: StreamKeys = keys
+        self._lock = threading.Lock()
+        if not is_described:
+            description = replace(description, history_s=_HISTORY_S)
+        self._description = description
+        self._history = SentHistory(description.history_s)
+        node.session.queryable(keys.expression, self._on_query, long=True)
+        self._tables: dict[tuple[tuple[str, ...], bytes], Sequence[RowsOfKey]] = {}
+        self._life: _Life | None = None
+        self._epoch_ns = description.epoch
+        self._is_gone = False
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it has its token."""
+        return self._life is not None
+
+    @property
+    def is_unread(self) -> bool:
+        """Whether it has dynamic transforms, and no process subscribes to them now."""
+        return bool(self._tables) and not self._keys.heard
+
+    def describe(self, description: StreamDescription) -> None:
+        """It is there, with this description."""
+        # Whether its frames have keys of their own was settled when it was declared.
+        self._description = description = replace(description, split=self._description.split)
+        self._is_gone = False
+        self._living().describe(description)
+
+    def vanish(self) -> None:
+        """Its publisher is gone, and what that kept."""
+        self._is_gone = True
+        if self._life is not None:
+            self._life.end()
+            self._life = None
+            self._forget_sent()
+
+    def withdraw(self, epoch_ns: int) -> None:
+        """It has not been there yet: listeners forget all that it has sent.
+
+        One without descriptions stays, since nothing says when it came.
+        """
+        if not self._is_described:
+            self._begin_epoch(epoch_ns)
+        elif self._life is not None:
+            self._life.describe(replace(self._description, epoch=epoch_ns, frames=()))
+            self._life.send_static(Columns((), 0), epoch_ns)
+            self.vanish()
+        self._is_gone = False
+
+    def send(self, rows: Columns, epoch_ns: int) -> None:
+        """Send dynamic transforms."""
+        self._begin_epoch(epoch_ns)
+        if not self._is_described:
+            self._living()
+        parts = self._parts(rows)
+        for part in parts:
+            payload = part.encode(rows)
+            part.key.publisher.put(payload)
+            with self._lock:
+                self._history.append(part.key.key, payload)
+
+    def send_static(self, rows: Columns, epoch_ns: int) -> None:
+        """Send all its static transforms, in place of those before."""
+        self._begin_epoch(epoch_ns)
+        if self._is_gone:
+            return
+        self._living().send_static(rows, epoch_ns)
+        if not self._is_described:
+            self._announce(rows, static=True)
+
+    def _living(self) -> "_Life":
+        if self._life is None:
+            self._life = _Life(self._key, self._node, self._describe)
+            if not self._is_described:
+                self._life.frames.announce_soon()
+        return self._life
+
+    def _parts(self, rows: Columns) -> Sequence[RowsOfKey]:
+        table = rows.frames, rows.edges_bytes()
+        parts = self._tables.get(table)
+        if parts is None:
+            if len(self._tables) >= _MOST_TABLES:
+                self._tables.clear()
+            if not self._is_described:
+                self._announce(rows, static=False)
+            parts = self._tables[table] = self._keys.divide(rows, self._epoch_ns)
+        return parts
+
+    def _begin_epoch(self, epoch_ns: int) -> None:
+        if epoch_ns == self._epoch_ns:
+            return
+        self._epoch_ns = epoch_ns
+        self._forget_sent()
+        if not self._is_described:
+            self._description = replace(self._description, epoch=epoch_ns)
+            if self._life is not None:
+                self._life.frames.announce_soon()
+
+    def _forget_sent(self) -> None:
+        self._tables.clear()
+        self._keys.restart()
+        with self._lock:
+            self._history.clear()
+
+    def _announce(self, rows: Columns, *, static: bool) -> None:
+        frames = rows.frames
+        edges = {frames[child]: (frames[parent], static) for parent, child in rows.pairs()}
+        # A name that no frame can have was recorded as it came, and is sent so.
+        with suppress(InvalidArgumentException):
+            self._living().frames.add(edges)
+
+    def _describe(self, frames: FrameRows) -> bytes:
+        """The description of a stream that was recorded without one."""
+        return encode_map(vars(replace(self._description, frames=frames)))
+
+    def _on_query(self, query: Query) -> None:
+        answer_from_history(query, self._last)
+
+    def _last(self, last_s: float) -> list[Entry]:
+        with self._lock:
+            return self._history.last(last_s)
+
+
+class _Life:
+    """What a stream has on the bus from its first description until it is gone."""
+
+    def __init__(self, key: str, node: Node, describe: Callable[[FrameRows], bytes]) -> None:
+        session = node.session
+        self._static_key = static_transforms_key_beside(key)
+        self._descriptions = declare_retained_publisher(session, key)
+        self._statics = declare_retained_publisher(session, self._static_key)
+        self._static_payload = b""
+        self._statics_sent = 0
+        self._static_epoch_ns: int | None = None
+        self.frames = FrameAnnouncer(key, self._descriptions, describe, node.executor)
+        self._parts: list[Declaration] = [
+            self._descriptions,
+            self._statics,
+            session.queryable(self._static_key, self._on_static_query, long=True),
+            session.token(key),
+        ]
+
+    def describe(self, description: StreamDescription) -> None:
+        """Send a description."""
+        self._descriptions.put(encode_map(vars(description)))
+
+    def send_static(self, rows: Columns, epoch_ns: int) -> None:
+        """Send the whole set."""
+        if epoch_ns != self._static_epoch_ns:
+            self._static_epoch_ns, self._statics_sent = epoch_ns, 0
+        message = TransformMessage(rows, epoch_ns, self._statics_sent)
+        self._statics_sent += 1
+        self._static_payload = encode_transforms(message)
+        self._statics.put(self._static_payload)
+
+    def end(self) -> None:
+        """The token goes first."""
+        for part in reversed(self._parts):
+            part.close()
+
+    def _on_static_query(self, query: Query) -> None:
+        with suppress(BusError), query.answering("the static transforms"):
+            if self._static_payload:
+                query.answer(self._static_key, self._static_payload)

@@ -1,0 +1,44 @@
+"""The keys that are typed while a tool of `tfbus bag` works."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from tfbus.command.keyboard import KeyReader
+from tfbus.command.terminal import NoTerminalError, RawTerminal
+
+_STANDARD_INPUT = 0
+
+# What a terminal that was closed is read as.
+QUIT = "q"
+
+
+@contextmanager
+def typed_keys(within_s: float, *, wanted: bool = True) -> Iterator[Callable[[], list[str]] | None]:
+    """Inside the `with`, a function that returns the keys typed within this time.
+
+    None where keys are not `wanted`, or there is no terminal to read them from.
+    """
+    if not wanted or not _is_own_terminal():
+        yield None
+        return
+    reader = KeyReader()
+    with RawTerminal(_STANDARD_INPUT) as terminal:
+
+        def read() -> list[str]:
+            try:
+                data = terminal.read(within_s)
+            except NoTerminalError:
+                return [QUIT]
+            return reader.feed(data) if data else reader.flush()
+
+        yield read
+
+
+def _is_own_terminal() -> bool:
+    """Whether standard input is a terminal whose foreground job this is: reading from the
+    background would stop the process.
+    """
+    with suppress(OSError):
+        return os.isatty(_STANDARD_INPUT) and os.tcgetpgrp(_STANDARD_INPUT) == os.getpgrp()
+    return False

@@ -1,0 +1,243 @@
+"""Measures how transforms came in a span of a recording."""
+
+from array import array
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from tfbus.buffer.info import FrameInfo
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.geometry.columns import Columns
+from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
+from tfbus.monitor.report import PairWatch, Report
+from tfbus.monitor.window import Spread
+from tfbus.recording.items import EventItem, TransformItem
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Ints = NDArray[np.int64]
+else:
+    from tfbus.core import lazy_numpy as np
+
+# A pause is a gap if it is this many periods long, and at least this long.
+GAP_PERIODS, LEAST_GAP_S = 5.0, 0.25
+
+# A pair is looked up as often as by `tfbus monitor` on a bus, and at most this often.
+_LOOK_EVERY_NS = 50_000_000
+MOST_LOOKS = 100_000
+
+
+@dataclass
+class _Rows:
+    """Messages of one layout: when they came, what time it was then, and their stamps."""
+
+    log_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    now_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    stamps: bytearray = field(default_factory=bytearray)
+
+
+@dataclass(frozen=True)
+class EdgeSamples:
+    """The samples of an edge in the order in which they came: when they did, what time it was then
+    (it differs under simulated time), and their stamps, each (N,) in ns.
+    """
+
+    log_ns: "Ints"
+    now_ns: "Ints"
+    stamps_ns: "Ints"
+
+
+class SpanMeter:
+    """Measures the dynamic transforms of a span. `pauses_ns` are when the recorder was paused."""
+
+    def __init__(self, from_ns: int, to_ns: int) -> None:
+        self.from_ns, self.to_ns = from_ns, to_ns
+        self.epochs: dict[str, dict[int, int]] = {}
+        self.pauses_ns: list[int] = []
+        self._rows: dict[tuple[str, tuple[str, ...], bytes], _Rows] = {}
+        self._messages: dict[str, int] = defaultdict(int)
+
+    def add(self, stream: str, epoch_ns: int, rows: Columns, log_ns: int, now_ns: int) -> None:
+        """Add a message of dynamic transforms."""
+        self._messages[stream] += 1
+        self.epochs.setdefault(stream, {}).setdefault(epoch_ns, log_ns)
+        layout = (stream, rows.frames, rows.edges_bytes())
+        seen = self._rows.get(layout)
+        if seen is None:
+            seen = self._rows[layout] = _Rows()
+        seen.log_ns.append(log_ns)
+        seen.now_ns.append(now_ns)
+        seen.stamps += rows.stamps_bytes()
+
+    def samples(self) -> dict[Edge, EdgeSamples]:
+        """The samples of each edge."""
+        parts: dict[Edge, list[EdgeSamples]] = defaultdict(list)
+        for (stream, frames, edges), rows in self._rows.items():
+            pairs = np.frombuffer(edges, np.uint32).reshape(-1, 2).tolist()
+            log_ns = np.frombuffer(rows.log_ns, np.int64)
+            now_ns = np.frombuffer(rows.now_ns, np.int64)
+            stamps = np.frombuffer(bytes(rows.stamps), np.int64).reshape(len(log_ns), len(pairs))
+            for at, (parent, child) in enumerate(pairs):
+                edge = (stream, frames[parent], frames[child])
+                parts[edge].append(EdgeSamples(log_ns, now_ns, stamps[:, at]))
+        return {edge: _joined(found) for edge, found in parts.items()}
+
+    def edges(self) -> Iterator[EdgeFlow]:
+        """How the samples of each edge came. Rate and jitter are those between its gaps."""
+        for edge, samples in self.samples().items():
+            yield self._flow(edge, samples)
+
+    def stream(self, name: str) -> StreamFlow:
+        """How the messages of a stream came; bytes are not recorded."""
+        over_s = max((self.to_ns - self.from_ns) / 1e9, 1e-3)
+        return StreamFlow(self._messages.get(name, 0) / over_s, 0.0)
+
+    def _flow(self, edge: Edge, samples: EdgeSamples) -> EdgeFlow:
+        log_ns, stamps_ns = samples.log_ns, samples.stamps_ns
+        between = np.diff(log_ns)
+        if self.pauses_ns and len(between):
+            paused = np.searchsorted(log_ns, np.array(self.pauses_ns)) - 1
+            between[paused[(paused >= 0) & (paused < len(between))]] = 0
+        newest = np.maximum.accumulate(stamps_ns)
+        late = stamps_ns[1:] < newest[:-1]
+        gaps = _gaps(between)
+        regular = between[~gaps]
+        regular = regular[regular > 0] if self.pauses_ns else regular
+        mean_s = float(regular.mean()) / 1e9 if len(regular) else 0.0
+        longest = int(between.argmax()) if gaps.any() else None
+        return EdgeFlow(
+            *edge,
+            rate_hz=1.0 / mean_s if mean_s > 0.0 else None,
+            jitter_s=float(regular.std()) / 1e9 if len(regular) else None,
+            delays_s=_spread((samples.now_ns - stamps_ns) / 1e9),
+            longest_gap_s=float(between.max(initial=0)) / 1e9,
+            out_of_order=int(late.sum()),
+            at_zero=int((stamps_ns == 0).sum()),
+            gaps=int(gaps.sum()),
+            gap_from_ns=None if longest is None else int(log_ns[longest]),
+        )
+
+
+def _gaps(between_ns: "Ints") -> "NDArray[np.bool_]":
+    """Which of the times between samples are gaps."""
+    if not len(between_ns):
+        return between_ns > 0
+    limit_ns = max(LEAST_GAP_S * 1e9, GAP_PERIODS * float(np.median(between_ns)))
+    return between_ns > limit_ns
+
+
+def _spread(numbers: "NDArray[np.float64]") -> Spread | None:
+    """The same as `spread_of`, of arrays."""
+    count = len(numbers)
+    if not count:
+        return None
+    at = [int(np.ceil(count * part)) - 1 for part in (0.5, 0.95, 0.99)]
+    ordered = np.sort(numbers)
+    middle, most, nearly_all = (float(ordered[each]) for each in at)
+    return Spread(
+        count,
+        float(numbers.mean()),
+        float(ordered[0]),
+        float(ordered[-1]),
+        float(numbers.std()),
+        middle,
+        most,
+        nearly_all,
+    )
+
+
+def _joined(parts: Sequence[EdgeSamples]) -> EdgeSamples:
+    if len(parts) == 1:
+        return parts[0]
+    log_ns = np.concatenate([each.log_ns for each in parts])
+    order = np.argsort(log_ns, kind="stable")
+    now_ns = np.concatenate([each.now_ns for each in parts])
+    stamps_ns = np.concatenate([each.stamps_ns for each in parts])
+    return EdgeSamples(log_ns[order], now_ns[order], stamps_ns[order])
+
+
+def measure(
+    frames: RecordedFrames, meter: SpanMeter, pair: PairWatch | None = None
+) -> Iterator[EventItem]:
+    """Measure the span of a meter: go through it with `frames`. Yields each event in it."""
+    looks = _Looks(frames, meter, pair)
+    frames.seek(meter.from_ns)
+    for item in frames.play(meter.to_ns, looks.before):
+        if isinstance(item, TransformItem) and not item.static:
+            epoch_ns = item.stream.epoch_ns
+            meter.add(item.stream.name, epoch_ns, item.rows, item.log_ns, frames.now_ns())
+        elif isinstance(item, EventItem):
+            if item.kind == "paused":
+                meter.pauses_ns.append(item.log_ns)
+            yield item
+
+
+class _Looks:
+    """Looks at a pair as often as `tfbus monitor` does on a bus."""
+
+    def __init__(self, frames: RecordedFrames, meter: SpanMeter, pair: PairWatch | None) -> None:
+        self._frames, self._pair = frames, pair
+        self._every_ns = max(_LOOK_EVERY_NS, (meter.to_ns - meter.from_ns) // MOST_LOOKS)
+        self._next_ns = meter.from_ns + self._every_ns
+
+    def before(self, log_ns: int) -> None:
+        """Look at all times before the next item."""
+        while self._pair is not None and self._next_ns < log_ns:
+            self._frames.pass_time(self._next_ns)
+            self._pair.look(self._frames, self._next_ns / 1e9)
+            self._next_ns += self._every_ns
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpanReport(Report):
+    """What `tfbus monitor` shows of a span: `tree` is that at its end."""
+
+    span: SpanMeter
+
+    def shown(self) -> list[EdgeFlow]:
+        """How each dynamic edge came, by frame and stream; with a pair, those of its chain."""
+        chain = self.pair.chain if self.pair else ()
+        flows = [flow for flow in self.flows.values() if not chain or flow.child in chain]
+        return sorted(flows, key=lambda flow: (flow.child, flow.stream))
+
+    def statics(self) -> list[FrameInfo]:
+        """The static frames at the end, by name; with a pair, those of its chain."""
+        return [frame for frame in self.edges() if frame.static]
+
+    def restarts(self, stream: str) -> int:
+        """How often a stream began a new epoch in the span."""
+        return max(len(self.span.epochs.get(stream, ())) - 1, 0)
+
+
+def measured(
+    frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch | None
+) -> SpanReport:
+    """The report of a span."""
+    meter = SpanMeter(from_ns, to_ns)
+    for _ in measure(frames, meter, pair):
+        pass
+    flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
+    watched = pair.report(frames) if pair else None
+    return SpanReport(frames.tree(), flows, meter, watched, span=meter)
+
+
+def as_map(report: SpanReport) -> dict[str, Any]:
+    """The report for programs; units are in the names, times are log times."""
+    return {
+        "from_ns": report.span.from_ns,
+        "to_ns": report.span.to_ns,
+        "pair": None if report.pair is None else asdict(report.pair),
+        "edges": [asdict(flow) for flow in report.shown()],
+        "statics": [frame.name for frame in report.statics()],
+        "streams": [
+            asdict(stream)
+            | {
+                "messages_hz": report.meter.stream(stream.name).messages_hz,
+                "restarts": report.restarts(stream.name),
+            }
+            for stream in report.tree.streams.values()
+        ],
+    }

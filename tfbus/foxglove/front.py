@@ -101,7 +101,7 @@ class Front:
     def warnings(self) -> list[str]:
         """What who started it should know of the address."""
         found = []
-        if self.port != self._wanted_port:
+        if self._wanted_port not in (0, self.port):
             found.append(f"port {self._wanted_port} of {self._host} is taken: using {self.port}")
         if not is_local(self._host):
             found.append(

@@ -117,6 +117,9 @@ class LiveBridge(Requests):
     def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
         return self._parameters.set(given)
 
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        self._executor.submit("parameters", lambda: self._parameters.publish(names))
+
     def _set_parameter(self, node: str, name: str, value: object) -> ParameterDescription:
         if self._read_only:
             raise ParameterError("tfbus foxglove runs with --read-only")

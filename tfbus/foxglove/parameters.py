@@ -65,6 +65,11 @@ class NodeParameters:
             if name in known
         ]
 
+    def publish(self, names: Sequence[str]) -> None:
+        """Publish these parameters; those of no name are left out."""
+        if found := self.get(names) if names else []:
+            self._publish(found)
+
     def set(self, given: Sequence[Parameter]) -> list[Parameter]:
         """Set parameters; returns what has come of those whose nodes answer soon."""
         until_s = time.monotonic() + _WAIT_S

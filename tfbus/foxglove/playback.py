@@ -16,7 +16,7 @@ from foxglove.websocket import (
 )
 
 from tfbus.bag.player import FASTEST, SLOWEST, AtEnd, Pace, Player, Progress
-from tfbus.errors import DecodeError, ParameterError
+from tfbus.errors import DecodeError, ParameterError, TfbusError
 from tfbus.foxglove.front import Front, hidden_host
 from tfbus.foxglove.graph import Connections, absolute, connections
 from tfbus.foxglove.parameters import NodeParameters
@@ -32,6 +32,7 @@ from tfbus.ros.schema import MessageCodecs
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import open_log
 from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.signals import StopSignals, Wakeup
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
 from tfbus.wire.fleet import Fleet
@@ -75,6 +76,7 @@ class PlaybackBridge(Requests):
         self._looking_back = threading.Lock()
         self._told = 0
         self._request_id: str | None = None
+        self._error: TfbusError | None = None
         self._has_begun = False
         self._connections = Connections()
         self._nodes: dict[str, NodeDescription] = {}
@@ -106,12 +108,33 @@ class PlaybackBridge(Requests):
         self.front = Front(serving, self._server.address, self._on_refused)
 
     def run(self) -> None:
-        """Play as clients ask for, until Ctrl-C. Raises DecodeError where a file is damaged."""
-        self._player.run(self)
+        """Play as clients ask for, until Ctrl-C or SIGTERM, in the main thread.
+
+        Raises DecodeError where a file is damaged.
+        """
+        player = threading.Thread(target=self._play, name="foxglove player", daemon=True)
+        signals = StopSignals()
+        try:
+            with Wakeup() as self._at_end:
+                player.start()
+                signals.wait(wakeup=self._at_end)
+                self._player.stop()
+                player.join()
+        finally:
+            signals.uninstall()
+        if self._error is not None:
+            raise self._error
+
+    def _play(self) -> None:
+        try:
+            self._player.run(self)
+        except TfbusError as error:
+            self._error = error
+        finally:
+            self._at_end.wake()
 
     def close(self) -> None:
         """Stop serving."""
-        self._player.stop()
         self.front.close()
         self._executor.close()
         self._server.close()
@@ -131,6 +154,9 @@ class PlaybackBridge(Requests):
 
     def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
         return self._parameters.set(given)
+
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        self._executor.submit("parameters", lambda: self._parameters.publish(names))
 
     def control(self, request: PlaybackControlRequest) -> PlaybackState | None:
         """The answer to a seek follows once the recording is there, before what is sent of it."""

@@ -48,6 +48,9 @@ class Requests:
         """Set parameters; returns those that are known to be set by now."""
         return []
 
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        """Clients subscribe to parameters to which none did before."""
+
     def advertised(self, client_id: int, channel: ClientChannel) -> None:
         """A client is going to publish."""
 
@@ -205,6 +208,9 @@ class _Listener(ServerListener):
         self, client: Client, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
         return self._requests.set_parameters(parameters)
+
+    def on_parameters_subscribe(self, param_names: list[str]) -> None:
+        self._requests.parameters_subscribed(param_names)
 
     def on_playback_control_request(
         self, playback_control_request: PlaybackControlRequest

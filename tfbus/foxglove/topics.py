@@ -14,8 +14,8 @@ from tfbus.foxglove.graph import absolute
 from tfbus.foxglove.server import Channel, Server
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
-from tfbus.ros.definitions import Definition
-from tfbus.ros.schema import RAW, MessageCodec, MessageCodecs
+from tfbus.ros.definitions import MSGPACK, Definition
+from tfbus.ros.schema import MessageCodec, MessageCodecs
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_map
 
@@ -71,7 +71,7 @@ class TopicChannel:
             codec, message = self._codecs.encode(self._type_name or self._name, values)
         except (ValueError, OverflowError):
             return None
-        if codec.definition.name == RAW.definition.name:
+        if not _shows_all(codec.definition):
             return None
         if codec.definition != self._definition:
             self._open(codec.definition)
@@ -191,6 +191,12 @@ def _type_of(info: TopicInfo) -> str:
     """The type that its publishers say; of its subscribers where there is none."""
     types = sorted({end.type for end in info.publishers or info.subscribers or ()} - {""})
     return types[0] if types else ""
+
+
+def _shows_all(definition: Definition) -> bool:
+    """Whether no part of a message is in MessagePack, of which Foxglove would show bytes."""
+    packed = MSGPACK.name.rpartition("/")[2]
+    return definition.name != MSGPACK.name and f"/{packed}" not in definition.text
 
 
 def _supplied_type(name: str) -> type | None:

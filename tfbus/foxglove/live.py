@@ -118,7 +118,7 @@ class LiveBridge(Requests):
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
-        self._executor.submit("parameters", lambda: self._parameters.publish(names))
+        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
 
     def _set_parameter(self, node: str, name: str, value: object) -> ParameterDescription:
         if self._read_only:

@@ -73,6 +73,9 @@ class NodeParameters:
     def set(self, given: Sequence[Parameter]) -> list[Parameter]:
         """Set parameters; returns what has come of those whose nodes answer soon."""
         until_s = time.monotonic() + _WAIT_S
+        if len(given) > _WAITING:
+            self._say(f"at most {_WAITING} parameters are set at a time, not {len(given)}")
+            return []
         answers = [self._begin(each) for each in given]
         done = []
         for answer in answers:

@@ -133,8 +133,12 @@ class PlaybackBridge(Requests):
         finally:
             self._at_end.wake()
 
+    def stop(self) -> None:
+        """Make `run` return; from any thread."""
+        self._player.stop()
+
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving; `run` must have returned."""
         self.front.close()
         self._executor.close()
         self._server.close()
@@ -156,7 +160,7 @@ class PlaybackBridge(Requests):
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
-        self._executor.submit("parameters", lambda: self._parameters.publish(names))
+        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
 
     def control(self, request: PlaybackControlRequest) -> PlaybackState | None:
         """The answer to a seek follows once the recording is there, before what is sent of it."""

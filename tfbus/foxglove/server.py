@@ -1,6 +1,9 @@
 """Foxglove's server: channels that its clients subscribe to, and what they ask and send."""
 
 import logging
+import threading
+import time
+from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,6 +25,9 @@ from tfbus.wording import printable
 
 # A client that reads too slowly loses the oldest messages beyond this number.
 _BACKLOG = 1024
+
+# A client whose queue of errors is full is disconnected by the SDK, and any client can cause them.
+_MOST_SAID = 20
 
 # The SDK logs each message of a client that it cannot read, which the client is told as well: any
 # client could fill our log.
@@ -106,6 +112,8 @@ class Server:
     ) -> None:
         self._context = foxglove.Context()
         self._host = host
+        self._lock = threading.Lock()
+        self._said_s: deque[float] = deque(maxlen=_MOST_SAID)
         try:
             self._server = foxglove.start_server(
                 name=name,
@@ -146,7 +154,12 @@ class Server:
     # What all clients get
 
     def say(self, text: str) -> None:
-        """Show an error in all clients."""
+        """Show an error in all clients; more than 20 in a second are left out."""
+        now_s = time.monotonic()
+        with self._lock:
+            if len(self._said_s) == _MOST_SAID and now_s < self._said_s[0] + 1.0:
+                return
+            self._said_s.append(now_s)
         self._server.publish_status(printable(text, 500), StatusLevel.Error)
 
     def tell_time(self, now_ns: int) -> None:

@@ -19,6 +19,9 @@ from tfbus.wording import listed, printable
 
 _TWISTS = ("geometry_msgs/Twist", "geometry_msgs/msg/Twist", "tfbus_msgs/msg/Twist")
 
+# Of all clients together.
+_MOST_CHANNELS = 1000
+
 # In CDR: a header of 4 bytes, and six numbers.
 _CDR = {0: struct.Struct(">4x6d"), 1: struct.Struct("<4x6d")}
 
@@ -52,6 +55,8 @@ class Teleop:
         if publisher is None:
             return f"publish on {listed(sorted(self._publishers))}, not {printable(channel.topic)}"
         with self._lock:
+            if len(self._driving) >= _MOST_CHANNELS:
+                return f"more than {_MOST_CHANNELS} channels are advertised"
             self._driving[client_id, channel.id] = publisher, channel
         return ""
 

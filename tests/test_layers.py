@@ -154,6 +154,7 @@ DOORS = (
     "tfbus.messages",
     "tfbus.wording",
     "tfbus.command",
+    "tfbus.foxglove",
     "tfbus.frames",
     "tfbus.view",
 )

@@ -283,6 +283,8 @@ class Player:
                         self._loops += 1
                         return self._start_ns
                     is_news = not (is_here and self._is_paused)
+                    if not self._is_paused:
+                        self._anchor(self._end_ns)
                     self._is_paused = True
                 item = None if is_news else self._next(ahead)
                 if item is None and not is_news:

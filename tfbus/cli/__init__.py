@@ -59,6 +59,7 @@ NODES = {
     "draw_square": "Drive a turtle along a square.",
     "echo": "Print the pose of the frame SOURCE seen from the frame TARGET.",
     "follow": "Spawn a turtle that follows a frame.",
+    "foxglove": "Show the bus, or a recording, in Foxglove.",
     "mimic": "Copy the speeds of input/pose to output/cmd_vel.",
     "share": "Show frames of one robot to others.",
     "simulator": "Simulate turtles to drive and to watch (turtlesim).",
@@ -140,6 +141,7 @@ class Commands(Verbs):
 # Names in ROS of what is a command here.
 _CALLED_IN_ROS = {
     "action": "call",
+    "foxglove_bridge": "foxglove",
     "interface": "topic show, or tfbus service show",
     "pkg": "create",
     "rviz2": "view",

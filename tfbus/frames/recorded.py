@@ -260,6 +260,11 @@ class RecordedFrames:
         return self._selection
 
     @property
+    def viewpoint(self) -> Viewpoint:
+        """Which streams are seen, and how their frames are called."""
+        return self._view
+
+    @property
     def at_ns(self) -> int:
         """The moment as a log time."""
         return self._at_ns

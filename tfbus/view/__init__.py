@@ -12,6 +12,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from tfbus.runtime.addresses import is_local as is_local
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
     from tfbus.view.model.urdf import read_urdf as read_urdf
-    from tfbus.view.origin import is_local as is_local
     from tfbus.view.page import Page as Page
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
@@ -46,7 +46,7 @@ _MODULE_OF = {
     "ViewSettings": "tfbus.view.model.settings",
     "find_browser": "tfbus.view.screenshot",
     "holds_settings": "tfbus.view.model.settings",
-    "is_local": "tfbus.view.origin",
+    "is_local": "tfbus.runtime.addresses",
     "load_settings": "tfbus.view.model.settings",
     "read_urdf": "tfbus.view.model.urdf",
     "show": "tfbus.view.local",

@@ -5,7 +5,6 @@ it was. So Origin must match Host. Host must be an address or one of this machin
 owner of any other name can let it point here.
 """
 
-import ipaddress
 import socket
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,22 +18,7 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-
-def is_local(host: str) -> bool:
-    """Whether a host, a name or an address, is only this machine."""
-    address = _address(host)
-    return host.lower() == "localhost" if address is None else address.is_loopback
-
-
-def names_to_open(host: str) -> tuple[str, ...]:
-    """What a browser opens where a server listens at `host`.
-
-    `0.0.0.0` and `::` stand for all addresses of this machine, and no browser opens them.
-    """
-    address = _address(host)
-    if address is not None and address.is_unspecified:
-        return ("localhost", socket.gethostname())
-    return (host,)
+from tfbus.runtime.addresses import address_of, is_local
 
 
 def machine_names(host: str) -> frozenset[str]:
@@ -69,14 +53,9 @@ def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
 def _is_own(name: str, names: Collection[str]) -> bool:
     """Whether only this machine, or its own network, can let this name point here."""
     # Names in .local are resolved on the local network only (RFC 6762).
-    return name in names or is_local(name) or name.endswith(".local") or _address(name) is not None
-
-
-def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
-    try:
-        return ipaddress.ip_address(name)
-    except ValueError:
-        return None
+    return (
+        name in names or is_local(name) or name.endswith(".local") or address_of(name) is not None
+    )
 
 
 def _parts(url: str) -> SplitResult:

@@ -21,10 +21,10 @@ from tfbus.cli.output import (
     yaml_text,
 )
 from tfbus.cli.param.file import read_parameter_file
-from tfbus.cli.param.query import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
 from tfbus.command.types import NodeName, ParameterName
+from tfbus.discover.parameters import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.discover.presence import list_nodes
 from tfbus.errors import ParameterError, TfbusError
 from tfbus.wire.codec import as_map
@@ -87,7 +87,7 @@ def get_command(
 ) -> None:
     """Print the type and value of one or more parameters of NODE."""
     with open_bus(settings) as session:
-        described = [parameter_of(session, node, name) for name in parameters]
+        described = [parameter_of(session, node, name, warn) for name in parameters]
     if as_json:
         print_json({each.name: each.value for each in described})
         return
@@ -134,7 +134,7 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
         raise click.UsageError(f"parameters and values come in pairs: {pairs[-1]!r} has no value")
     with open_bus(settings) as session:
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
-            set_parameter(session, node, name, value)
+            set_parameter(session, node, name, value, warn)
             many = f": {name}" if len(pairs) > 2 else ""
             print_text(f"Set parameter successful{many}")
 
@@ -169,7 +169,7 @@ def load_command(settings: NodeSettings, node: str, file: IO[str]) -> None:
         refused = 0
         for name, value in values.items():
             try:
-                set_parameter(session, node, name, value)
+                set_parameter(session, node, name, value, warn)
             except ParameterError as error:
                 refused += 1
                 warn(error)
@@ -190,7 +190,7 @@ def describe_command(
     """Print the type, description and bounds of parameters of NODE, or of all."""
     with open_bus(settings) as session:
         if parameters:
-            described = [parameter_of(session, node, name) for name in parameters]
+            described = [parameter_of(session, node, name, warn) for name in parameters]
         else:
             described = parameters_of(session, node)
     if as_json:

@@ -1,13 +1,19 @@
-"""Reads and sets parameters over the bus."""
+"""Reads and sets parameters of nodes.
+
+Where several nodes share a name the first that answers counts, and `warn(text)` is called.
+"""
+
+from collections.abc import Callable
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.cli.output import warn
 from tfbus.discover.presence import describe_nodes, key_beside
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
 from tfbus.wire.keys import node_parameters_key, parameter_key, relative_name
+
+Warn = Callable[[str], object]
 
 # A busy node may take longer.
 _PATIENCE_S = 2.0
@@ -21,14 +27,17 @@ def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
     return sorted(described, key=lambda parameter: parameter.name)
 
 
-def parameter_of(session: Session, node: str, name: str) -> ParameterDescription:
+def parameter_of(session: Session, node: str, name: str, warn: Warn) -> ParameterDescription:
     """One parameter of the node. Raises an error if there is no such parameter or node."""
-    return _one(session, node, _ask(session, node, name))
+    return _one(session, node, _ask(session, node, name), warn)
 
 
-def set_parameter(session: Session, node: str, name: str, value: object) -> ParameterDescription:
+def set_parameter(
+    session: Session, node: str, name: str, value: object, warn: Warn
+) -> ParameterDescription:
     """Set a parameter and return it. Raises ParameterError if the node refuses."""
-    return _one(session, node, _ask(session, node, name, encode_map({"value": value})))
+    answers = _ask(session, node, name, encode_map({"value": value}))
+    return _one(session, node, answers, warn)
 
 
 def full_name_of(session: Session, node: str) -> str:
@@ -39,7 +48,7 @@ def full_name_of(session: Session, node: str) -> str:
 
 
 def _one(
-    session: Session, node: str, described: list[ParameterDescription]
+    session: Session, node: str, described: list[ParameterDescription], warn: Warn
 ) -> ParameterDescription:
     if not described:
         describe_nodes(session, node)

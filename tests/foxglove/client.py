@@ -1,0 +1,173 @@
+"""A client of Foxglove's protocol, foxglove.sdk.v1, as its specification has it."""
+
+import json
+import struct
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tests.live_bus import DEADLINE_S, eventually
+
+
+@dataclass(frozen=True)
+class Playback:
+    """How the server says that a recording plays: 0 playing, 1 paused, 2 buffering, 3 ended."""
+
+    status: int
+    time_ns: int
+    speed: float
+    did_seek: bool
+    request_id: str
+
+
+class Client:
+    """Keeps all that comes; use it in a `with`."""
+
+    def __init__(self, port: int, **options: Any) -> None:
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}",
+            subprotocols=["foxglove.sdk.v1"],  # type: ignore[list-item]
+            open_timeout=DEADLINE_S,
+            max_size=None,
+            **options,
+        )
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.services: dict[str, dict[str, Any]] = {}
+        self.parameters: dict[str, Any] = {}
+        self.published: dict[str, list[str]] = {}
+        self.subscribed: dict[str, list[str]] = {}
+        self.texts: list[dict[str, Any]] = []
+        self.messages: list[tuple[str, int, bytes]] = []
+        self.times_ns: list[int] = []
+        self.playback: list[Playback] = []
+        self.answers: dict[int, Any] = {}
+        self._topics: dict[int, str] = {}
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._socket.close()
+        self._reader.join(DEADLINE_S)
+
+    # What it sends
+
+    def send(self, op: str, **fields: Any) -> None:
+        """One message in JSON."""
+        self._socket.send(json.dumps({"op": op, **fields}))
+
+    def send_raw(self, message: str | bytes) -> None:
+        """Anything."""
+        self._socket.send(message)
+
+    def subscribe(self, topic: str) -> dict[str, Any]:
+        """Subscribe to a topic once it is there; returns its channel."""
+        channel = eventually(lambda: self.channels.get(topic))
+        self._topics[channel["id"]] = topic
+        subscription = {"id": channel["id"], "channelId": channel["id"]}
+        self.send("subscribe", subscriptions=[subscription])
+        return channel
+
+    def unsubscribe(self, topic: str) -> None:
+        """No longer subscribe."""
+        self.send("unsubscribe", subscriptionIds=[self.channels[topic]["id"]])
+
+    def advertise(self, topic: str, schema: str, encoding: str = "json") -> None:
+        """Be going to publish, on channel 1."""
+        self.send(
+            "advertise",
+            channels=[{"id": 1, "topic": topic, "encoding": encoding, "schemaName": schema}],
+        )
+
+    def publish(self, data: bytes) -> None:
+        """Publish on channel 1."""
+        self._socket.send(b"\x01" + struct.pack("<I", 1) + data)
+
+    def call(self, service: str, request: Any) -> Any:
+        """Call a service; its response, or the text of its refusal."""
+        found = eventually(lambda: self.services.get(service))
+        call_id = len(self.answers) + 1
+        head = struct.pack("<BIII", 2, found["id"], call_id, 4)
+        self._socket.send(head + b"json" + json.dumps(request).encode())
+        return eventually(lambda: self.answers.get(call_id))
+
+    def control(
+        self, *, play: bool, speed: float = 1.0, seek_ns: int | None = None, request: str = "r"
+    ) -> Playback:
+        """Use the playback bar; returns the answer."""
+        name = request.encode()
+        head = struct.pack("<BBfB", 3, 0 if play else 1, speed, seek_ns is not None)
+        self._socket.send(head + struct.pack("<QI", seek_ns or 0, len(name)) + name)
+        return eventually(
+            lambda: next((each for each in self.playback if each.request_id == request), None)
+        )
+
+    # What came
+
+    def of(self, topic: str) -> list[bytes]:
+        """The messages of a topic."""
+        return [data for name, _, data in list(self.messages) if name == topic]
+
+    def texts_of(self, op: str) -> list[dict[str, Any]]:
+        """The messages in JSON of one kind."""
+        return [each for each in list(self.texts) if each["op"] == op]
+
+    def said(self) -> list[str]:
+        """The errors that the server showed."""
+        return [each["message"] for each in self.texts_of("status")]
+
+    def _read(self) -> None:
+        with suppress(ConnectionClosed):
+            for message in self._socket:
+                if isinstance(message, str):
+                    self._take_text(json.loads(message))
+                else:
+                    self._take_bytes(message)
+
+    def _take_text(self, text: dict[str, Any]) -> None:
+        self.texts.append(text)
+        match text["op"]:
+            case "advertise":
+                self.channels |= {each["topic"]: each for each in text["channels"]}
+            case "unadvertise":
+                gone = set(text["channelIds"])
+                for topic in [t for t, each in self.channels.items() if each["id"] in gone]:
+                    del self.channels[topic]
+            case "advertiseServices":
+                self.services |= {each["name"]: each for each in text["services"]}
+            case "parameterValues":
+                self.parameters |= {each["name"]: each.get("value") for each in text["parameters"]}
+            case "connectionGraphUpdate":
+                for each in text["publishedTopics"]:
+                    self.published[each["name"]] = each["publisherIds"]
+                for each in text["subscribedTopics"]:
+                    self.subscribed[each["name"]] = each["subscriberIds"]
+            case "serviceCallFailure":
+                self.answers[text["callId"]] = text["message"]
+
+    def _take_bytes(self, data: bytes) -> None:
+        match data[0]:
+            case 1:
+                channel, log_ns = struct.unpack_from("<IQ", data, 1)
+                self.messages.append((self._topics[channel], log_ns, data[13:]))
+            case 2:
+                self.times_ns.append(struct.unpack_from("<Q", data, 1)[0])
+            case 3:
+                _, call_id, length = struct.unpack_from("<III", data, 1)
+                self.answers[call_id] = json.loads(data[13 + length :])
+            case 5:
+                status, time_ns, speed, did_seek, length = struct.unpack_from("<BQfBI", data, 1)
+                name = data[19 : 19 + length].decode()
+                self.playback.append(Playback(status, time_ns, speed, bool(did_seek), name))

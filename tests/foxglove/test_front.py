@@ -1,0 +1,151 @@
+"""The port in front of Foxglove's server: which clients it passes on."""
+
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
+pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
+from websockets.exceptions import InvalidStatus
+
+from tests.foxglove.client import Client
+from tests.live_bus import DEADLINE_S, eventually
+from tfbus.errors import TfbusError
+from tfbus.foxglove.front import Front, page_url, refusal
+from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.serving import Serving
+
+ALLOWED = "http://viewer.lan:8080"
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    """A server without channels."""
+    server = Server("test", "127.0.0.1", 0, Requests(), [])
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def front(server: Server) -> Iterator[Front]:
+    """The port in front of it."""
+    front = Front(Serving(port=0, origins=(ALLOWED,)), server.address, lambda reason: None)
+    yield front
+    front.close()
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        None,
+        "https://app.foxglove.dev",
+        "https://foxglove.dev",
+        "http://localhost:8080",
+        "http://127.0.0.1:3000",
+        "http://[::1]:3000",
+        "file://",
+        "app://foxglove",
+        ALLOWED,
+    ],
+)
+def test_foxglove_and_pages_of_this_machine_are_served(origin: str | None) -> None:
+    """Programs, Foxglove's page and application, pages from here, and those that are allowed."""
+    assert refusal(origin, (ALLOWED,)) == ""
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "https://evil.example",
+        "http://app.foxglove.dev",
+        "https://foxglove.dev.evil.example",
+        "https://notfoxglove.dev",
+        "http://viewer.lan",
+        "http://localhost.evil.example",
+        "null",
+        "",
+        "http://[",
+    ],
+)
+def test_pages_of_other_hosts_are_refused(origin: str) -> None:
+    """Any page that a browser has open could drive the robot otherwise."""
+    assert "may not connect" in refusal(origin, (ALLOWED,))
+
+
+def test_a_client_is_passed_on(front: Front) -> None:
+    """It speaks with Foxglove's server."""
+    with Client(front.port) as client:
+        info = eventually(lambda: client.texts_of("serverInfo"))
+        assert info[0]["name"] == "test"
+        assert front.clients == 1
+    eventually(lambda: front.clients == 0)
+
+
+def test_a_page_of_another_host_is_refused_by_the_server(server: Server) -> None:
+    """With 403, and the reason goes to the log."""
+    reasons: list[str] = []
+    front = Front(Serving(port=0), server.address, reasons.append)
+    try:
+        with pytest.raises(InvalidStatus, match="403"):
+            Client(front.port, origin="https://evil.example")
+        assert len(reasons) == 1 and "https://evil.example" in reasons[0]
+    finally:
+        front.close()
+
+
+def test_a_browser_gets_a_text_that_says_where_to_go(front: Front) -> None:
+    """The address is one that people try in a browser."""
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
+        client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        answer = b"".join(iter(lambda: client.recv(4096), b"")).decode()
+    assert answer.startswith("HTTP/1.1 426 ")
+    assert page_url(front.addresses[0]) in answer
+
+
+@pytest.mark.parametrize("garbage", [b"\x00" * 40_000, b"GET / HTTP/1.1\r\n", b""])
+def test_garbage_harms_no_other_client(front: Front, garbage: bytes) -> None:
+    """What is no request, or ends early, is dropped."""
+    with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
+        client.sendall(garbage)
+        client.shutdown(socket.SHUT_WR)
+        assert client.recv(4096) == b""
+    with Client(front.port) as other:
+        eventually(lambda: other.texts_of("serverInfo"))
+
+
+def test_a_taken_port_is_followed_by_the_next(server: Server) -> None:
+    """And that is said."""
+    first = Front(Serving(port=0), server.address, lambda reason: None)
+    second = Front(Serving(port=first.port), server.address, lambda reason: None)
+    try:
+        assert second.port > first.port
+        assert f"port {first.port} of 127.0.0.1 is taken" in second.warnings()[0]
+    finally:
+        first.close()
+        second.close()
+
+
+def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
+    """One sentence, with the address."""
+    with pytest.raises(TfbusError, match=r"could not listen at 192\.0\.2\.1:8765"):
+        Front(Serving(host="192.0.2.1"), server.address, lambda reason: None)
+
+
+def test_listening_beyond_this_machine_is_said(server: Server) -> None:
+    """There is no password."""
+    front = Front(Serving(host="0.0.0.0", port=0), server.address, lambda reason: None)
+    try:
+        assert any("there is no password" in warning for warning in front.warnings())
+    finally:
+        front.close()
+
+
+def test_the_link_opens_foxglove_at_the_address() -> None:
+    """As Foxglove documents it, in a browser or its application."""
+    assert page_url("ws://localhost:8765") == (
+        "https://app.foxglove.dev/?ds=foxglove-websocket&ds.url=ws%3A%2F%2Flocalhost%3A8765"
+    )
+    assert page_url("ws://localhost:8765", desktop=True) == (
+        "foxglove://open?ds=foxglove-websocket&ds.url=ws%3A%2F%2Flocalhost%3A8765"
+    )

@@ -1,0 +1,185 @@
+"""The bus as Foxglove shows it: frames, topics, parameters, services, the graph, and the time."""
+
+from collections.abc import Sequence
+
+from foxglove import Parameter
+from foxglove.websocket import Capability, ClientChannel
+
+from tfbus.discover.graph import graph_of
+from tfbus.discover.parameters import set_parameter
+from tfbus.discover.presence import describe_all, describe_streams
+from tfbus.errors import DecodeError, ParameterError
+from tfbus.foxglove.front import Front, hidden_host
+from tfbus.foxglove.graph import Connections, connections
+from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.services import LiveServices
+from tfbus.foxglove.serving import Serving
+from tfbus.foxglove.teleop import Teleop
+from tfbus.foxglove.topics import LiveTopics
+from tfbus.foxglove.transforms import ShownBuffer, TransformChannels
+from tfbus.listen.listener import TransformListener
+from tfbus.node.node import Node
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription
+from tfbus.wire.fleet import Fleet
+from tfbus.wire.keys import namespace_of, relative_name
+
+# How often all nodes are asked what they have, and how long one may take to answer.
+_LOOK_EVERY_S = 1.0
+_ASK_WITHIN_S = 0.8
+
+_TIME_HZ = 20.0
+
+# How far back Foxglove's clients could look up is their own affair; here only the last counts.
+_CACHE_S = 10.0
+
+
+class LiveBridge(Requests):
+    """Serves Foxglove what a node sees, until `close()`.
+
+    Without a fleet that is the node's namespace, with one also those below. Clients may drive on
+    the topics `teleop`. Those of a `read_only` bridge can neither drive nor set parameters nor call
+    services. Raises TfbusError where it cannot listen.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        serving: Serving,
+        *,
+        fleet: Fleet | None = None,
+        teleop: Sequence[str] = (),
+        read_only: bool = False,
+    ) -> None:
+        self._node = node
+        self._fleet = fleet
+        self._read_only = read_only
+        self._once = LogOnce(node.log)
+        self._connections = Connections()
+        self._server = Server(
+            f"tfbus {node.full_name}", hidden_host(), 0, self, self._capabilities(teleop)
+        )
+        self._transforms = TransformChannels(self._server, node.now_ns, self._once)
+        self._topics = LiveTopics(node, self._server, self._once)
+        self._parameters = NodeParameters(
+            self._set_parameter, self._server.publish_parameters, self._refuse
+        )
+        self._services = LiveServices(node.session, self._server)
+        self._teleop = Teleop(node, teleop, self._once)
+        self._executor = Executor(f"{node.full_name} foxglove", node.log)
+        self._buffer = ShownBuffer(_CACHE_S)
+        self._buffer.on_rows = lambda rows, static: self._transforms.send(rows, static=static)
+        self._listener = TransformListener(self._buffer, node, fleet=fleet)
+        node.clock.add_jump_callback(self._on_jump_back)
+        self._executor.submit("foxglove", self._look)
+        self._executor.every(_LOOK_EVERY_S, self._look)
+        if node.clock.is_simulated:
+            self._executor.every(1.0 / _TIME_HZ, self._tell_time)
+        self.front = Front(serving, self._server.address, self._on_refused)
+
+    def close(self) -> None:
+        """Stop serving. Twice is fine."""
+        self.front.close()
+        self._node.clock.remove_jump_callback(self._on_jump_back)
+        self._listener.close()
+        self._executor.close()
+        self._server.close()
+        self._topics.close()
+
+    def _capabilities(self, teleop: Sequence[str]) -> list[Capability]:
+        found = [Capability.ConnectionGraph, Capability.Parameters]
+        if not self._read_only:
+            found.append(Capability.Services)
+        if teleop:
+            found.append(Capability.ClientPublish)
+        if self._node.clock.is_simulated:
+            found.append(Capability.Time)
+        return found
+
+    # What clients ask and send, on threads of the SDK's
+
+    def subscribed(self, channel_id: int) -> None:
+        """Late ones get static transforms, and where each dynamic frame is."""
+        if self._transforms.have(channel_id):
+            self._executor.submit("transforms", self._send_present, limit=1)
+        else:
+            self._executor.submit("topics", self._topics.adapt, limit=1)
+
+    def unsubscribed(self, channel_id: int) -> None:
+        """The bus need not send what no client watches."""
+        self._executor.submit("topics", self._topics.adapt, limit=1)
+
+    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+        return self._parameters.get(names)
+
+    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+        return self._parameters.set(given)
+
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
+
+    def _set_parameter(self, node: str, name: str, value: object) -> ParameterDescription:
+        if self._read_only:
+            raise ParameterError("tfbus foxglove runs with --read-only")
+        return set_parameter(self._node.session, node, name, value, self._refuse)
+
+    def advertised(self, client_id: int, channel: ClientChannel) -> None:
+        if mistake := self._teleop.begin(client_id, channel):
+            self._refuse(mistake)
+
+    def unadvertised(self, client_id: int, channel_id: int) -> None:
+        self._teleop.end(client_id, channel_id)
+
+    def published(self, client_id: int, channel_id: int, data: bytes) -> None:
+        self._teleop.send(client_id, channel_id, data)
+
+    # What changes, on the executor's thread
+
+    def _look(self) -> None:
+        """Ask all nodes what they have."""
+        session = self._node.session
+        described = describe_all(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
+        nodes = [each for each in described if each.session != session.id and self._sees(each)]
+        described_streams = describe_streams(session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
+        streams = [
+            each for key, each in described_streams.items() if self._fleet or not namespace_of(key)
+        ]
+        graph = graph_of(nodes, {})
+        self._parameters.update(nodes)
+        self._topics.update(graph)
+        if not self._read_only:
+            self._services.update(graph)
+        found = connections(nodes, streams)
+        if found != self._connections:
+            self._connections = found
+            self._server.publish_graph(found.as_foxglove())
+
+    def _sees(self, node: NodeDescription) -> bool:
+        name = relative_name(node.name, self._node.namespace)
+        return not name.startswith("/") and (self._fleet is not None or "/" not in name)
+
+    def _send_present(self) -> None:
+        self._transforms.send_present(self._buffer)
+
+    def _tell_time(self) -> None:
+        if self._node.clock.is_running:
+            self._server.tell_time(self._node.now_ns())
+
+    def _on_jump_back(self, now_ns: int) -> None:
+        """Clients keep transforms of what is now the future until they forget all."""
+        self._server.forget_the_past()
+        self._send_present()
+
+    # What is wrong
+
+    def _on_unreadable(self, error: DecodeError) -> None:
+        self._once.warning(("unreadable", str(error)), "%s", error)
+
+    def _on_refused(self, reason: str) -> None:
+        self._once.warning(("refused", reason), "Refused a client: %s", reason)
+
+    def _refuse(self, reason: str) -> None:
+        self._server.say(reason)
+        self._once.info(("refused", reason), "%s", reason)

@@ -1,0 +1,135 @@
+"""Parameters of all nodes as Foxglove's Parameters panel shows and sets them."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as LateError
+from typing import Any
+
+from foxglove import Parameter
+
+from tfbus.errors import TfbusError
+from tfbus.runtime.workers import Workers
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription
+from tfbus.wording import printable
+
+# The SDK serves no client while it waits: a later answer is published.
+_WAIT_S = 0.2
+
+_AT_A_TIME = 4
+_WAITING = 64
+
+
+class NodeParameters:
+    """The parameters of nodes by names like `/sim.background_r`, as of the last `update`.
+
+    `set_one(node, name, value)` sets one and returns it; it may take a moment, and raises
+    TfbusError where it cannot. `publish(parameters)` gets those that changed, `say(text)` why one
+    is not set.
+    """
+
+    def __init__(
+        self,
+        set_one: Callable[[str, str, object], ParameterDescription],
+        publish: Callable[[Sequence[Parameter]], None],
+        say: Callable[[str], None],
+    ) -> None:
+        self._set_one = set_one
+        self._publish = publish
+        self._say = say
+        self._workers = Workers("foxglove parameters", threads=_AT_A_TIME, waiting=_WAITING)
+        self._lock = threading.Lock()
+        self._known: dict[str, tuple[str, ParameterDescription]] = {}
+
+    def update(self, nodes: Iterable[NodeDescription]) -> None:
+        """Take the parameters from the descriptions of all nodes; publish those that changed."""
+        known = {
+            f"{node.name}.{each.name}": (node.name, each)
+            for node in nodes
+            for each in node.parameters
+        }
+        with self._lock:
+            former, self._known = self._known, known
+        changed = [name for name, now in known.items() if former.get(name) != now]
+        gone = [Parameter(name) for name in former.keys() - known.keys()]
+        if changed or gone:
+            self._publish([*(_shown(name, known[name][1]) for name in changed), *gone])
+
+    def get(self, names: Sequence[str]) -> list[Parameter]:
+        """These parameters; all where no name is given. Unknown ones are left out."""
+        known = self._present()
+        return [
+            _shown(name, known[name][1])
+            for name in (dict.fromkeys(names) if names else sorted(known))
+            if name in known
+        ]
+
+    def publish(self, names: Sequence[str]) -> None:
+        """Publish these parameters; those of no name are left out."""
+        if found := self.get(names) if names else []:
+            self._publish(found)
+
+    def set(self, given: Sequence[Parameter]) -> list[Parameter]:
+        """Set parameters; returns what has come of those whose nodes answer soon."""
+        until_s = time.monotonic() + _WAIT_S
+        if len(given) > _WAITING:
+            self._say(f"at most {_WAITING} parameters are set at a time, not {len(given)}")
+            return []
+        answers = [self._begin(each) for each in given]
+        done = []
+        for answer in answers:
+            try:
+                found = answer.result(max(0.0, until_s - time.monotonic()))
+            except LateError:
+                answer.add_done_callback(self._publish_late)
+                continue
+            if found is not None:
+                done.append(found)
+        return done
+
+    def _begin(self, given: Parameter) -> "Future[Parameter | None]":
+        answer: Future[Parameter | None] = Future()
+        if not self._workers.do(lambda: answer.set_result(self._set(given))):
+            self._say(f"{printable(given.name)} is not set: too many parameters at once")
+            answer.set_result(None)
+        return answer
+
+    def _set(self, given: Parameter) -> Parameter | None:
+        """Set one; returns it as it is then, None where it is not known."""
+        name = given.name
+        if name not in self._present():
+            self._say(f"there is no parameter {printable(name)}")
+            return None
+        node, described = self._present()[name]
+        try:
+            value = _typed(given.get_value(), described)
+            described = self._set_one(node, described.name, value)
+        except (TfbusError, OverflowError, TypeError, ValueError) as error:
+            # Clients show what they asked for until they get what it is.
+            self._say(f"{name} is not set: {error}")
+        with self._lock:
+            self._known = {**self._known, name: (node, described)}
+        return _shown(name, described)
+
+    def _publish_late(self, answer: "Future[Parameter | None]") -> None:
+        """What is returned in time, the SDK publishes itself."""
+        if (found := answer.result()) is not None:
+            self._publish([found])
+
+    def _present(self) -> Mapping[str, tuple[str, ParameterDescription]]:
+        with self._lock:
+            return self._known
+
+
+def _typed(value: Any, described: ParameterDescription) -> Any:
+    """The value, as an integer where it is a whole number and the parameter is one."""
+    whole = isinstance(value, float) and value.is_integer() and described.type == "integer"
+    return int(value) if whole else value
+
+
+def _shown(name: str, described: ParameterDescription) -> Parameter:
+    try:
+        return Parameter(name, value=described.value)
+    except (OverflowError, TypeError, ValueError, UnicodeError):
+        return Parameter(name, value=printable(repr(described.value), 1000))

@@ -1,0 +1,318 @@
+"""A recording as Foxglove shows it: its bar plays, pauses, seeks, and changes the speed."""
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from foxglove import Parameter
+from foxglove.websocket import (
+    Capability,
+    PlaybackCommand,
+    PlaybackControlRequest,
+    PlaybackState,
+    PlaybackStatus,
+)
+
+from tfbus.bag.player import FASTEST, SLOWEST, AtEnd, Pace, Player, Progress
+from tfbus.errors import DecodeError, ParameterError, TfbusError
+from tfbus.foxglove.front import Front, hidden_host
+from tfbus.foxglove.graph import Connections, absolute, connections
+from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.server import Requests, Server
+from tfbus.foxglove.serving import Serving
+from tfbus.foxglove.topics import TopicChannel
+from tfbus.foxglove.transforms import TransformChannels
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import Selection
+from tfbus.ros.schema import MessageCodecs
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log import open_log
+from tfbus.runtime.log_once import LogOnce
+from tfbus.runtime.signals import StopSignals, Wakeup
+from tfbus.wire.codec import from_map
+from tfbus.wire.descriptions import NodeDescription, ParameterDescription, StreamDescription
+from tfbus.wire.fleet import Fleet
+
+_S = 1_000_000_000
+
+# After a seek, topics show their last message of this time before, and frames where they were.
+_LOOK_BACK_S = 2.0
+
+# How often the time is told: as messages come, and where none does.
+_TIME_APART_NS = 16_000_000
+_TIME_EVERY_S = 0.1
+
+
+class PlaybackBridge(Requests):
+    """Serves Foxglove a recording, until `close()`; it stands at `span[0]` until a client plays it.
+
+    `span` are the log times, in ns, of its beginning and end. A client that seeks while it stands
+    sees where the frames were. With a fleet the frames of robots in namespaces have these in front;
+    without one those of the namespace that all are in, or of none.
+
+    Raises TfbusError where it cannot listen, or the files are no recording.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        span: tuple[int, int],
+        serving: Serving,
+        *,
+        log_level: str = "info",
+        fleet: Fleet | None = None,
+        rate: float = 1.0,
+        at_end: AtEnd = "wait",
+    ) -> None:
+        self.log = open_log("/foxglove", "foxglove", log_level)
+        self._once = LogOnce(self.log)
+        # One reads ahead, the other looks back.
+        self._reader, self._past = RecordingReader(*paths), RecordingReader(*paths)
+        self._frames = RecordedFrames(self._past, fleet=fleet, cache_time_s=_LOOK_BACK_S)
+        self._looking_back = threading.Lock()
+        self._told = 0
+        self._request_id: str | None = None
+        self._error: TfbusError | None = None
+        self._has_begun = False
+        self._connections = Connections()
+        self._nodes: dict[str, NodeDescription] = {}
+        self._streams: dict[str, StreamDescription] = {}
+        start_ns, end_ns = span
+        self._player = Player(
+            self._reader, start_ns=start_ns, end_ns=end_ns, rate=rate, paused=True, at_end=at_end
+        )
+        capabilities = [
+            Capability.ConnectionGraph,
+            Capability.Parameters,
+            Capability.PlaybackControl,
+            Capability.Time,
+        ]
+        name = f"tfbus {paths[0].name}"
+        self._server = Server(name, hidden_host(), 0, self, capabilities, time_range_ns=span)
+        self._transforms = TransformChannels(self._server, lambda: start_ns, self._once)
+        self._parameters = NodeParameters(
+            _refuse_to_set, self._server.publish_parameters, self._server.say
+        )
+        codecs = MessageCodecs()
+        self._topics = {
+            topic.name: TopicChannel(self._server, codecs, absolute(topic.name), topic.type_name)
+            for topic in self._reader.topics
+            if topic.is_readable
+        }
+        self._executor = Executor("foxglove playback", self.log)
+        self._executor.every(_TIME_EVERY_S, self._tell_time)
+        self.front = Front(serving, self._server.address, self._on_refused)
+
+    def run(self) -> None:
+        """Play as clients ask for, until Ctrl-C or SIGTERM, in the main thread.
+
+        Raises DecodeError where a file is damaged.
+        """
+        player = threading.Thread(target=self._play, name="foxglove player", daemon=True)
+        signals = StopSignals()
+        try:
+            with Wakeup() as self._at_end:
+                player.start()
+                signals.wait(wakeup=self._at_end)
+                self._player.stop()
+                player.join()
+        finally:
+            signals.uninstall()
+        if self._error is not None:
+            raise self._error
+
+    def _play(self) -> None:
+        try:
+            self._player.run(self)
+        except TfbusError as error:
+            self._error = error
+        finally:
+            self._at_end.wake()
+
+    def stop(self) -> None:
+        """Make `run` return; from any thread."""
+        self._player.stop()
+
+    def close(self) -> None:
+        """Stop serving; `run` must have returned."""
+        self.front.close()
+        self._executor.close()
+        self._server.close()
+        self._reader.close()
+        self._past.close()
+
+    # What clients ask, on threads of the SDK's
+
+    def subscribed(self, channel_id: int) -> None:
+        """Late ones get static transforms, and where each frame is."""
+        if self._transforms.have(channel_id):
+            self._executor.submit("transforms", self._send_present, limit=1)
+        self._executor.submit("state", self._tell_state, limit=1)
+
+    def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
+        return self._parameters.get(names)
+
+    def set_parameters(self, given: Sequence[Parameter]) -> list[Parameter]:
+        return self._parameters.set(given)
+
+    def parameters_subscribed(self, names: Sequence[str]) -> None:
+        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
+
+    def control(self, request: PlaybackControlRequest) -> PlaybackState | None:
+        """The answer to a seek follows once the recording is there, before what is sent of it."""
+        player, progress = self._player, self._player.progress
+        speed = request.playback_speed
+        if math.isfinite(speed) and speed != progress.rate:
+            player.set_rate(min(max(speed, SLOWEST), FASTEST))
+        is_play = request.playback_command == PlaybackCommand.Play
+        (player.resume if is_play else player.pause)()
+        seek_ns = request.seek_time
+        if seek_ns is None and is_play and progress.is_at_end:
+            seek_ns = progress.start_ns
+        if seek_ns is None:
+            return _state_of(player.progress, request_id=request.request_id)
+        self._request_id = request.request_id
+        player.seek(seek_ns)
+        return None
+
+    # As a stage of the player, on its thread
+
+    def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
+        """Send what is in force, and where all was just before."""
+        request_id, self._request_id = self._request_id, None
+        progress = self._player.progress
+        self._server.tell_time(pace.log_ns)
+        self._server.tell_playback(
+            _state_of(progress, did_seek=self._has_begun, request_id=request_id, at_ns=pace.log_ns)
+        )
+        self._has_begun = True
+        self._nodes.clear()
+        self._streams.clear()
+        for item in state:
+            if isinstance(item, EventItem):
+                self._take_event(item)
+        self._tell_nodes()
+        with self._looking_back:
+            self._send_past(pace.log_ns)
+
+    def take(self, item: Item, pace: Pace) -> None:
+        """Send an item."""
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._told + _TIME_APART_NS:
+            self._told = now_ns
+            self._server.tell_time(item.log_ns)
+        if isinstance(item, TransformItem):
+            self._send_transforms(item)
+        elif isinstance(item, TopicItem):
+            self._send_message(item, item.log_ns)
+        else:
+            self._take_event(item)
+            self._tell_nodes()
+
+    def follow(self, progress: Progress) -> None:
+        """It was paused or resumed, has another speed, or has come to its end."""
+        self._server.tell_time(progress.log_ns)
+        self._server.tell_playback(_state_of(progress))
+
+    # Sending
+
+    def _send_transforms(self, item: TransformItem) -> None:
+        stream, viewpoint = item.stream, self._frames.viewpoint
+        if viewpoint.called(stream.name, stream.namespace) is None:
+            return
+        names = viewpoint.names(stream.namespace).all_outside(item.rows.frames)
+        rows = item.rows.with_frames(names)
+        self._transforms.send(rows, static=item.static, log_ns=item.log_ns)
+
+    def _send_message(self, item: TopicItem, log_ns: int) -> None:
+        channel = self._topics.get(item.topic)
+        if channel is None:
+            return
+        try:
+            channel.send(item.values, log_ns)
+        except ValueError as error:
+            self._once.warning(
+                ("topic", item.topic), "Left out a message on topic %r: %s", item.topic, error
+            )
+
+    def _send_past(self, at_ns: int) -> None:
+        """Send what was just before a time: it may stand still there."""
+        self._frames.seek(at_ns - 1)
+        self._transforms.send_present(self._frames.buffer, at_ns)
+        if not self._topics:
+            return
+        last: dict[str, TopicItem] = {}
+        from_ns = at_ns - round(_LOOK_BACK_S * _S)
+        for item in self._past.items(from_ns, at_ns - 1, Selection(topics=tuple(self._topics))):
+            if isinstance(item, TopicItem):
+                last[item.topic] = item
+        for item in last.values():
+            self._send_message(item, at_ns)
+
+    def _send_present(self) -> None:
+        with self._looking_back:
+            at_ns = self._player.progress.log_ns
+            self._frames.seek(at_ns)
+            self._transforms.send_present(self._frames.buffer, at_ns)
+
+    def _tell_time(self) -> None:
+        progress = self._player.progress
+        if not progress.is_paused:
+            self._server.tell_time(progress.log_ns)
+
+    def _tell_state(self) -> None:
+        self._server.tell_playback(_state_of(self._player.progress))
+
+    # Nodes
+
+    def _take_event(self, event: EventItem) -> None:
+        try:
+            match event.kind:
+                case "node":
+                    self._nodes[event.name] = from_map(NodeDescription, event.facts)
+                case "node gone":
+                    self._nodes.pop(event.name, None)
+                case "stream":
+                    self._streams[event.name] = from_map(StreamDescription, event.facts)
+                case "stream gone":
+                    self._streams.pop(event.name, None)
+        except DecodeError as error:
+            self._once.warning("event", "Left out a description: %s", error)
+
+    def _tell_nodes(self) -> None:
+        nodes = list(self._nodes.values())
+        self._parameters.update(nodes)
+        found = connections(nodes, self._streams.values())
+        if found != self._connections:
+            self._connections = found
+            self._server.publish_graph(found.as_foxglove())
+
+    def _on_refused(self, reason: str) -> None:
+        self._once.warning(("refused", reason), "Refused a client: %s", reason)
+
+
+def _state_of(
+    progress: Progress,
+    *,
+    did_seek: bool = False,
+    request_id: str | None = None,
+    at_ns: int | None = None,
+) -> PlaybackState:
+    status = PlaybackStatus.Paused if progress.is_paused else PlaybackStatus.Playing
+    if progress.is_at_end:
+        status = PlaybackStatus.Ended
+    return PlaybackState(
+        status,
+        progress.log_ns if at_ns is None else at_ns,
+        progress.rate,
+        did_seek,
+        request_id,
+    )
+
+
+def _refuse_to_set(node: str, name: str, value: object) -> ParameterDescription:
+    raise ParameterError("parameters of a recording cannot be set")

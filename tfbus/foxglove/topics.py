@@ -1,0 +1,206 @@
+"""Topics as channels: CDR as recordings have it, JSON where a ROS message cannot express them."""
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from typing import Any
+
+from tfbus import messages
+from tfbus.discover.graph import Graph, TopicInfo
+from tfbus.errors import DecodeError, TfbusError
+from tfbus.foxglove.as_json import json_of
+from tfbus.foxglove.graph import absolute
+from tfbus.foxglove.server import Channel, Server
+from tfbus.node.node import Node
+from tfbus.node.topic import RawSubscription
+from tfbus.ros.definitions import MSGPACK, Definition
+from tfbus.ros.schema import MessageCodec, MessageCodecs
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import decode_map
+
+# A topic whose messages changed their schema this many times goes on as JSON.
+_MOST_CHANGES = 5
+
+# Names come from the bus, and each channel takes memory here and in each client.
+_MOST_TOPICS = 2000
+
+# A busy node may not answer for a while; its topics stay that long.
+_GONE_AFTER_S = 10.0
+
+
+class TopicChannel:
+    """A topic as a channel, whose schema is that of its messages. Not thread-safe.
+
+    Where the type is one of tfbus.messages the channel is there at once, otherwise from the first
+    message on.
+    """
+
+    def __init__(self, server: Server, codecs: MessageCodecs, name: str, type_name: str) -> None:
+        self._server = server
+        self._codecs = codecs
+        self._name = name
+        self._type_name = type_name
+        self._definition: Definition | None = None
+        self._changes = 0
+        self.channel: Channel | None = None
+        known = _supplied_type(type_name)
+        if known is not None:
+            self._open(MessageCodec.of_type(known).definition)
+
+    def send(self, values: Mapping[str, Any], log_ns: int) -> None:
+        """Send a message. Raises ValueError where neither CDR nor JSON can express it."""
+        message = self._in_cdr(values)
+        if message is None and (self.channel is None or self._definition is not None):
+            self._open(None)
+        assert self.channel is not None
+        self.channel.send(json_of(values) if message is None else message, log_ns)
+
+    def close(self) -> None:
+        """Take the channel back. Twice is fine."""
+        if self.channel is not None:
+            self.channel.close()
+
+    def _in_cdr(self, values: Mapping[str, Any]) -> bytes | None:
+        """The message in the schema of the channel, which becomes that of the message; None where
+        only JSON shows its fields.
+        """
+        if self._changes > _MOST_CHANGES or (self.channel is not None and not self._definition):
+            return None
+        try:
+            codec, message = self._codecs.encode(self._type_name or self._name, values)
+        except (ValueError, OverflowError):
+            return None
+        if not _shows_all(codec.definition):
+            return None
+        if codec.definition != self._definition:
+            self._open(codec.definition)
+        return message
+
+    def _open(self, definition: Definition | None) -> None:
+        self.close()
+        self._changes += 1
+        self._definition = definition
+        if definition is None:
+            self.channel = self._server.open_channel(self._name, "json")
+        else:
+            schema = definition.name, "ros2msg", definition.text.encode()
+            self.channel = self._server.open_channel(self._name, "cdr", schema)
+
+
+class _LiveTopic:
+    """A topic of the bus; it is subscribed to while a client watches its channel, or until its
+    first message, where that has to show the schema.
+    """
+
+    def __init__(
+        self, node: Node, name: str, type_name: str, server: Server, once: LogOnce
+    ) -> None:
+        self.type_name = type_name
+        self.seen_s = time.monotonic()
+        self._node = node
+        self._name = name
+        self._once = once
+        self._lock = threading.Lock()
+        # Codecs of its own: messages of topics come on several threads.
+        self._sent = TopicChannel(server, MessageCodecs(), name, type_name)
+        self._subscription: RawSubscription | None = None
+
+    @property
+    def channel(self) -> Channel | None:
+        """Its channel, once there is one."""
+        return self._sent.channel
+
+    def adapt(self) -> None:
+        """Subscribe, or no longer, as clients do."""
+        channel = self.channel
+        is_needed = channel is None or channel.is_watched
+        if is_needed and self._subscription is None:
+            self._subscription = self._node.create_raw_subscription(
+                self._name, self._on_message, type_name=self.type_name
+            )
+        elif not is_needed and self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
+
+    def close(self) -> None:
+        """The topic is gone."""
+        if self._subscription is not None:
+            self._subscription.close()
+        with self._lock:
+            self._sent.close()
+
+    def _on_message(self, payload: bytes) -> None:
+        try:
+            values = decode_map(payload)
+            with self._lock:
+                self._sent.send(values, self._node.now_ns())
+        except (DecodeError, ValueError) as error:
+            self._once.warning(
+                ("topic", self._name), "Dropped a message on topic %r: %s", self._name, error
+            )
+
+
+class LiveTopics:
+    """The topics of the bus, as of the last `update`; all calls come on one thread."""
+
+    def __init__(self, node: Node, server: Server, once: LogOnce) -> None:
+        self._node = node
+        self._server = server
+        self._once = once
+        self._topics: dict[str, _LiveTopic] = {}
+
+    def update(self, graph: Graph) -> None:
+        """Take the topics of the graph."""
+        now_s = time.monotonic()
+        for name, info in graph.topics.items():
+            self._see(absolute(name), info, now_s)
+        for name, topic in list(self._topics.items()):
+            if now_s > topic.seen_s + _GONE_AFTER_S:
+                self._topics.pop(name).close()
+        self.adapt()
+
+    def adapt(self) -> None:
+        """Subscribe to what clients watch."""
+        for name, topic in list(self._topics.items()):
+            try:
+                topic.adapt()
+            except TfbusError as error:
+                self._once.warning(("subscribe", name), "Topic %r is not shown: %s", name, error)
+
+    def close(self) -> None:
+        """Take all channels back."""
+        while self._topics:
+            self._topics.popitem()[1].close()
+
+    def _see(self, name: str, info: TopicInfo, now_s: float) -> None:
+        type_name = _type_of(info)
+        known = self._topics.get(name)
+        if known is not None and known.type_name == type_name:
+            known.seen_s = now_s
+            return
+        if known is None and len(self._topics) >= _MOST_TOPICS:
+            self._once.warning("topics", "More than %d topics: the rest is not shown", _MOST_TOPICS)
+            return
+        if known is not None:
+            known.close()
+        self._topics[name] = _LiveTopic(self._node, name, type_name, self._server, self._once)
+
+
+def _type_of(info: TopicInfo) -> str:
+    """The type that its publishers say; of its subscribers where there is none."""
+    types = sorted({end.type for end in info.publishers or info.subscribers or ()} - {""})
+    return types[0] if types else ""
+
+
+def _shows_all(definition: Definition) -> bool:
+    """Whether no part of a message is in MessagePack, of which Foxglove would show bytes."""
+    packed = MSGPACK.name.rpartition("/")[2]
+    return definition.name != MSGPACK.name and f"/{packed}" not in definition.text
+
+
+def _supplied_type(name: str) -> type | None:
+    """A message of tfbus.messages by its name."""
+    found = getattr(messages, name, None)
+    is_message = isinstance(found, type) and is_dataclass(found)
+    return found if is_message and found.__module__ == messages.__name__ else None

@@ -57,7 +57,7 @@ def test_the_screen(bag: Path) -> None:
     shown = info(bag).output
     assert row(shown, "sim")[:7] == ["sim", "gone", "/sim", "3", "1", "100", "8.32"]
     assert row(shown, "sim")[7:] == ["2.1", "s", "at", "+4.9s", "1"]
-    assert row(shown, "turtle1/pose")[2:5] == ["10", "0.909", "3.0"]
+    assert row(shown, "turtle1/pose")[2:5] == ["10", "0.818", "3.0"]
     assert "complete" in shown and "12.0 s" in shown and "on atlas" in shown
     assert "3 messages dropped while recording" in shown
     assert "/sim gone" in shown and "1 lost stream" in shown

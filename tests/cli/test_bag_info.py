@@ -44,7 +44,8 @@ def bag(tmp_path: Path) -> Path:
 
 def info(*arguments: object) -> Result:
     """What the command prints."""
-    return CliRunner().invoke(command, [str(each) for each in arguments], env={"TZ": "UTC", "COLUMNS": "80"})
+    words = [str(each) for each in arguments]
+    return CliRunner().invoke(command, words, env={"TZ": "UTC", "COLUMNS": "80"})
 
 
 def row(text: str, name: str) -> list[str]:

@@ -313,6 +313,7 @@ class McapFile:
                 min(times),
                 max(times),
                 frozenset([message.channel for message in messages]),
+                size=sum(len(message.data) for message in messages),
                 is_bare=chunk.is_bare,
             )
         )

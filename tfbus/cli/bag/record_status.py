@@ -108,7 +108,9 @@ class StatusLine:
 
     def show(self, parts: Sequence[str], *, warns: bool = False) -> None:
         """Show these parts; the last is painted where it `warns`."""
-        line = cut("  ".join(parts), width() - 1)
+        room = width() - 1
+        line = "  ".join(parts)
+        line = cut(line if len(line) <= room else " ".join(parts), room)
         head, _, tail = line.partition(" ")
         head = paint(head, "warning" if head == "paused" else "bad")
         if warns and tail.endswith(parts[-1]):

@@ -170,8 +170,14 @@ def summary(
     if lost:
         what = listed([f"{count} {_LOST.get(kind, kind)}" for kind, count in lost.items()])
         lines.append(f"Not recorded: {what}")
-    lines.append(f"Look into it: tfbus bag info {printable(str(paths[0]))}")
+    named = [str(path) for path in paths] if len(paths) <= 3 else [_all_parts(paths[0])]
+    lines.append(f"Look into it: tfbus bag info {printable(' '.join(named))}")
     return lines
+
+
+def _all_parts(first: Path) -> str:
+    """All files of a recording, as a shell finds them."""
+    return str(first.with_name(f"{first.stem}*{first.suffix}"))
 
 
 _LOST = {

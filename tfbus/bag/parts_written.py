@@ -15,7 +15,7 @@ ENDING = ".mcap"
 
 # What is left free on a disk: the end of a file, its summary, needs room too.
 _LEFT_FREE_BYTES = 16_000_000
-_LEFT_FREE_PART = 1 / 20
+_LEFT_FREE_PART = 1 / 10
 
 # Writes the file of this path.
 OpenWriter = Callable[[Path], RecordingWriter]

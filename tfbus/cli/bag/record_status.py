@@ -108,7 +108,9 @@ class StatusLine:
 
     def show(self, parts: Sequence[str], *, warns: bool = False) -> None:
         """Show these parts; the last is painted where it `warns`."""
-        line = cut("  ".join(parts), width() - 1)
+        room = width() - 1
+        line = "  ".join(parts)
+        line = cut(line if len(line) <= room else " ".join(parts), room)
         head, _, tail = line.partition(" ")
         head = paint(head, "warning" if head == "paused" else "bad")
         if warns and tail.endswith(parts[-1]):
@@ -168,8 +170,14 @@ def summary(
     if lost:
         what = listed([f"{count} {_LOST.get(kind, kind)}" for kind, count in lost.items()])
         lines.append(f"Not recorded: {what}")
-    lines.append(f"Look into it: tfbus bag info {printable(str(paths[0]))}")
+    named = [str(path) for path in paths] if len(paths) <= 3 else [_all_parts(paths[0])]
+    lines.append(f"Look into it: tfbus bag info {printable(' '.join(named))}")
     return lines
+
+
+def _all_parts(first: Path) -> str:
+    """All files of a recording, as a shell finds them."""
+    return str(first.with_name(f"{first.stem}*{first.suffix}"))
 
 
 _LOST = {

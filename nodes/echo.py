@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import click
@@ -26,13 +27,15 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import POSITIVE, Moment, MomentType, own_name
+from tfbus.command import POSITIVE, BagChoice, Moment, MomentType, bag_options, own_name
 from tfbus.frames import (
     CSV_HEADER,
     Numbers,
     csv_line,
     foxy_block,
     json_line,
+    recorded_transform,
+    recorded_transforms,
     short_line,
     tf2_block,
 )
@@ -41,6 +44,9 @@ from .echo_answers import Question, answers
 
 _STYLES = {"tf2": tf2_block, "foxy": foxy_block, "line": short_line}
 _LINES = {"json": json_line, "csv": csv_line}
+
+# Blocks of a recording that are written together.
+_AT_A_TIME = 200
 
 
 class _Echo(click.Command):
@@ -52,16 +58,18 @@ class _Echo(click.Command):
         return super().parse_args(ctx, args)
 
 
-@click.command(cls=_Echo, epilog="Example: tfbus echo world turtle1 --rate 10")
+@click.command(
+    cls=_Echo,
+    epilog="Examples: tfbus echo world turtle1 --rate 10; "
+    "tfbus echo world turtle1 --bag run.mcap --format csv",
+)
 @click.argument("target", type=FrameName())
 @click.argument("source", type=FrameName())
 @click.option(
     "-r",
     "--rate",
     type=Number(least=1e-6),
-    default=1.0,
-    show_default=True,
-    help="Blocks per second.",
+    help="Blocks per second (default 1; with --bag one for each sample).",
 )
 @click.option(
     "-p",
@@ -112,14 +120,16 @@ class _Echo(click.Command):
     metavar="SECONDS",
     help="Exit with 1 after this long without a transform.",
 )
+@bag_options("begin", "end")
 @fleet_options
 @node_options(own_name("echo"))
 def main(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     target: str,
     source: str,
-    rate: float,
+    rate: float | None,
     precision: int,
     style: str,
     raw_zeros: bool,
@@ -133,13 +143,21 @@ def main(
 ) -> None:
     """Print the pose of the frame SOURCE seen from the frame TARGET.
 
-    The order is that of tf2_echo, whose help swaps the two names.
+    The order is that of tf2_echo, whose help swaps the two names. With --bag: the poses at all
+    samples of a recording, or of a span of it, or with --at the one at a moment.
     """
     if once and count is not None:
         raise click.UsageError("--once and --count are mutually exclusive: give one")
     question = Question(target, source, moment, fixed_frame)
     limit = 1 if once or (count is None and question.has_one_answer) else count
     write = partial(_LINES.get(form, _STYLES[style]), numbers=Numbers(precision, raw_zeros))
+    if bag is not None:
+        if timeout is not None:
+            raise click.UsageError("--timeout waits for a bus: omit it with --bag")
+        found = _recorded(replace(bag, at=moment), settings, fleet, question, rate)
+        _print_recorded(map(write, _limited(found, changed, limit)), form)
+        return
+    rate = 1.0 if rate is None else rate
     timeout_s = math.inf if timeout is None else timeout
     is_complete = limit is None  # it goes on until Ctrl-C
     with suppress(KeyboardInterrupt), Node(settings=settings, patience_s=timeout_s) as node:
@@ -148,11 +166,45 @@ def main(
         with TransformListener(buffer, node, history_s=history_s, fleet=fleet) as listener:
             node.ready(f"Printing {question} at {rate:g} Hz")
             found = answers(node, listener, question, rate_hz=rate, timeout_s=timeout_s)
-            blocks = _changes(found) if changed else found
+            blocks = _limited(found, changed, limit)
             header = CSV_HEADER if form == "csv" else ""
-            is_complete = _print_all(map(write, itertools.islice(blocks, limit)), header, limit)
+            is_complete = _print_all(map(write, blocks), header, limit)
     if not is_complete:
         raise SystemExit(128 + signal.SIGINT)
+
+
+def _recorded(
+    bag: BagChoice,
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    question: Question,
+    rate: float | None,
+) -> Iterator[TransformStamped]:
+    """The answers of a recording."""
+    names = question.target, question.source
+    if bag.at is not None and (bag.begin is not None or bag.end is not None):
+        raise click.UsageError("--at is one moment: omit --from and --to")
+    if bag.at is not None or question.fixed_frame is not None:
+        return iter([recorded_transform(bag, settings, fleet, *names, question.fixed_frame)])
+    return recorded_transforms(bag, settings, fleet, *names, rate)
+
+
+def _limited(
+    found: Iterator[TransformStamped], changed: bool, limit: int | None
+) -> Iterator[TransformStamped]:
+    return itertools.islice(_changes(found) if changed else found, limit)
+
+
+def _print_recorded(blocks: Iterator[str], form: str) -> None:
+    """Print all, many at a time; end quietly when the reader of stdout is gone."""
+    header = CSV_HEADER if form == "csv" else ""
+    try:
+        while some := list(itertools.islice(blocks, _AT_A_TIME)):
+            click.echo("\n".join([header, *some] if header else some))
+            header = ""
+    except BrokenPipeError:
+        # Python flushes stdout again at exit, which would fail.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _changes(found: Iterator[TransformStamped]) -> Iterator[TransformStamped]:

@@ -15,6 +15,7 @@ pytest_plugins = [
     "tests.tf2.versus",
     "tests.hosts.fault_options",
     "tests.buffer.stress_options",
+    "tests.ros.fuzz_options",
     "tests.view.pages",
 ]
 

@@ -34,6 +34,7 @@ NAMES = [
     "Parameter",
     "ParameterError",
     "PastExtrapolationException",
+    "Recording",
     "Sampling",
     "ServiceError",
     "ServiceName",

@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from tfbus.node.action import GoalResult as GoalResult
     from tfbus.node.node import Node as Node
     from tfbus.node.parameters import Parameter as Parameter
+    from tfbus.recording.recording import Recording as Recording
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.runtime.stamps import stamp_ns as stamp_ns
@@ -92,6 +93,7 @@ _MODULE_OF = {
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
+    "Recording": "tfbus.recording.recording",
     "ServiceError": "tfbus.errors",
     "ServiceName": "tfbus.command.types",
     "SettingsError": "tfbus.errors",

@@ -4,12 +4,13 @@ import struct
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from tests.builders import messages
-from tfbus import Transform, TransformStamped
+from tests.builders import at, messages
+from tfbus import DecodeError, InvalidArgumentException, Transform, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import (
     EARLIEST_STAMP_NS,
@@ -126,3 +127,95 @@ def test_messages_do_not_mix(one: Columns, other: Columns) -> None:
     writer, reader = TFMessageWriter(), TFMessageReader()
     for rows in (one, other, one):
         assert rows_of(reader.read(writer.write(rows))) == rows_of(rows)
+
+
+def test_repeated_messages_share_their_frames() -> None:
+    """Names are made once, so that what compares them is fast."""
+    reader = TFMessageReader()
+    for count in (1, 3):
+        data = encode_tf_message(Columns.of_transforms([at(0, f"j{row}") for row in range(count)]))
+        reader.read(data)
+        assert reader.read(data).frames is reader.read(data).frames
+
+
+def test_numbers_that_are_none_stay_as_they_are() -> None:
+    """Bits of doubles that are no number are kept: the buffer judges them, not the recording."""
+    odd = struct.pack("=7Q", 0x7FF0000000000001, 0xFFF8DEADBEEF0000, 2**63, 1, 0, 0, 0)
+    rows = Columns.of_bytes(("a", "b"), struct.pack("=2I", 0, 1), struct.pack("=q", -1), odd)
+    for times in (1, 9):
+        many = Columns.of_bytes(
+            rows.frames, rows.edges * times, rows.stamps * times, rows.poses * times
+        )
+        assert rows_of(decode_tf_message(encode_tf_message(many))) == rows_of(rows) * times
+
+
+@pytest.mark.parametrize("stamp_ns", [EARLIEST_STAMP_NS - 1, LATEST_STAMP_NS + 1, 4 * 10**18])
+@pytest.mark.parametrize("count", [1, 3, 9])
+def test_a_stamp_that_ros_cannot_have_is_refused(stamp_ns: int, count: int) -> None:
+    """Seconds have 32 bits; the sentence names the frame."""
+    rows = [at(child=f"joint{row}") for row in range(count - 1)] + [at(0, "late", stamp_ns)]
+    with pytest.raises(InvalidArgumentException, match=r"frame 'late' does not fit .* to 2038"):
+        encode_tf_message(Columns.of_transforms(rows))
+
+
+def test_a_name_that_is_no_unicode_is_refused() -> None:
+    """A lone surrogate cannot be UTF-8."""
+    rows = Columns.of_bytes(("a\ud800", "b"), struct.pack("=2I", 0, 1), bytes(8), bytes(56))
+    with pytest.raises(InvalidArgumentException, match=r"'a\\ud800' is not valid Unicode"):
+        encode_tf_message(rows)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "0 bytes are no CDR message"),
+        (b"\0\1\0", "3 bytes are no CDR message"),
+        (b"\0\1\0\0", "ends too early"),
+        (b"\0\3" + SAMPLE[2:], "encoded as a parameter list"),
+        (b"\0\7" + SAMPLE[2:], "encoded as XCDR2"),
+        (b"\x12\x34" + SAMPLE[2:], "encoded as 0x1234"),
+        (SAMPLE[:4] + b"\xff\xff\xff\x7f" + SAMPLE[8:], "a sequence of 2147483647 items"),
+        (SAMPLE.replace(b"world\0", b"worl\xff\0"), r"'worl\\xff' at byte 20 is not UTF-8"),
+        (SAMPLE.replace(b"world\0", b"worlds"), "text at byte 20 does not end in a zero"),
+        (SAMPLE[:12] + b"\x00\xca\x9a\x3b" + SAMPLE[16:], "1000000000 nanoseconds"),
+        (SAMPLE + bytes(4), "4 bytes more than its type"),
+    ],
+    ids=range(11),
+)
+def test_what_is_no_message_is_refused(data: bytes, reason: str) -> None:
+    """One sentence says what is wrong, by a new reader and by one that knows the names."""
+    reader = TFMessageReader()
+    reader.read(SAMPLE)
+    for read in (decode_tf_message, reader.read):
+        with pytest.raises(DecodeError, match=reason):
+            read(data)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_a_message_that_was_cut_off_is_refused(count: int) -> None:
+    """Wherever it ends."""
+    data = encode_tf_message(Columns.of_transforms([at(0, f"j{row}") for row in range(count)]))
+    reader = TFMessageReader()
+    reader.read(data)
+    for size in range(len(data)):
+        with pytest.raises(DecodeError):
+            reader.read(data[:size])
+
+
+def test_bytes_that_fill_up_are_passed_over() -> None:
+    """Some writers fill messages up to a multiple of four, and leave anything between fields."""
+    garbage = SAMPLE.replace(b"world\0\0\0", b"world\0xy")
+    assert garbage != SAMPLE
+    for data in (SAMPLE + bytes(3), garbage):
+        assert list(decode_tf_message(data)) == [TRANSFORM]
+
+
+def test_layouts_are_not_kept_without_end() -> None:
+    """Names that never come again are forgotten."""
+    writer, reader = TFMessageWriter(), TFMessageReader()
+    for number in range(2500):
+        rows = [at(0, f"{number}_{row}") for row in range(1 + number % 3)]
+        data = writer.write(Columns.of_transforms(rows))
+        assert list(reader.read(data)) == rows
+    kept = [writer._layouts, reader._names, *reader._layouts.values()]
+    assert all(len(each) <= 1024 for each in kept)

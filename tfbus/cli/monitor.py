@@ -95,7 +95,8 @@ def _measure_recorded(
     source: str | None,
     as_json: bool,
 ) -> None:
-    from tfbus.cli.recorded import frames_of, span_line
+    from tfbus.cli.recorded import span_line
+    from tfbus.frames.recorded_poses import frames_of
     from tfbus.monitor.recorded import MOST_LOOKS, measured
     from tfbus.monitor.recorded import as_map as span_as_map
 

@@ -4,7 +4,9 @@ import os
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,16 +14,21 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import say
 from tfbus.command.extras import install_command
 from tfbus.command.options import listening_options
-from tfbus.command.types import POSITIVE, FrameName, Number, OutputFile, own_name
+from tfbus.command.recordings import BagChoice, bag_options
+from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
 from tfbus.errors import LookupException, TfbusError
-from tfbus.frames.command_listener import Listening, listening
 from tfbus.frames.plot import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import counted
 
+if TYPE_CHECKING:
+    from tfbus.frames.command_listener import Listening
+
 _ENDINGS = (".png", ".svg", ".pdf")
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+_RATE_HZ = 50.0
 
 # How much publishers keep by default.
 _KEPT_S = 10.0
@@ -30,7 +37,8 @@ _MOST_S = 86_400.0
 
 @click.command(
     epilog="Examples: tfbus plot world turtle1 -o turtle1.png; "
-    "tfbus plot world turtle1 --for 30 --show path -o path.svg"
+    "tfbus plot world turtle1 --for 30 --show path -o path.svg; "
+    "tfbus plot world turtle1 --bag run.mcap --from +10s --to +20s -o part.png"
 )
 @click.argument("target", type=FrameName(), required=False)
 @click.argument("source", type=FrameName(), required=False)
@@ -50,10 +58,9 @@ _MOST_S = 86_400.0
 )
 @click.option(
     "--from",
-    "recording",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Plot a file written by tfbus echo --format csv (or json).",
+    "from_text",
+    metavar="FILE|TIME",
+    help="Plot a file written by tfbus echo --format csv (or json); with --bag, begin then.",
 )
 @click.option(
     "--show",
@@ -64,37 +71,60 @@ _MOST_S = 86_400.0
     help="What to plot; repeatable (default all).",
 )
 @click.option(
-    "--rate", "rate_hz", type=POSITIVE, default=50.0, show_default=True, help="Poses per second."
+    "--rate",
+    "rate_hz",
+    type=POSITIVE,
+    help="Poses per second (default 50; with --bag one for each sample).",
 )
+@bag_options("end")
 @listening_options(own_name("_plot"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     target: str | None,
     source: str | None,
     output: Path | None,
     for_s: float | None,
-    recording: Path | None,
+    from_text: str | None,
     panels: tuple[Panel, ...],
-    rate_hz: float,
+    rate_hz: float | None,
 ) -> None:
     """Plot position, orientation and speed of SOURCE seen from TARGET."""
     if output is None and not _has_display():
         raise click.UsageError("there is no display for a window: write a file with -o")
-    if recording is not None:
+    if from_text is not None and bag is None:
         if target is not None or for_s is not None:
-            raise click.UsageError("--from plots a file: omit the frames and --for")
-        track = track_from_file(recording)
+            raise click.UsageError("--from plots a file: omit the frames and --for, or give --bag")
+        track = track_from_file(_FILE.convert(from_text, None, click.get_current_context()))
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
+    elif bag is not None:
+        if for_s is not None:
+            raise click.UsageError("--for listens to a bus; of a recording, give --from and --to")
+        begin = None if from_text is None else MomentType().convert(from_text, None, None)
+        track = _read(settings, fleet, replace(bag, begin=begin), target, source, rate_hz)
     else:
-        track = _listen(settings, fleet, target, source, for_s, rate_hz)
+        track = _listen(settings, fleet, target, source, for_s, rate_hz or _RATE_HZ)
     if len(track) < 2:
         raise click.ClickException(
             f"{counted(len(track), 'pose')} of {track.source!r} seen from {track.target!r} came in "
             "that time, and a plot needs 2: is it static, or has its publisher stopped?"
         )
     _show(track, output, tuple(dict.fromkeys(panels)))
+
+
+def _read(
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    bag: BagChoice,
+    target: str,
+    source: str,
+    rate_hz: float | None,
+) -> Track:
+    from tfbus.frames.recorded_poses import recorded_track
+
+    return recorded_track(bag, settings, fleet, target, source, rate_hz)
 
 
 def _listen(
@@ -105,6 +135,8 @@ def _listen(
     for_s: float | None,
     rate_hz: float,
 ) -> Track:
+    from tfbus.frames.command_listener import listening  # Zenoh, which a recording does not need
+
     with listening(
         settings, fleet, history_s=_KEPT_S, cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0
     ) as heard:
@@ -123,7 +155,7 @@ def _listen(
         return track_from_buffer(heard.buffer, target, source, from_ns, newest_ns, rate_hz)
 
 
-def _wait(heard: Listening, for_s: float) -> bool:
+def _wait(heard: "Listening", for_s: float) -> bool:
     """Listen with a progress bar; False if Ctrl-C ends it early."""
     start_s = time.monotonic()
     with (

@@ -6,23 +6,11 @@ from pathlib import Path
 
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint
-from tfbus.command.recordings import BagChoice, OpenBag, wall
+from tfbus.command.recordings import BagChoice, wall
 from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.recorded_poses import frames_of
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import duration, printable
-
-
-def frames_of(
-    bag: OpenBag, settings: NodeSettings, fleet: Fleet | None, *, cache_time_s: float = 10.0
-) -> RecordedFrames:
-    """The frames of an open recording, as a tool with these settings saw them."""
-    return RecordedFrames(
-        bag.reader,
-        namespace=settings.namespace,
-        fleet=fleet,
-        cache_time_s=cache_time_s,
-        sim_time=settings.sim_time or None,
-    )
 
 
 @contextmanager

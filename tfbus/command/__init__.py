@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.keyboard import KeyReader as KeyReader
     from tfbus.command.moment import Moment as Moment
+    from tfbus.command.recordings import BagChoice as BagChoice
+    from tfbus.command.recordings import bag_options as bag_options
     from tfbus.command.terminal import NoTerminalError as NoTerminalError
     from tfbus.command.terminal import RawTerminal as RawTerminal
     from tfbus.command.types import POSITIVE as POSITIVE
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from tfbus.runtime.whole_file import replacing as replacing
 
 _MODULE_OF = {
+    "bag_options": "tfbus.command.recordings",
+    "BagChoice": "tfbus.command.recordings",
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.declared",
     "KeyReader": "tfbus.command.keyboard",

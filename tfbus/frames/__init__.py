@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from tfbus.frames.echo_formats import json_line as json_line
     from tfbus.frames.echo_formats import short_line as short_line
     from tfbus.frames.echo_formats import tf2_block as tf2_block
+    from tfbus.frames.recorded_poses import recorded_transform as recorded_transform
+    from tfbus.frames.recorded_poses import recorded_transforms as recorded_transforms
 
 _MODULE_OF = {
+    "recorded_transforms": "tfbus.frames.recorded_poses",
+    "recorded_transform": "tfbus.frames.recorded_poses",
     "CSV_HEADER": "tfbus.frames.echo_formats",
     "Numbers": "tfbus.frames.echo_formats",
     "csv_line": "tfbus.frames.echo_formats",

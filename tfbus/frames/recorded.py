@@ -57,6 +57,8 @@ class RecordedFrames:
         sim_time: bool | None = None,
     ) -> None:
         self.dropped = 0
+        # How often a simulated clock was set back, and to when at last.
+        self.jumps = self.jumped_to_ns = 0
         self._source = source
         self._events = source.events
         self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
@@ -179,7 +181,9 @@ class RecordedFrames:
             self._take_event(item)
         elif isinstance(item, TopicItem) and self._clock.take(item, self._view.namespace):
             # The clock was set back: transforms in its future have not happened.
-            self.buffer.clear(after_ns=self._clock.now_ns())
+            self.jumped_to_ns = self._clock.now_ns()
+            self.jumps += 1
+            self.buffer.clear(after_ns=self.jumped_to_ns)
         return item
 
     def _take_transforms(self, item: TransformItem) -> TransformItem | None:
@@ -246,6 +250,11 @@ class RecordedFrames:
     def start_ns(self) -> int:
         """The beginning of the recording."""
         return self._source.start_ns
+
+    @property
+    def end_ns(self) -> int:
+        """The end of the recording."""
+        return self._source.end_ns
 
     @property
     def is_simulated(self) -> bool:

@@ -1,11 +1,15 @@
 """One file of a recording: its streams, topics and events, and its chunks as items."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Container, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from tfbus.errors import DecodeError
+from tfbus.geometry.columns import Columns
+from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
     ABOUT,
@@ -21,9 +25,11 @@ from tfbus.recording.layout import (
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
-from tfbus.recording.topic_codecs import decoder_of
-from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.recording.state import BusState
+from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
+from tfbus.ros.tf_messages import equal_parts, read_many
 from tfbus.wording import printable
 
 Decode = Callable[[bytes], dict[str, Any]]
@@ -100,6 +106,40 @@ class Part:
                     found.append(event)
         return found
 
+    @cached_property
+    def index(self) -> Index:
+        """Which transforms the chunks hold: of the file, or made by reading it once."""
+        said = self.file.attachment(ATTACHMENT) if self.is_complete else None
+        if said is not None:
+            offsets = [chunk.offset for chunk in self.chunks]
+            with suppress(DecodeError):
+                return decode_index(said, offsets, self.stream_channels)
+        return self._made_index()
+
+    def _made_index(self) -> Index:
+        builder = IndexBuilder()
+        state = BusState()
+        for chunk in self.chunks:
+            for group in chunk.groups(self.stream_channels):
+                builder.add(group.channel.id, group.rows, len(group.log_ns))
+            if chunk.static_streams:
+                for item, channel in chunk.statics():
+                    if not state.says(item):
+                        builder.add_change(channel.id, item.log_ns)
+                    state.take(item)
+            builder.end_chunk(chunk.offset)
+        return builder.build()
+
+    @contextmanager
+    def reading(self, channel: StreamChannel) -> Iterator[None]:
+        """Inside the `with` a DecodeError names the file and the stream."""
+        try:
+            yield
+        except DecodeError as error:
+            raise DecodeError(
+                f"{self.name} is damaged: transforms of stream '{channel.stream.name}': {error}"
+            ) from error
+
     def _take_channel(self, channel: Channel, schema: Schema | None) -> None:
         is_tf = schema is not None and schema.name == TF_MESSAGE.name
         if is_tf and channel.encoding == ENCODING:
@@ -121,7 +161,22 @@ class Part:
 def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
     if schema is None or (channel.encoding, schema.encoding) != (ENCODING, SCHEMA_ENCODING):
         return None
-    return decoder_of(schema.name, schema.data)
+    try:
+        definition = Definition(schema.name, schema.data.decode())
+        return MessageCodec.of_definition(definition).decode
+    except (DecodeError, UnicodeDecodeError):
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Messages of one channel with the same frames and edges: their log times, and the rows of all
+    of them, each message's after the other's.
+    """
+
+    channel: StreamChannel
+    log_ns: list[int]
+    rows: Columns
 
 
 class StoredChunk:
@@ -148,23 +203,46 @@ class StoredChunk:
 
     def items(self, selection: Selection) -> Iterator[Item]:
         """The items of the channels that the selection takes, whole, in the order of the file."""
-        taken: dict[int, bool] = {}
-        for message in self.part.file.messages(self.chunk):
-            channel = message.channel
-            if channel not in taken:
-                taken[channel] = self._is_taken(channel, selection)
-            if taken[channel]:
-                item = self._item(message)
-                if item is not None:
-                    yield item
+        messages = self.part.file.messages(self.chunk)
+        channels = {message.channel for message in messages}
+        taken = {channel for channel in channels if self._is_taken(channel, selection)}
+        messages = [message for message in messages if message.channel in taken]
+        rows = self._rows_of(messages)
+        for at, message in enumerate(messages):
+            stream = self.part.stream_channels.get(message.channel)
+            if stream is not None:
+                yield _transforms(message, stream, rows[at])
+            elif (item := self._topic_item(message)) is not None:
+                yield item
 
-    def statics(self) -> Iterator[TransformItem]:
-        """The sets of static transforms, in the order of the file."""
+    def groups(
+        self, channels: Container[int], children: Collection[str] | None = None
+    ) -> list[Group]:
+        """The transforms of these channels, with all child frames or these, many messages at a
+        time.
+        """
+        of_channel: dict[int, list[Message]] = {}
+        for message in self.part.file.messages(self.chunk):
+            if message.channel in channels:
+                of_channel.setdefault(message.channel, []).append(message)
+        found = []
+        for number, messages in of_channel.items():
+            channel = self.part.stream_channels[number]
+            with self.part.reading(channel):
+                groups = read_many(self.part.tf, [message.data for message in messages], children)
+            for members, rows in groups:
+                found.append(Group(channel, [messages[at].log_ns for at in members], rows))
+        return found
+
+    def statics(self) -> Iterator[tuple[TransformItem, StreamChannel]]:
+        """The sets of static transforms, in the order of the file, and their channels."""
         streams = self.part.stream_channels
         for message in self.part.file.messages(self.chunk):
             channel = streams.get(message.channel)
             if channel is not None and channel.is_static:
-                yield self._transforms(message, channel)
+                with self.part.reading(channel):
+                    rows = self.part.tf.read(message.data)
+                yield _transforms(message, channel, rows), channel
 
     def _is_taken(self, channel: int, selection: Selection) -> bool:
         stream = self.part.stream_channels.get(channel)
@@ -173,10 +251,22 @@ class StoredChunk:
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 
-    def _item(self, message: Message) -> Item | None:
-        stream = self.part.stream_channels.get(message.channel)
-        if stream is not None:
-            return self._transforms(message, stream)
+    def _rows_of(self, messages: list[Message]) -> dict[int, Columns]:
+        """The transforms of those of the messages that have some, by their indices."""
+        members: dict[int, list[int]] = {}
+        for at, message in enumerate(messages):
+            if message.channel in self.part.stream_channels:
+                members.setdefault(message.channel, []).append(at)
+        found: dict[int, Columns] = {}
+        for number, of_channel in members.items():
+            with self.part.reading(self.part.stream_channels[number]):
+                groups = read_many(self.part.tf, [messages[at].data for at in of_channel])
+            for group, rows in groups:
+                for at, each in zip(group, equal_parts(rows, len(group)), strict=True):
+                    found[of_channel[at]] = each
+        return found
+
+    def _topic_item(self, message: Message) -> TopicItem | None:
         topic = self.part.topic_channels[message.channel]
         if topic.decode is None:
             return None
@@ -188,18 +278,7 @@ class StoredChunk:
             ) from error
         return TopicItem(message.log_ns, topic.topic, topic.type_name, values)
 
-    def _transforms(self, message: Message, channel: StreamChannel) -> TransformItem:
-        try:
-            rows = self.part.tf.read(message.data)
-        except DecodeError as error:
-            raise DecodeError(
-                f"{self.part.name} is damaged: transforms of stream '{channel.stream.name}': "
-                f"{error}"
-            ) from error
-        return TransformItem(
-            message.log_ns,
-            channel.stream,
-            rows,
-            channel.is_static,
-            message.sequence if channel.has_seq else None,
-        )
+
+def _transforms(message: Message, channel: StreamChannel, rows: Columns) -> TransformItem:
+    seq = message.sequence if channel.has_seq else None
+    return TransformItem(message.log_ns, channel.stream, rows, channel.is_static, seq)

@@ -2,7 +2,7 @@
 
 import heapq
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from types import TracebackType
@@ -10,7 +10,7 @@ from typing import Self
 
 from tfbus.errors import DecodeError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
-from tfbus.recording.part import Part
+from tfbus.recording.part import Part, StoredChunk
 from tfbus.recording.parts import files_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
@@ -50,6 +50,8 @@ class RecordingReader:
     """
 
     def __init__(self, *paths: str | os.PathLike[str]) -> None:
+        import zstandard  # noqa: F401 - the extra `bag`
+
         self._parts: list[Part] = []
         try:
             for place in files_of(paths):
@@ -64,6 +66,11 @@ class RecordingReader:
         )
         # Up to each chunk, the last log time of those before it and of its own.
         self._until = list(accumulate((chunk.to_ns for chunk in self._chunks), max))
+
+    @property
+    def chunks(self) -> Sequence[StoredChunk]:
+        """The chunks of all files, by the log times of their first messages."""
+        return self._chunks
 
     def __enter__(self) -> Self:
         return self
@@ -227,11 +234,9 @@ class RecordingReader:
                 continue
             if not (chunk.static_streams & missing) and chunk.to_ns < oldest:
                 continue
-            last = {
-                item.stream.name: item
-                for item in sorted(chunk.statics(), key=lambda item: item.log_ns)
-                if item.log_ns <= log_ns
-            }
+            sets = [item for item, _ in chunk.statics() if item.log_ns <= log_ns]
+            sets.sort(key=lambda item: item.log_ns)
+            last = {item.stream.name: item for item in sets}
             for name in last.keys() & names:
                 if name not in found or found[name].log_ns < last[name].log_ns:
                     found[name] = last[name]

@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tfbus.errors import DecodeError
 
@@ -64,9 +65,8 @@ class Chunk:
     is_bare: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message as it stands in a chunk."""
+class Message(NamedTuple):
+    """A message as it stands in a chunk; a tuple, as there are many."""
 
     channel: int
     sequence: int

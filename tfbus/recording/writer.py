@@ -24,8 +24,8 @@ from tfbus.recording.layout import (
     topic_metadata,
 )
 from tfbus.recording.state import BusState
-from tfbus.recording.topic_codecs import TopicCodecs
 from tfbus.ros.definitions import TF_MESSAGE, Definition
+from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.runtime.version import installed_version
 
@@ -74,7 +74,7 @@ class RecordingWriter:
         # Chunks end as `_end_chunk` says.
         self._mcap = Writer(self._file, chunk_size=2**62, compression=kind)
         self._tf = TFMessageWriter()
-        self._topics = TopicCodecs()
+        self._topics = MessageCodecs()
         self._schemas: dict[Definition, int] = {}
         self._stream_channels: dict[tuple[RecordedStream, bool, bool], int] = {}
         self._topic_channels: dict[tuple[str, str, Definition], int] = {}
@@ -145,9 +145,11 @@ class RecordingWriter:
         elif isinstance(item, TopicItem):
             self._write_topic(item)
         else:
-            self._write_transforms(item)
+            channel = self._write_transforms(item)
             if item.static:
                 self._statics_ns = self._statics_ns or item.log_ns
+                if not self._state.says(item):
+                    self._index.add_change(channel, item.log_ns)
         self._state.take(item)
         self._repeat_statics(item.log_ns)
         if self._pending >= CHUNK_BYTES:
@@ -169,22 +171,24 @@ class RecordingWriter:
         with suppress(OSError):
             self._file.close()
 
-    def _write_transforms(self, item: TransformItem) -> None:
+    def _write_transforms(self, item: TransformItem) -> int:
+        """Write transforms; the channel."""
         data = self._tf.write(item.rows)
         channel = self._stream_channel(item)
         stamps = item.rows.stamps_as_ints()
         newest = max(stamps) if stamps else item.log_ns
         self._add(channel, item.log_ns, data, newest, item.seq or 0)
-        self._index.add(channel, item)
+        self._index.add(channel, item.rows)
+        return channel
 
     def _write_topic(self, item: TopicItem) -> None:
-        definition, data = self._topics.encode(item)
-        key = (item.topic, item.type_name, definition)
+        codec, data = self._topics.encode(item.type_name or item.topic, item.values)
+        key = (item.topic, item.type_name, codec.definition)
         channel = self._topic_channels.get(key)
         if channel is None:
             check_text(item.topic)
             check_text(item.type_name)
-            channel = self._new_channel(f"/{item.topic}", definition, topic_metadata(item))
+            channel = self._new_channel(f"/{item.topic}", codec.definition, topic_metadata(item))
             self._topic_channels[key] = channel
         stamp = item.values.get("stamp_ns")
         publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns

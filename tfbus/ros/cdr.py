@@ -7,7 +7,7 @@ Bytes are written little-endian and read in both orders.
 import struct
 
 from tfbus.errors import DecodeError
-from tfbus.wording import printable
+from tfbus.wording import counted, printable
 
 # What begins a message: the way it is encoded, and two bytes that say nothing here. All alignment
 # counts from behind it.
@@ -84,10 +84,8 @@ class CdrReader:
         start = self.at + (HEADER_SIZE - self.at) % align
         if size > self.end - start:
             raise DecodeError(
-                f"the message ends too early: {size} bytes are missing at byte {self.end}"
-                if start >= self.end
-                else f"the message ends too early: {size} bytes should follow byte {start}, and "
-                f"{self.end - start} do"
+                f"the message ends too early: {counted(size, 'byte')} should begin at byte "
+                f"{start}, and it has {self.end}"
             )
         self.at = start + size
         return start
@@ -100,9 +98,9 @@ class CdrReader:
     def count(self, least_size: int) -> int:
         """How many items of a sequence follow, each of at least `least_size` bytes."""
         count = self.u32()
-        if count * least_size > self.end - self.at:
+        if count * least_size > self.left:
             raise DecodeError(
-                f"a sequence of {count} items, and only {self.end - self.at} bytes follow"
+                f"a sequence of {count} items, and only {counted(self.left, 'byte')} left"
             )
         return count
 
@@ -112,11 +110,12 @@ class CdrReader:
         start = self.skip(size)
         if size and self.data[self.at - 1]:
             raise DecodeError(f"the text at byte {start} does not end in a zero")
+        # Without the zero. Some write an empty text as no bytes at all.
+        text = self.data[start : start + max(size - 1, 0)]
         try:
-            # Without the zero. Some write an empty text as no bytes at all.
-            return self.data[start : start + max(size - 1, 0)].decode()
+            return text.decode()
         except UnicodeDecodeError as error:
-            shown = printable(self.data[start : start + 60].decode(errors="backslashreplace"), 60)
+            shown = printable(text[:61].decode(errors="backslashreplace"), 60)
             raise DecodeError(f"the text '{shown}' at byte {start} is not UTF-8") from error
 
     def octets(self) -> bytes:
@@ -128,7 +127,7 @@ class CdrReader:
     def finish(self) -> None:
         """Raise DecodeError where more follows than bytes that fill up."""
         if self.left > _MOST_PADDING:
-            raise DecodeError(f"the message has {self.left} bytes more than its type")
+            raise DecodeError(f"the message has {counted(self.left, 'byte')} more than its type")
 
 
 def _encoding(data: bytes) -> int:

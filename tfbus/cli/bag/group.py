@@ -10,6 +10,7 @@ from tfbus.cli.verbs import Verbs
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.
 VERBS: dict[str, str] = {
+    "info": "Show what is in a recording: streams, rates, gaps, static transforms, topics, events.",
     "play": "Replay a recording: its streams, topics and static transforms, as they were.",
     "record": "Record the bus into an MCAP file: transforms, topics, and who was there.",
 }

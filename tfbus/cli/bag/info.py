@@ -1,0 +1,249 @@
+"""`tfbus bag info`: what is in a recording."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tfbus.cli.output import json_option, paint, print_json, print_lines, table, width
+from tfbus.command.recordings import open_recording
+from tfbus.errors import TfbusError
+from tfbus.recording.items import EventItem, EventKind
+from tfbus.recording.summary import Flow, StreamFacts, Summary, summary_of
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, cut, duration, listed, printable
+
+_S = 1_000_000_000
+_LABEL = 10
+
+# Where a longest gap began is told where it is longer than this number of mean periods.
+_NOTABLE_PERIODS = 2.0
+
+# What the kinds of events are called.
+_EVENTS: dict[EventKind, str] = {
+    "stream": "stream description",
+    "stream gone": "lost stream",
+    "node": "node description",
+    "node gone": "lost node",
+    "paused": "pause",
+    "resumed": "end of a pause",
+    "dropped": "loss while recording",
+}
+
+# Of the events at most this number is listed.
+_MOST_EVENTS = 200
+
+
+@click.command(
+    epilog="Examples: tfbus bag info run.mcap; tfbus bag info -v run.mcap; "
+    "tfbus bag info --json run.mcap | jq .streams"
+)
+@click.argument(
+    "files",
+    metavar="FILE...",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, path_type=Path),
+)
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."
+)
+@json_option("Print one JSON object: times in nanoseconds, all frames and events.")
+def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
+    """Show what is in a recording: streams, rates, gaps, static transforms, topics, events.
+
+    Several files, or a folder of them, are one recording.
+    """
+    try:
+        with open_recording(*files) as reader:
+            summary = summary_of(reader)
+    except TfbusError as error:
+        raise click.ClickException(str(error)) from error
+    if as_json:
+        print_json(_as_map(summary))
+        return
+    print_lines(_head(summary))
+    print_lines(_streams(summary))
+    if verbose:
+        print_lines(_frames(summary))
+    print_lines(_topics(summary))
+    print_lines(_nodes(summary))
+    print_lines(_events(summary, verbose))
+
+
+def _as_map(summary: Summary) -> dict[str, Any]:
+    facts = asdict(summary)
+    facts["duration_s"] = summary.duration_s
+    facts["size"] = summary.size
+    facts["is_complete"] = summary.is_complete
+    facts["messages"] = summary.messages
+    for row, stream in zip(facts["streams"], summary.streams, strict=True):
+        row["restarts"] = stream.restarts
+    return facts
+
+
+def _head(summary: Summary) -> Iterator[str]:
+    for file in summary.files:
+        state = paint("complete", "good") if file.is_complete else paint("cut short", "warning")
+        if file.skipped_chunks:
+            state += f", {counted(file.skipped_chunks, 'damaged part')} left out"
+        yield _line("File", f"{printable(file.path)} ({size_text(file.size)}, {state})")
+    if len(summary.files) > 1:
+        yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
+    yield _line("Duration", duration(summary.duration_s))
+    yield _line("Start", _moment(summary.start_ns))
+    yield _line("End", _moment(summary.end_ns))
+    transforms = sum(stream.transforms for stream in summary.streams)
+    yield _line("Messages", f"{summary.messages:,}, with {_many(transforms, 'dynamic transform')}")
+    said = [f"tfbus {summary.about['version']}"] if "version" in summary.about else []
+    said += [f"on {summary.about['host']}"] if "host" in summary.about else []
+    if said:
+        yield _line("Recorder", " ".join(said))
+    if summary.dropped:
+        what = f"{_many(summary.dropped, 'message')} dropped while recording"
+        yield _line("Lost", paint(what, "bad"))
+
+
+def _many(count: int, noun: str) -> str:
+    """A number of things, with commas: `9,000,000 transforms`."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def _line(label: str, text: str) -> str:
+    return f"{paint(f'{label}:'.ljust(_LABEL), 'heading')} {text}"
+
+
+def _moment(stamp_ns: int) -> str:
+    """Local time and UTC: `2026-11-22 12:03:05.100 (11:03:05 UTC)`."""
+    try:
+        local = datetime.fromtimestamp(stamp_ns // _S)
+        utc = datetime.fromtimestamp(stamp_ns // _S, UTC)
+    except (OverflowError, OSError, ValueError):
+        return f"{stamp_ns / _S:.3f}"
+    day = "" if utc.date() == local.date() else f"{utc:%Y-%m-%d} "
+    milliseconds = stamp_ns % _S // 1_000_000
+    return f"{local:%Y-%m-%d %H:%M:%S}.{milliseconds:03} ({day}{utc:%H:%M:%S} UTC)"
+
+
+def _streams(summary: Summary) -> Iterator[str]:
+    if not summary.streams:
+        return
+    yield ""
+    yield from table(
+        ["STREAM", "NODE", "FRAMES", "STATIC", "MESSAGES", "HZ", "LONGEST GAP", "RESTARTS"],
+        [
+            [
+                paint(stream.name, "name") + (paint(" gone", "bad") if _is_gone(stream) else ""),
+                stream.node or "-",
+                str(len(stream.frames)),
+                str(len(stream.static_frames) or "-"),
+                f"{stream.flow.messages:,}",
+                _rate(stream.flow),
+                _gap(stream.flow, summary),
+                paint(str(stream.restarts), "warning") if stream.restarts else "-",
+            ]
+            for stream in summary.streams
+        ],
+        right=(2, 3, 4, 5, 7),
+        longest=max(80, width()),
+    )
+
+
+def _is_gone(stream: StreamFacts) -> bool:
+    return stream.gone_ns is not None
+
+
+def _rate(flow: Flow) -> str:
+    if flow.rate is None:
+        return "-"
+    return f"{flow.rate:.3g}" if flow.rate < 100 else f"{flow.rate:,.0f}"
+
+
+def _gap(flow: Flow, summary: Summary) -> str:
+    """The longest gap and, where it is longer than others, its begin: `2.3 s at +31.2s`."""
+    if flow.longest_gap_s is None or flow.gap_from_ns is None:
+        return "-"
+    if flow.rate is None or flow.longest_gap_s < _NOTABLE_PERIODS / flow.rate:
+        return duration(flow.longest_gap_s)
+    begins_s = (flow.gap_from_ns - summary.start_ns) * 1e-9
+    return f"{duration(flow.longest_gap_s)} at +{begins_s:.1f}s"
+
+
+def _topics(summary: Summary) -> Iterator[str]:
+    if not summary.topics:
+        return
+    yield ""
+    yield from table(
+        ["TOPIC", "TYPE", "MESSAGES", "HZ", "LONGEST GAP"],
+        [
+            [
+                paint(topic.name, "name"),
+                paint(topic.type_name or "?", "type")
+                + ("" if topic.is_readable else paint(" (not read by tfbus)", "warning")),
+                f"{topic.flow.messages:,}",
+                _rate(topic.flow),
+                _gap(topic.flow, summary),
+            ]
+            for topic in summary.topics
+        ],
+        right=(2, 3),
+        longest=max(80, width()),
+    )
+
+
+def _nodes(summary: Summary) -> Iterator[str]:
+    if summary.nodes:
+        names = [
+            f"{node.name} {paint('gone', 'bad')}" if node.is_gone else node.name
+            for node in summary.nodes
+        ]
+        yield ""
+        yield _line("Nodes", listed(names, most=8))
+
+
+def _frames(summary: Summary) -> Iterator[str]:
+    for stream in summary.streams:
+        for title, frames in (("frames", stream.frames), ("static", stream.static_frames)):
+            if frames:
+                yield ""
+                yield paint(f"{title.capitalize()} of {stream.name}", "heading")
+                yield from _wrapped(frames)
+
+
+def _wrapped(words: tuple[str, ...]) -> Iterator[str]:
+    line = ""
+    for word in words:
+        word = cut(word, 60)
+        if line and len(line) + 2 + len(word) > min(width(), 100) - 2:
+            yield f"  {line}"
+            line = ""
+        line = f"{line}  {word}" if line else word
+    yield f"  {line}"
+
+
+def _events(summary: Summary, verbose: bool) -> Iterator[str]:
+    if not summary.events:
+        return
+    yield ""
+    kinds = Counter(event.kind for event in summary.events)
+    yield _line("Events", ", ".join(_many(kinds[kind], _EVENTS[kind]) for kind in kinds))
+    if verbose:
+        for event in summary.events[:_MOST_EVENTS]:
+            yield f"  {_event(event, summary)}".rstrip()
+        if len(summary.events) > _MOST_EVENTS:
+            yield f"  … {len(summary.events) - _MOST_EVENTS} more (--json has all)"
+
+
+def _event(event: EventItem, summary: Summary) -> str:
+    at = f"+{(event.log_ns - summary.start_ns) * 1e-9:.3f}s"
+    told = ""
+    frames = event.facts.get("frames")
+    if event.kind == "stream" and isinstance(frames, (list, tuple)):
+        told = f"({counted(len(frames), 'frame')})"
+    if event.kind == "dropped":
+        told = f"({event.facts.get('messages')} messages)"
+    return f"{at:>12}  {event.kind:<11}  {cut(printable(event.name), 40)}  {told}"

@@ -1,0 +1,223 @@
+"""Types of messages: from the type hints of a dataclass, or from the values of a message."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import reduce
+from typing import Any, get_args, get_origin, get_type_hints
+
+from tfbus.ros.message_type import (
+    BOOL,
+    BYTES,
+    FLOAT,
+    INT,
+    MSGPACK,
+    PACKAGE,
+    PLACEHOLDER,
+    TEXT,
+    UNKNOWN,
+    UNSIGNED,
+    Field,
+    Message,
+    Sequence,
+    Type,
+    list_of,
+    map_of,
+    value_of_map,
+)
+
+# Beyond these, values are MessagePack: a schema for them would help no reader.
+_MOST_DEPTH = 12
+_MOST_FIELDS = 200
+_LONGEST_KEY = 100
+
+_SIMPLE: dict[Any, Type] = {bool: BOOL, int: INT, float: FLOAT, str: TEXT, bytes: BYTES}
+
+
+def type_of_dataclass(message_type: type) -> Message:
+    """The type of a message that is a dataclass, from its type hints as wire.codec reads them."""
+    return _of_dataclass(message_type, ())
+
+
+def type_of_values(name: str, values: Mapping[str, Any]) -> Message:
+    """The type of a message of a type of this name, from its values: MSGPACK where they are no
+    fields.
+    """
+    return _of_fields(ros_name(name), values, 0) if _are_fields(values) else MSGPACK
+
+
+def merged(one: Type, other: Type) -> Type:
+    """The type that holds the values of both; MSGPACK where no other does."""
+    if one == other or other == UNKNOWN:
+        return one
+    if one == UNKNOWN:
+        return other
+    if one in _NUMBERS and other in _NUMBERS:
+        return max(one, other, key=_NUMBERS.index)
+    if isinstance(one, Sequence) and isinstance(other, Sequence):
+        if not one.is_octets and not other.is_octets:
+            size = one.size if one.size == other.size else None
+            return Sequence(merged(one.item, other.item), size)
+    elif isinstance(one, Message) and isinstance(other, Message):
+        return _merged_messages(one, other)
+    return MSGPACK
+
+
+# Each holds those before it, as far as they are exact.
+_NUMBERS: list[Type] = [INT, UNSIGNED, FLOAT]
+
+
+def ros_name(name: str) -> str:
+    """The full name in ROS of a type of this name: `Spawn.Request` as tfbus_msgs/msg/SpawnRequest.
+
+    Letters and digits stay, and each word begins with a capital.
+    """
+    words = re.findall(r"[A-Za-z0-9]+", name)
+    leaf = "".join([word[0].upper() + word[1:] for word in words])[:_LONGEST_KEY]
+    if not leaf[:1].isalpha():
+        leaf = f"Type{leaf}"
+    return f"{PACKAGE}{leaf}"
+
+
+def field_names(keys: list[str]) -> list[str]:
+    """The names in ROS of fields with these keys: lower case with underscores, each once."""
+    names: list[str] = []
+    for key in keys:
+        snake = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key)
+        name = "_".join(re.findall(r"[a-z0-9]+", snake.lower()))
+        if not name[:1].isalpha() or name == PLACEHOLDER:
+            name = f"field_{name}".rstrip("_")
+        plain, number = name, 1
+        while name in names:
+            number += 1
+            name = f"{plain}_{number}"
+        names.append(name)
+    return names
+
+
+def _fields(keys: list[str], types: list[Type]) -> tuple[Field, ...]:
+    return tuple(map(Field, field_names(keys), types, keys))
+
+
+# From type hints
+
+
+def _of_dataclass(message_type: type, inside: tuple[type, ...]) -> Message:
+    if message_type in inside:
+        return MSGPACK  # ROS has no messages in themselves
+    hints = get_type_hints(message_type)
+    keys = [field.name for field in fields(message_type)]
+    name = ros_name(message_type.__qualname__.rpartition("<locals>.")[2])
+    inside = (*inside, message_type)
+    types = [_of_hint(hints[key], f"{name}{_camel(key)}", inside) for key in keys]
+    return Message(name, _fields(keys, types))
+
+
+def _of_hint(hint: Any, name: str, inside: tuple[type, ...]) -> Type:
+    if hint in _SIMPLE:
+        return _SIMPLE[hint]
+    if is_dataclass(hint) and isinstance(hint, type):
+        return _of_dataclass(hint, inside)
+    items = get_args(hint)
+    if get_origin(hint) is tuple and Ellipsis not in items:
+        types = [_of_hint(item, f"{name}{at}", inside) for at, item in enumerate(items)]
+        if types and all(each == types[0] for each in types):
+            return list_of(types[0], f"{name}Item", len(types))
+        return Message(name, _fields([f"item{at}" for at in range(len(types))], types), "list")
+    if get_origin(hint) in (list, tuple):
+        return list_of(_of_hint(items[0], f"{name}Item", inside), f"{name}Item")
+    if get_origin(hint) is dict:
+        return map_of(_of_hint(items[1], f"{name}Value", inside), name)
+    return MSGPACK
+
+
+# From values
+
+
+def _of_value(value: Any, name: str, depth: int) -> Type:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return INT if -(2**63) <= value < 2**63 else UNSIGNED if 0 < value < 2**64 else MSGPACK
+    if type(value) in _SIMPLE:
+        return _SIMPLE[type(value)]
+    if depth < _MOST_DEPTH:
+        if isinstance(value, list):
+            return list_of(_of_items(value, f"{name}Item", depth + 1), f"{name}Item")
+        if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+            return _of_map(value, name, depth + 1)
+    return MSGPACK
+
+
+def _of_items(values: list[Any], name: str, depth: int) -> Type:
+    kinds = set(map(type, values))
+    if len(kinds) == 1 and (kind := kinds.pop()) in (bool, float, str, bytes):
+        return _SIMPLE[kind]
+    types: list[Type] = [UNKNOWN]
+    for value in values:
+        if (type_ := _of_value(value, name, depth)) != types[-1]:
+            types.append(type_)
+    return reduce(merged, types)
+
+
+def _of_map(values: dict[str, Any], name: str, depth: int) -> Type:
+    if values and _are_fields(values):
+        return _of_fields(name, values, depth)
+    return map_of(_of_items(list(values.values()), f"{name}Value", depth), name)
+
+
+def _of_fields(name: str, values: Mapping[str, Any], depth: int) -> Message:
+    types = [_of_value(value, f"{name}{_camel(key)}", depth) for key, value in values.items()]
+    return Message(name, _fields(list(values), types))
+
+
+def _are_fields(values: Mapping[str, Any]) -> bool:
+    return len(values) <= _MOST_FIELDS and all(
+        isinstance(key, str) and len(key) <= _LONGEST_KEY for key in values
+    )
+
+
+def _camel(key: str) -> str:
+    return ros_name(key).removeprefix(PACKAGE)
+
+
+# Both
+
+
+def have_same_keys(one: Message, other: Message) -> bool:
+    """Whether both have the same fields, by the names in the map."""
+    return {field.key for field in one.fields} == {field.key for field in other.fields}
+
+
+def _merged_messages(one: Message, other: Message) -> Type:
+    kinds = {one.kind, other.kind}
+    if kinds == {"value"}:
+        inner = merged(one.fields[0].type, other.fields[0].type)
+        # Around a list only: what else it becomes needs no message around it.
+        return _around(one, inner) if isinstance(inner, Sequence) else inner
+    if not kinds <= {"fields", "map"}:
+        return MSGPACK
+    if kinds == {"fields"} and have_same_keys(one, other):
+        return merged_fields(one, other)
+    types: list[Type] = [UNKNOWN, *_value_types(one), *_value_types(other)]
+    value = reduce(merged, types)
+    return map_of(value, one.name) if value != MSGPACK else MSGPACK
+
+
+def merged_fields(one: Message, other: Message) -> Message:
+    """Messages with the same keys, each field merged."""
+    of_key = {field.key: field.type for field in other.fields}
+    return replace(
+        one,
+        fields=tuple(
+            replace(field, type=merged(field.type, of_key[field.key])) for field in one.fields
+        ),
+    )
+
+
+def _around(message: Message, inner: Type) -> Message:
+    return replace(message, fields=(replace(message.fields[0], type=inner),))
+
+
+def _value_types(message: Message) -> list[Type]:
+    if message.kind == "map":
+        return [value_of_map(message)]
+    return [field.type for field in message.fields]

@@ -1,0 +1,156 @@
+"""Types of the fields of a message, as ROS 2 has them, and what their values are in a map."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+# As struct has them, by the names in ROS.
+SCALARS = {
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+
+# Sequences of these are bytes.
+OCTETS = frozenset(("byte", "char", "uint8"))
+
+# What ROS 2 puts into a message without fields.
+PLACEHOLDER = "structure_needs_at_least_one_member"
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A number or a boolean, by its name in ROS."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text of at most `most` bytes; 0 for no limit."""
+
+    most: int = 0
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A list, or bytes where the items are. `size` is the number of items where it is fixed, `most`
+    the greatest; 0 for no limit.
+    """
+
+    item: "Type"
+    size: int | None = None
+    most: int = 0
+
+    @property
+    def is_octets(self) -> bool:
+        """Whether the value is bytes."""
+        return isinstance(self.item, Scalar) and self.item.name in OCTETS
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field by its name in ROS; `key` is its name in the map."""
+
+    name: str
+    type: "Type"
+    key: str
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message by its full name, `tfbus_msgs/msg/Pose`.
+
+    Its value is a map of its fields; with `kind` "map" the map of its entries, which have a key and
+    a value; with "list" the list of its fields; with "value" the value of its only field, since ROS
+    has no list of lists; with "msgpack" any value, in MessagePack. "unknown" is the item of a list
+    that was empty: it is written as MessagePack, and no value fits it.
+    """
+
+    name: str
+    fields: tuple[Field, ...]
+    kind: Literal["fields", "map", "list", "value", "msgpack", "unknown"] = "fields"
+
+
+Type = Scalar | Text | Sequence | Message
+
+BOOL = Scalar("bool")
+INT = Scalar("int64")
+UNSIGNED = Scalar("uint64")
+FLOAT = Scalar("float64")
+TEXT = Text()
+BYTES = Sequence(Scalar("uint8"))
+
+PACKAGE = "tfbus_msgs/msg/"
+_PACKED = (Field("data", BYTES, "data"),)
+MSGPACK = Message(f"{PACKAGE}Msgpack", _PACKED, "msgpack")
+UNKNOWN = Message(f"{PACKAGE}Msgpack", _PACKED, "unknown")
+
+
+def list_of(item: Type, name: str, size: int | None = None) -> Sequence:
+    """A list of items; `name` is that of a message around each, where ROS needs one."""
+    if isinstance(item, Sequence):
+        item = Message(name, (Field("items", item, "items"),), "value")
+    return Sequence(item, size)
+
+
+def map_of(value: Type, name: str) -> Message:
+    """A map by text, as a message of this name."""
+    fields = (Field("key", TEXT, "key"), Field("value", value, "value"))
+    entry = Message(f"{name}Entry", fields)
+    return Message(name, (Field("entries", Sequence(entry), "entries"),), "map")
+
+
+def value_of_map(message: Message) -> Type:
+    """The type of a map's values."""
+    entries = message.fields[0].type
+    assert isinstance(entries, Sequence) and isinstance(entries.item, Message)
+    return entries.item.fields[1].type
+
+
+def messages_in(message: Message) -> Iterator[Message]:
+    """The messages in a message, each name once, itself first."""
+    found = {message.name: message}
+    for each in (waiting := [message]):
+        for field in each.fields:
+            type_ = field.type.item if isinstance(field.type, Sequence) else field.type
+            if isinstance(type_, Message) and type_.name not in found:
+                found[type_.name] = type_
+                waiting.append(type_)
+    return iter(found.values())
+
+
+class TypeNames:
+    """The names of messages in one file: no two different messages have the same."""
+
+    def __init__(self) -> None:
+        self._of_name: dict[str, Message] = {MSGPACK.name: MSGPACK}
+
+    def named(self, message: Message) -> Message:
+        """The message under a name of its own, and so those in it: where one is taken by another
+        message, with a number.
+        """
+        if message.kind in ("msgpack", "unknown"):
+            return message
+        fields = tuple(replace(field, type=self._named(field.type)) for field in message.fields)
+        message = replace(message, fields=fields)
+        name, number = message.name, 1
+        while self._of_name.setdefault(message.name, message) != message:
+            number += 1
+            message = replace(message, name=f"{name}{number}")
+        return message
+
+    def _named(self, type_: Type) -> Type:
+        if isinstance(type_, Sequence):
+            return replace(type_, item=self._named(type_.item))
+        return self.named(type_) if isinstance(type_, Message) else type_

@@ -1,0 +1,155 @@
+"""Messages of topics as messages of ROS: a definition for each type, and the bytes in both
+directions.
+"""
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.messages import Clock, Color, Pose, Twist
+from tfbus.ros.cdr import CdrWriter
+from tfbus.ros.definition_text import definition_of, message_of
+from tfbus.ros.definitions import Definition
+from tfbus.ros.inferred import (
+    have_same_keys,
+    merged_fields,
+    type_of_dataclass,
+    type_of_values,
+)
+from tfbus.ros.message_type import MSGPACK, Message, TypeNames
+from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
+from tfbus.wire.codec import type_name as name_of
+from tfbus.wording import printable
+
+# Of one type of message. A publisher that sends more forms than these has no type to speak of.
+_MOST_CODECS = 8
+
+
+class MessageCodec:
+    """Writes and reads the messages of one type, as maps of their fields.
+
+    `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
+    floats, texts, bytes, lists and maps, bit by bit. Only an integer in a field of floats comes
+    back as the float that is the same number, as messages of tfbus allow.
+    """
+
+    def __init__(self, message: Message, definition: Definition) -> None:
+        self._message = message
+        self._codec = codec_of(message)
+        self.definition = definition
+
+    @staticmethod
+    def of_type(message_type: type, names: TypeNames | None = None) -> "MessageCodec":
+        """The codec of a dataclass. Messages get names of their own among `names`."""
+        return _codec(type_of_dataclass(message_type), names)
+
+    @staticmethod
+    def of_values(
+        type_name: str, values: Mapping[str, Any], names: TypeNames | None = None
+    ) -> "MessageCodec":
+        """The codec that the values of one message of an unknown type suggest; RAW where ROS
+        cannot express them as fields.
+        """
+        return _codec(type_of_values(type_name, values), names)
+
+    @staticmethod
+    def of_definition(definition: Definition) -> "MessageCodec":
+        """The codec of a type of a file: any type of ROS 2, or one of ours.
+
+        Raises DecodeError where the definition is not valid, or has a wstring.
+        """
+        return MessageCodec(message_of(definition), definition)
+
+    def encode(self, values: Mapping[str, Any]) -> bytes | None:
+        """The message with these values; None where they are not of this type."""
+        writer = CdrWriter()
+        try:
+            self._codec.write(writer, values if type(values) is dict else dict(values))
+        except (UnfitError, struct.error, OverflowError, UnicodeEncodeError):
+            return None
+        return bytes(writer.data)
+
+    def decode(self, data: bytes) -> dict[str, Any]:
+        """The values of a message by field. Raises DecodeError where the bytes are none."""
+        reader = ValueReader(data)
+        if self._codec.least_size > reader.left:
+            raise DecodeError(
+                f"the message has {reader.left} bytes, and its type at least "
+                f"{self._codec.least_size}"
+            )
+        values = self._codec.read(reader)
+        reader.finish()
+        if not isinstance(values, dict):
+            raise DecodeError("the message is no map of fields")
+        return values
+
+
+def _codec(message: Message, names: TypeNames | None) -> MessageCodec:
+    message = (names or TypeNames()).named(message)
+    return MessageCodec(message, definition_of(message))
+
+
+# Any message, in MessagePack: what is left where no type fits.
+RAW = MessageCodec(MSGPACK, definition_of(MSGPACK))
+
+
+# Those that nodes publish.
+_KNOWN = {name_of(each): each for each in (Clock, Color, Pose, Twist)}
+
+
+class MessageCodecs:
+    """The codecs of all messages of one file, made as messages come. Not thread-safe.
+
+    A type of tfbus.messages has its own definition from the start. Any other has that of its first
+    message, and another one, under a name with a number, once a message does not fit; after eight,
+    and where ROS cannot express a message at all, it is RAW.
+    """
+
+    def __init__(self) -> None:
+        self._names = TypeNames()
+        # Of each type the one used last first, each with its message as it would be named alone.
+        self._of_type: dict[str, list[tuple[MessageCodec, Message]]] = {}
+
+    def encode(self, type_name: str, values: Mapping[str, Any]) -> tuple[MessageCodec, bytes]:
+        """A message of a type of this name, `Pose`, and the codec that reads it.
+
+        Where the name is not known, that of the topic will do. Raises InvalidArgumentException for
+        a text that is not valid Unicode, and an integer of more than 64 bits.
+        """
+        codecs = self._of_type.get(type_name)
+        if codecs is None:
+            codecs = self._of_type[type_name] = []
+            if type_name in _KNOWN:
+                self._add(codecs, type_of_dataclass(_KNOWN[type_name]))
+        for at, (codec, _) in enumerate(codecs):
+            if (data := codec.encode(values)) is not None:
+                if at:
+                    codecs.insert(0, codecs.pop(at))
+                return codec, data
+        return self._encode_new(type_name, codecs, values)
+
+    def _encode_new(
+        self, type_name: str, codecs: list[tuple[MessageCodec, Message]], values: Mapping[str, Any]
+    ) -> tuple[MessageCodec, bytes]:
+        message = type_of_values(type_name, values)
+        if message.kind == "fields" and len(codecs) < _MOST_CODECS:
+            # One that takes the messages before as well.
+            for _, before in codecs:
+                if have_same_keys(before, message):
+                    message = merged_fields(before, message)
+                    break
+            codec = self._add(codecs, message)
+            if (data := codec.encode(values)) is not None:
+                return codec, data
+        if (data := RAW.encode(values)) is None:
+            raise InvalidArgumentException(
+                f"a message of type '{printable(type_name, 60)}' cannot be written: it has a text "
+                "that is not valid Unicode, or an integer of more than 64 bits"
+            )
+        return RAW, data
+
+    def _add(self, codecs: list[tuple[MessageCodec, Message]], message: Message) -> MessageCodec:
+        codec = _codec(message, self._names)
+        codecs.insert(0, (codec, message))
+        return codec

@@ -1,0 +1,362 @@
+"""Values to CDR and back, by the type of a message.
+
+A codec is made once for a type; then numbers that follow each other are written and read at once.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isnan
+from typing import Any
+
+import msgpack
+
+from tfbus.errors import DecodeError
+from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
+from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
+from tfbus.wire.msgpack_items import MOST_ITEMS, too_many_items
+
+
+class UnfitError(Exception):
+    """A value is not of the type."""
+
+
+@dataclass(frozen=True)
+class ValueCodec:
+    """Writes and reads the values of one type, which take at least `least_size` bytes.
+
+    `write` raises UnfitError, `read` DecodeError.
+    """
+
+    least_size: int
+    write: Callable[[CdrWriter, Any], None]
+    read: Callable[["ValueReader"], Any]
+
+
+class ValueReader(CdrReader):
+    """Reads values, and not more of them than memory is for."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._values = 0
+
+    def spend(self, values: int) -> None:
+        """Raise DecodeError where the message has more than a million maps, lists and texts."""
+        self._values += values
+        if self._values > MOST_ITEMS:
+            raise DecodeError(f"the message has more than {MOST_ITEMS} values")
+
+
+def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCodec:
+    """The codec of a type; `made` are those of messages in it that are made already, by name."""
+    made = {} if made is None else made
+    if isinstance(type_, Scalar):
+        return _scalar_codec(type_.name)
+    if isinstance(type_, Text):
+        return _text_codec(type_.most)
+    if isinstance(type_, Sequence):
+        return _sequence_codec(type_, made)
+    # A list that was empty and one of any values have items of one name.
+    name = type_.name if type_.kind != "unknown" else ""
+    if name not in made:
+        made[name] = _message_codec(type_, made)
+    return made[name]
+
+
+# Numbers
+
+
+def _check_float(value: Any) -> None:
+    """An integer may stand for a float that is the same number, as in all messages."""
+    if type(value) is not float and (type(value) is not int or not _is_exact(value)):
+        raise UnfitError
+
+
+def _is_exact(value: int) -> bool:
+    return -(2**53) <= value <= 2**53 or (abs(value) < 2**1023 and int(float(value)) == value)
+
+
+def _check_float32(value: Any) -> None:
+    _check_float(value)
+    if not isnan(value) and struct.unpack("f", struct.pack("f", value))[0] != value:
+        raise UnfitError
+
+
+def _check_bool(value: Any) -> None:
+    if type(value) is not bool:
+        raise UnfitError
+
+
+def _check_int(value: Any) -> None:
+    if type(value) is not int:
+        raise UnfitError
+
+
+_CHECKS: dict[str, Callable[[Any], None]] = {
+    "bool": _check_bool,
+    "float64": _check_float,
+    "float32": _check_float32,
+}
+_OF_TYPE = {"bool": bool, "float64": float}
+
+
+class _Numbers:
+    """Scalars that follow each other, with what fills up between them.
+
+    That depends on where they begin, modulo 8.
+    """
+
+    def __init__(self, names: list[str]) -> None:
+        self._codes = [SCALARS[name] for name in names]
+        self._checks = [_CHECKS.get(name, _check_int) for name in names]
+        self._plain = [_OF_TYPE.get(name, int) for name in names if name != "float32"]
+        self._structs: dict[tuple[str, int], struct.Struct] = {}
+        self.least_size = sum(map(struct.calcsize, (f"={code}" for code in self._codes)))
+
+    def write(self, writer: CdrWriter, values: list[Any]) -> None:
+        if list(map(type, values)) != self._plain:
+            for check, value in zip(self._checks, values, strict=True):
+                check(value)
+        writer.data += self._struct("<", len(writer.data)).pack(*values)
+
+    def read(self, reader: ValueReader) -> tuple[Any, ...]:
+        numbers = self._struct(reader.order, reader.at)
+        return numbers.unpack_from(reader.data, reader.skip(numbers.size))
+
+    def _struct(self, order: str, at: int) -> struct.Struct:
+        start = (at - HEADER_SIZE) % 8
+        found = self._structs.get((order, start))
+        if found is None:
+            parts = [order]
+            offset = start
+            for code in self._codes:
+                size = struct.calcsize(f"={code}")
+                padding = -offset % size
+                parts.append(f"{padding}x{code}")
+                offset += padding + size
+            found = self._structs[order, start] = struct.Struct("".join(parts))
+        return found
+
+
+def _scalar_codec(name: str) -> ValueCodec:
+    numbers = _Numbers([name])
+    return ValueCodec(
+        numbers.least_size,
+        lambda writer, value: numbers.write(writer, [value]),
+        lambda reader: numbers.read(reader)[0],
+    )
+
+
+def _text_codec(most: int) -> ValueCodec:
+    def write(writer: CdrWriter, value: Any) -> None:
+        if type(value) is not str or (most and len(value.encode()) > most):
+            raise UnfitError
+        writer.text(value)
+
+    return ValueCodec(4, write, CdrReader.text)
+
+
+# Sequences
+
+
+def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCodec:
+    size = sequence.size
+    if isinstance(sequence.item, Scalar):
+        items = _octets if sequence.is_octets else _numbers_codec(sequence.item.name)
+    else:
+        items = _items_codec(codec_of(sequence.item, made))
+    write_items, read_items, least = items.write, items.read, items.least_size
+    most = sequence.most or None
+
+    def write(writer: CdrWriter, value: Any) -> None:
+        if type(value) is not items.kind:
+            raise UnfitError
+        if size is None:
+            if most is not None and len(value) > most:
+                raise UnfitError
+            writer.count(len(value))
+        elif len(value) != size:
+            raise UnfitError
+        if value:
+            write_items(writer, value)
+
+    def read(reader: ValueReader) -> Any:
+        count = reader.count(least) if size is None else size
+        if size is not None and count * least > reader.left:
+            raise DecodeError(f"{count} items should follow, and only {reader.left} bytes do")
+        return read_items(reader, count) if count else items.kind()
+
+    return ValueCodec(4 if size is None else size * least, write, read)
+
+
+@dataclass(frozen=True)
+class _Items:
+    """Writes and reads the items of a sequence, without their number; `kind` is list or bytes."""
+
+    kind: type[list[Any]] | type[bytes]
+    least_size: int
+    write: Callable[[CdrWriter, Any], None]
+    read: Callable[[ValueReader, int], Any]
+
+
+def _write_octets(writer: CdrWriter, value: bytes) -> None:
+    writer.data += value
+
+
+def _read_octets(reader: ValueReader, count: int) -> bytes:
+    start = reader.skip(count)
+    return reader.data[start : start + count]
+
+
+_octets = _Items(bytes, 1, _write_octets, _read_octets)
+
+
+def _numbers_codec(name: str) -> _Items:
+    code, plain, check = SCALARS[name], _OF_TYPE.get(name, int), _CHECKS.get(name, _check_int)
+    size = struct.calcsize(f"={code}")
+
+    def write(writer: CdrWriter, value: list[Any]) -> None:
+        if name == "float32" or set(map(type, value)) != {plain}:
+            for each in value:
+                check(each)
+        writer.align(size)
+        writer.data += struct.pack(f"<{len(value)}{code}", *value)
+
+    def read(reader: ValueReader, count: int) -> list[Any]:
+        start = reader.skip(count * size, size)
+        return list(struct.unpack_from(f"{reader.order}{count}{code}", reader.data, start))
+
+    return _Items(list, size, write, read)
+
+
+def _items_codec(item: ValueCodec) -> _Items:
+    write_item, read_item = item.write, item.read
+
+    def write(writer: CdrWriter, value: list[Any]) -> None:
+        for each in value:
+            write_item(writer, each)
+
+    def read(reader: ValueReader, count: int) -> list[Any]:
+        reader.spend(count)
+        return [read_item(reader) for _ in range(count)]
+
+    return _Items(list, item.least_size, write, read)
+
+
+# Messages
+
+
+def _message_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+    if message.kind == "msgpack":
+        return ValueCodec(4, _write_packed, _read_packed)
+    if message.kind == "unknown":
+        return ValueCodec(4, _write_nothing, _read_packed)
+    if message.kind == "map":
+        return _map_codec(message, made)
+    if message.kind == "value":
+        return codec_of(message.fields[0].type, made)
+    return _fields_codec(message, made)
+
+
+def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+    keys = [field.key for field in message.fields]
+    known = frozenset(keys)
+    parts = _parts(message, made)
+    is_list = message.kind == "list"
+
+    def write_values(writer: CdrWriter, values: list[Any]) -> None:
+        for first, end, numbers, codec in parts:
+            if numbers is not None:
+                numbers.write(writer, values[first:end])
+            else:
+                codec.write(writer, values[first])
+        if not values:
+            writer.data.append(0)
+
+    def write(writer: CdrWriter, value: Any) -> None:
+        if is_list:
+            if type(value) is not list or len(value) != len(keys):
+                raise UnfitError
+            write_values(writer, value)
+        elif type(value) is not dict or value.keys() != known:
+            raise UnfitError
+        else:
+            write_values(writer, [value[key] for key in keys])
+
+    def read(reader: ValueReader) -> Any:
+        reader.spend(1)
+        values: list[Any] = []
+        for _, _, numbers, codec in parts:
+            if numbers is not None:
+                values += numbers.read(reader)
+            else:
+                values.append(codec.read(reader))
+        if not keys:
+            reader.skip(1)
+        return values if is_list else dict(zip(keys, values, strict=True))
+
+    least = sum((numbers or codec).least_size for _, _, numbers, codec in parts)
+    return ValueCodec(least if keys else 1, write, read)
+
+
+_Part = tuple[int, int, _Numbers | None, ValueCodec]
+
+
+def _parts(message: Message, made: dict[str, ValueCodec]) -> list[_Part]:
+    """The fields from one index up to another, either numbers that follow each other, or one."""
+    parts: list[_Part] = []
+    names: list[str] = []
+    for at, field in enumerate((*message.fields, None)):
+        if field is not None and isinstance(field.type, Scalar):
+            names.append(field.type.name)
+            continue
+        if names:
+            parts.append((at - len(names), at, _Numbers(names), _nothing))
+            names = []
+        if field is not None:
+            parts.append((at, at + 1, None, codec_of(field.type, made)))
+    return parts
+
+
+def _map_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
+    entries = message.fields[0].type
+    assert isinstance(entries, Sequence) and isinstance(entries.item, Message)
+    as_list = Message(entries.item.name, entries.item.fields, "list")
+    codec = _sequence_codec(Sequence(as_list), {**made, as_list.name: _fields_codec(as_list, made)})
+
+    def write(writer: CdrWriter, value: Any) -> None:
+        if type(value) is not dict:
+            raise UnfitError
+        codec.write(writer, [[key, item] for key, item in value.items()])
+
+    def read(reader: ValueReader) -> dict[str, Any]:
+        return dict(codec.read(reader))
+
+    return ValueCodec(codec.least_size, write, read)
+
+
+# MessagePack
+
+
+def _write_packed(writer: CdrWriter, value: Any) -> None:
+    try:
+        writer.octets(msgpack.packb(value))
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UnfitError from error
+
+
+def _write_nothing(writer: CdrWriter, value: Any) -> None:
+    raise UnfitError
+
+
+_nothing = ValueCodec(0, _write_nothing, lambda reader: None)
+
+
+def _read_packed(reader: ValueReader) -> Any:
+    data = reader.octets()
+    if mistake := too_many_items(data):
+        raise DecodeError(mistake)
+    try:
+        return msgpack.unpackb(data, strict_map_key=False)
+    except (ValueError, TypeError, msgpack.UnpackException) as error:
+        raise DecodeError(f"not msgpack ({type(error).__name__}: {error})") from error

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import chain
 
 from tfbus.bag.node_roster import NodeRoster
 from tfbus.bag.raw_queue import RawQueue
@@ -10,7 +11,8 @@ from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.discover.graph import TopicInfo, graph_of
 from tfbus.errors import InvalidNameError
-from tfbus.listen.watch import StreamState, StreamWatch
+from tfbus.listen.stream_state import StreamState
+from tfbus.listen.watch import MOST_GONE, StreamWatch
 from tfbus.names import is_printable
 from tfbus.node.node import Node
 from tfbus.node.topic import RawSubscription
@@ -70,7 +72,8 @@ class Capture:
         self._last_statics: dict[str, bytes] = {}
         self._states: dict[str, StreamState] = {}
         self._declarations: list[Declaration] = []
-        self._stream_keys: set[str] = set()
+        # Of the streams that are subscribed to one by one, by their full names.
+        self._subscribed: dict[str, list[Declaration]] = {}
         self._nodes: dict[str, NodeDescription] = {}
         self._topics: dict[str, RawSubscription] = {}
         for topic in selection.topics:
@@ -83,7 +86,7 @@ class Capture:
                 if everywhere
                 else (ALL_TRANSFORMS, ALL_STATIC_TRANSFORMS)
             )
-            self._subscribe(dynamic, static)
+            self._declarations = self._subscribe(dynamic, static)
         self._streams = StreamWatch(
             node.session, self._on_state, everywhere=everywhere, log=node.log
         )
@@ -93,7 +96,7 @@ class Capture:
         """Take nothing further. Twice is fine."""
         self._streams.close()
         self._roster.close()
-        for declaration in self._declarations:
+        for declaration in chain(self._declarations, *self._subscribed.values()):
             declaration.close()
         for topic in self._topics.values():
             topic.close()
@@ -107,9 +110,9 @@ class Capture:
 
     # Transforms
 
-    def _subscribe(self, dynamic: str, static: str) -> None:
+    def _subscribe(self, dynamic: str, static: str) -> list[Declaration]:
         session = self._node.session
-        self._declarations += [
+        return [
             declare_retained_subscriber(session, static, self._on_static),
             session.subscriber(dynamic, self._on_transforms),
         ]
@@ -156,11 +159,13 @@ class Capture:
         if not self._selection.takes_stream(name):
             return
         former = self._states.get(name, StreamState(name))
+        if len(self._states) > 2 * MOST_GONE:
+            self._forget_gone()
         self._states[name] = state
         if state.description is not None:
             self.described[name] = state.description
         if self._is_narrow and state.alive:
-            self._subscribe_stream(state)
+            self._subscribe_stream(name, state.key)
         if state.alive and state.description is not None:
             if not former.alive or former.description != state.description:
                 self._note("stream", name, state.description)
@@ -168,12 +173,23 @@ class Capture:
             self._note("stream gone", name)
         self._on_stream(state)
 
-    def _subscribe_stream(self, state: StreamState) -> None:
-        if state.key not in self._stream_keys:
-            self._stream_keys.add(state.key)
-            self._subscribe(
-                f"{transforms_key_beside(state.key)}/**", static_transforms_key_beside(state.key)
+    def _subscribe_stream(self, name: str, key: str) -> None:
+        if name not in self._subscribed:
+            self._subscribed[name] = self._subscribe(
+                f"{transforms_key_beside(key)}/**", static_transforms_key_beside(key)
             )
+
+    def _forget_gone(self) -> None:
+        """Forget the streams that are gone, as the watch does where they are many."""
+        for name in [name for name, state in self._states.items() if not state.alive]:
+            del self._states[name]
+            self.described.pop(name, None)
+            for declaration in self._subscribed.pop(name, []):
+                declaration.close()
+        for key, source in list(self._sources.items()):
+            if source is not None and source.name not in self.described:
+                self._sources.pop(key, None)
+                self._last_statics.pop(key, None)
 
     def _note(
         self,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from tfbus.bag.missed import MissedMessages
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.raw_queue import Raw
 from tfbus.errors import TfbusError
@@ -49,12 +50,14 @@ class InFiles:
         self._write = write
         self._state = BusState()
         self._began_ns: int | None = None
+        self.missed = MissedMessages()
 
     def take(self, raw: Raw) -> EventItem | None:
         """Take a message; the event that it is."""
         item = self._read(raw)
         if item is None:
             return None
+        self.missed.add(raw.source, item)
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
         self._write(item)

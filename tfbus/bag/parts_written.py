@@ -70,7 +70,7 @@ class PartsWritten:
         self._open_writer = open_writer
         self._names = part_paths(first)
         self._writer: RecordingWriter | None = None
-        self._bytes_before = 0
+        self._bytes_before = self._flushed_bytes = 0
         self._synced = True
 
     @property
@@ -84,9 +84,9 @@ class PartsWritten:
         return 0 if self._writer is None else self._writer.size
 
     @property
-    def all_bytes(self) -> int:
-        """The size of all files."""
-        return self._bytes_before + self.part_bytes
+    def written_bytes(self) -> int:
+        """The size of all files when they were last flushed."""
+        return self._bytes_before + self._flushed_bytes
 
     @property
     def free_bytes(self) -> int:
@@ -107,6 +107,8 @@ class PartsWritten:
         _sync(path.parent)
         for item in items:
             self._writer.write(item)
+        # From now on it is a recording, if a short one.
+        self._writer.flush()
         return path
 
     def write(self, item: Item) -> None:
@@ -120,6 +122,7 @@ class PartsWritten:
         if self._writer is not None and not self._synced:
             self._synced = True
             self._writer.flush()
+            self._flushed_bytes = self._writer.size
             _sync(self.paths[-1])
             if not self.free_bytes:
                 raise DiskFullError("the disk is full")
@@ -132,6 +135,7 @@ class PartsWritten:
                 writer.close()
             finally:
                 self._bytes_before += writer.size
+                self._flushed_bytes = 0
             _sync(self.paths[-1])
 
 

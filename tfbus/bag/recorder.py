@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
+from tfbus.bag.missed import MissedMessages
 from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.past import Past, SourceOf
-from tfbus.bag.raw_queue import Raw, RawQueue
+from tfbus.bag.raw_queue import Raw, RawQueue, Source
 from tfbus.bag.sources import EVENTS
 from tfbus.bag.trigger import Triggers
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
@@ -22,21 +23,21 @@ from tfbus.recording.selection import Selection
 from tfbus.runtime.log_once import LogOnce
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
-_LOOK_EVERY_S = 0.1
+_LOOK_EVERY_S = 0.25
 
 # What came is on the disk after this time.
 _FLUSH_EVERY_S = 0.5
 
 # The first messages of a stream or topic wait for its description; later ones wait behind them.
-_DESCRIBED_WITHIN_NS = 300_000_000
+_DESCRIBED_WITHIN_NS = 250_000_000
 
 # What was dropped becomes an event at most so often.
 _DROPPED_EVERY_S = 1.0
 
 # A service, or a key, waits at most this long for the thread.
-_ANSWER_WITHIN_S = 10.0
+_ANSWER_WITHIN_S = 60.0
 
-UNREADABLE, REFUSED = "unreadable", "refused"
+UNREADABLE, REFUSED, MISSING = "unreadable", "refused", "missing"
 
 
 @dataclass
@@ -44,7 +45,8 @@ class Counts:
     """What was recorded, and what was not.
 
     `topics` and `streams` count messages by name, `lost` messages by what became of them: the kinds
-    that the queue dropped, "unreadable", and "refused" by the format of the file.
+    that the queue dropped, "unreadable", "refused" by the format of the file, and "missing": those
+    of dynamic transforms that never came.
     """
 
     messages: int = 0
@@ -116,15 +118,19 @@ class Recorder:
         self._source = source
         self._on_file = on_file
         self._pending: deque[Raw] = deque()
+        # Sources whose messages wait no further.
+        self._undescribed: set[Source] = set()
         self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._dropped_noted: Counter[str] = Counter()
         self._flushed_s = self._noted_s = self.began_s
         self._closing = threading.Event()
+        self._missed = MissedMessages()
         self.window: LastSeconds | None = None
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = InFiles(parts, splits, self._read, self._write)
+            self._keeping = files = InFiles(parts, splits, self._read, self._write)
+            self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
                 parts, snapshots.last_s, snapshots.most_bytes, self._read, self._write
@@ -209,10 +215,13 @@ class Recorder:
         self._parts.close()
 
     def _waits(self, raw: Raw) -> bool:
-        """Whether a message waits for what describes it."""
-        if raw.source.is_described():
+        """Whether a message waits for what describes it: the first of its source, for a moment."""
+        if raw.source in self._undescribed or raw.source.is_described():
             return False
-        return time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS
+        if time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
+            return True
+        self._undescribed.add(raw.source)
+        return False
 
     def _take(self, raw: Raw) -> None:
         self.received += raw.source is not EVENTS
@@ -262,6 +271,10 @@ class Recorder:
 
     def _note_dropped(self) -> None:
         dropped = Counter(self._queue.dropped)
+        # What the queue has dropped is missing too.
+        missing = self._missed.count - dropped["transforms"]
+        if missing > 0:
+            self.counts.lost[MISSING] = missing
         news = dropped - self._dropped_noted
         if not news:
             return

@@ -15,7 +15,7 @@ from tfbus.wording import counted, cut, duration, listed, printable
 _RATES_OVER_S = 3.0
 
 # A disk that lasts longer lasts.
-_LASTS_S = 30 * 86_400.0
+_LASTS_S = 7 * 86_400.0
 
 _NAMED = 6
 
@@ -79,10 +79,9 @@ def clock_text(seconds: float) -> str:
 
 
 def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
-    """The parts of the status line, the most important first."""
+    """The parts of the status line."""
     state = "paused" if look.is_paused else "rec"
-    parts = [f"{state} {clock_text(running_s)}"]
-    parts.append(f"{rates.messages:.0f} msg/s")
+    parts = [f"{state} {clock_text(running_s)}", f"{rates.messages:.0f} msg/s"]
     if look.held is None:
         parts.append(f"{rates.transforms:.0f} tf/s")
         parts.append(f"{size_text(look.bytes)} +{size_text(int(rates.bytes))}/s")
@@ -90,16 +89,15 @@ def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
         held_bytes, held_s = look.held
         parts.append(f"last {held_s:.0f} s: {size_text(held_bytes)}")
         parts.append(counted(look.files, "snapshot"))
-    parts.append(f"{_free_text(look.free_bytes, rates.bytes)} free")
-    parts.append(f"dropped {look.lost}")
-    return parts
+    free = ", ".join(_free_texts(look, rates))
+    return [*parts, f"free {free}", f"dropped {look.lost}"]
 
 
-def _free_text(free_bytes: int, bytes_per_s: float) -> str:
-    free = size_text(free_bytes)
-    if bytes_per_s <= 0.0 or free_bytes / bytes_per_s > _LASTS_S:
-        return free
-    return f"{free} ({duration(free_bytes / bytes_per_s)})"
+def _free_texts(look: Look, rates: Rates) -> list[str]:
+    """How much is free, and how long it lasts where that is less than a week."""
+    lasts_s = look.free_bytes / rates.bytes if rates.bytes > 0.0 else _LASTS_S
+    lasts = [duration(lasts_s)] if lasts_s < _LASTS_S else []
+    return [size_text(look.free_bytes), *lasts]
 
 
 class StatusLine:
@@ -110,7 +108,9 @@ class StatusLine:
 
     def show(self, parts: Sequence[str], *, warns: bool = False) -> None:
         """Show these parts; the last is painted where it `warns`."""
-        line = cut("  ".join(parts), width() - 1)
+        room = width() - 1
+        line = "  ".join(parts)
+        line = cut(line if len(line) <= room else " ".join(parts), room)
         head, _, tail = line.partition(" ")
         head = paint(head, "warning" if head == "paused" else "bad")
         if warns and tail.endswith(parts[-1]):
@@ -139,8 +139,9 @@ def log_text(look: Look, rates: Rates) -> str:
         if look.held is None
         else f"the last {look.held[1]:.0f} s held, {size_text(look.held[0])}"
     )
-    free = _free_text(look.free_bytes, rates.bytes)
-    text = f"{rates.messages:.0f} messages/s, {of}, {free} free, {look.lost} dropped"
+    free = " free for ".join(_free_texts(look, rates))
+    free = free if " free" in free else f"{free} free"
+    text = f"{rates.messages:.0f} messages/s, {of}, {free}, {look.lost} dropped"
     return f"Paused: {text}" if look.is_paused else text
 
 
@@ -178,6 +179,7 @@ _LOST = {
     "statics": "messages of static transforms (dropped: too slow)",
     "topics": "messages of topics (dropped: too slow)",
     "events": "events (dropped: too slow)",
+    "missing": "messages of transforms that never arrived (dropped on the way)",
     "too large": "larger than the limits",
     "unreadable": "that could not be read",
     "refused": "that the file cannot hold",

@@ -1,0 +1,352 @@
+"""The recorder: what comes into its queue is in its files, whatever happens."""
+
+import errno
+import logging
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.builders import S, at, description, payload
+from tests.fakes import Lines
+from tests.live_bus import eventually
+from tfbus.bag.keeping import Splits
+from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.past import Past
+from tfbus.bag.raw_queue import Raw, RawQueue
+from tfbus.bag.recorder import Recorder, Snapshots
+from tfbus.bag.sources import EVENTS, TopicSource, TransformSource
+from tfbus.bag.trigger import Condition, Triggers
+from tfbus.errors import TfbusError
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.writer import RecordingWriter
+from tfbus.wire.codec import as_map, encode_map
+from tfbus.wire.transforms import TransformReader
+
+LOG = logging.getLogger("test")
+
+DESCRIBED = {"sim": description([("world", "turtle1", False), ("world", "mast", True)])}
+
+
+def a_source(*, static: bool = False) -> TransformSource:
+    return TransformSource("sim", "", DESCRIBED, TransformReader(), static=static)
+
+
+DYNAMIC, STATIC = a_source(), a_source(static=True)
+POSE = TopicSource("pose", {"pose": "Pose"})
+THERE = EventItem(0, "stream", "sim", as_map(DESCRIBED["sim"]))
+
+
+class Run:
+    """A recorder that writes into a folder."""
+
+    def __init__(self, folder: Path, **given: Any) -> None:
+        self.queue = RawQueue(10_000_000)
+        opening = given.pop("open_writer", RecordingWriter)
+        self.parts = PartsWritten(folder / "run.mcap", opening)
+        given = {"selection": ALL, **given}
+        self.recorder = Recorder(self.queue, self.parts, LOG, **given)
+        self.seq = 0
+
+    def send(self, count: int = 1) -> None:
+        """Messages of transforms come, numbered."""
+        for _ in range(count):
+            self.queue.put(DYNAMIC, payload([at(self.seq)], seq=self.seq))
+            self.seq += 1
+
+    def items(self) -> list[Item]:
+        """What the files hold, once the recorder has ended."""
+        self.recorder.close()
+        return read(*self.parts.paths)
+
+
+def read(*paths: Path) -> list[Item]:
+    with RecordingReader(*paths) as reader:
+        return list(reader.items())
+
+
+def numbers(items: list[Item]) -> list[int | None]:
+    """The numbers of the dynamic messages."""
+    return [each.seq for each in items if isinstance(each, TransformItem) and not each.static]
+
+
+def kinds(items: list[Item]) -> list[str]:
+    """The kinds of the events."""
+    return [each.kind for each in items if isinstance(each, EventItem)]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[Run]:
+    """A recorder that records everything into one file."""
+    run = Run(tmp_path)
+    yield run
+    run.recorder.close()
+
+
+class TestAll:
+    def test_what_came_is_in_the_file(self, run: Run) -> None:
+        """Transforms, statics, topics and events come back as they came."""
+        run.queue.put(EVENTS, THERE)
+        run.queue.put(STATIC, payload([at(2.0, "mast")]))
+        run.send(3)
+        run.queue.put(POSE, encode_map({"x": 0.1}))
+        items = run.items()
+        assert kinds(items) == ["stream"]
+        assert numbers(items) == [0, 1, 2]
+        topics = [each for each in items if isinstance(each, TopicItem)]
+        assert [(each.topic, each.type_name, each.values) for each in topics] == [
+            ("pose", "Pose", {"x": 0.1})
+        ]
+        counts = run.recorder.counts
+        assert (counts.messages, counts.transforms, counts.lost) == (5, 4, {})
+
+    def test_what_came_is_on_the_disk_soon(self, run: Run) -> None:
+        """A file that still grows can be read up to a moment ago."""
+        run.send(5)
+        eventually(lambda: numbers(read(run.parts.paths[0])) == [0, 1, 2, 3, 4])
+        with RecordingReader(run.parts.paths[0]) as reader:
+            assert not reader.is_complete
+
+    def test_only_what_is_selected_is_written(self, tmp_path: Path) -> None:
+        """A selection by topic leaves out the transforms."""
+        run = Run(tmp_path, selection=Selection(topics=("pose",)))
+        run.send()
+        run.queue.put(POSE, encode_map({"x": 1}))
+        assert [type(item) for item in run.items()] == [TopicItem]
+
+    def test_unreadable_messages_are_counted_and_logged_once(self, run: Run) -> None:
+        """What is no message is left out; the rest stays."""
+        lines = Lines(LOG)
+        run.queue.put(DYNAMIC, b"\xc1")
+        run.queue.put(DYNAMIC, b"\xc1")
+        run.send()
+        assert numbers(run.items()) == [0]
+        assert run.recorder.counts.lost == {"unreadable": 2}
+        assert len(lines.lines) == 1 and "'sim'" in lines.lines[0]
+
+    def test_what_the_file_cannot_hold_is_counted(self, run: Run) -> None:
+        """A stamp after the year 2038 does not stop the recording."""
+        run.queue.put(DYNAMIC, payload([at(stamp_ns=3 * 10**18)]))
+        run.send()
+        assert numbers(run.items()) == [0]
+        assert run.recorder.counts.lost == {"refused": 1}
+
+    def test_what_was_dropped_becomes_an_event(self, tmp_path: Path) -> None:
+        """The recording itself says how many messages it lacks."""
+        run = Run(tmp_path)
+        run.queue.dropped["transforms"] += 7
+        events = [each for each in run.items() if isinstance(each, EventItem)]
+        assert [(each.kind, each.facts) for each in events] == [
+            ("dropped", {"messages": 7, "transforms": 7})
+        ]
+        assert run.recorder.counts.lost == {"transforms": 7}
+
+    def test_numbers_that_never_came_are_counted(self, run: Run) -> None:
+        """A gap in the numbers counts as lost."""
+        run.send()
+        run.seq = 5
+        run.send()
+        run.items()
+        assert run.recorder.counts.lost == {"missing": 4}
+
+    def test_a_pause_leaves_out_all_but_what_is_in_force(self, run: Run) -> None:
+        """Statics that come in a pause are recorded; pause and resumption are events."""
+        run.send()
+        run.recorder.pause()
+        run.send()
+        run.queue.put(STATIC, payload([at(1.0, "mast")]))
+        assert run.recorder.is_paused
+        run.recorder.resume()
+        run.send()
+        items = run.items()
+        assert numbers(items) == [0, 2]
+        assert kinds(items) == ["paused", "resumed"]
+        assert any(isinstance(each, TransformItem) and each.static for each in items)
+        assert not run.recorder.counts.lost
+
+
+class TestSplits:
+    def test_a_new_file_begins_with_what_is_in_force(self, run: Run) -> None:
+        """Each file can be read alone: streams and statics stand at its beginning."""
+        run.queue.put(EVENTS, THERE)
+        run.queue.put(STATIC, payload([at(2.0, "mast")]))
+        run.send()
+        eventually(lambda: run.recorder.counts.messages == 2)
+        path = run.recorder.split()
+        run.send()
+        run.items()
+        assert path.name == "run_1.mcap"
+        assert numbers(read(run.parts.paths[0])) == [0]
+        second = read(path)
+        assert numbers(second) == [1]
+        assert kinds(second) == ["stream"]
+        assert [item.rows.count for item in second if getattr(item, "static", False)] == [1]
+
+    def test_files_end_at_their_size(self, tmp_path: Path) -> None:
+        """No message is lost between two files."""
+        run = Run(tmp_path, splits=Splits(most_bytes=3_000))
+        run.send(100)
+        assert numbers(run.items()) == list(range(100))
+        assert len(run.parts.paths) > 2
+
+    def test_files_end_after_their_time(self, tmp_path: Path) -> None:
+        """The time is that between messages."""
+        run = Run(tmp_path, splits=Splits(most_s=1e-9))
+        run.send(3)
+        assert numbers(run.items()) == [0, 1, 2]
+        assert len(run.parts.paths) == 3
+
+    def test_a_file_of_another_recording_is_passed_over(self, run: Run) -> None:
+        """A part never takes the place of a file that is there."""
+        taken = run.parts.paths[0].with_name("run_1.mcap")
+        taken.write_text("mine")
+        assert run.recorder.split().name == "run_2.mcap"
+        assert taken.read_text() == "mine"
+
+
+class TestSnapshots:
+    def snapshots(self, last_s: float = 60.0, *conditions: Condition) -> Snapshots:
+        return Snapshots(last_s, 1_000_000, Triggers(conditions))
+
+    def test_the_last_seconds_are_written_when_asked(self, tmp_path: Path) -> None:
+        """Nothing is written before, and nothing twice."""
+        run = Run(tmp_path, snapshots=self.snapshots())
+        run.send(3)
+        eventually(lambda: run.recorder.received == 3)
+        assert not list(tmp_path.iterdir())
+        assert numbers(read(run.recorder.split())) == [0, 1, 2]
+        run.send()
+        eventually(lambda: run.recorder.received == 4)
+        assert numbers(read(run.recorder.split())) == [3]
+        run.recorder.close()
+
+    def test_older_messages_are_forgotten_but_what_is_in_force_stays(self, tmp_path: Path) -> None:
+        """A snapshot begins with the streams and statics of before."""
+        run = Run(tmp_path, snapshots=self.snapshots(1.0))
+        clock_ns = time.time_ns()
+        run.queue._clock_ns = lambda: clock_ns - 60 * S
+        run.queue.put(EVENTS, THERE)
+        run.queue.put(STATIC, payload([at(2.0, "mast")]))
+        run.send()
+        run.queue._clock_ns = lambda: clock_ns
+        run.send()
+        eventually(lambda: run.recorder.received == 3)
+        items = read(run.recorder.split())
+        run.recorder.close()
+        assert numbers(items) == [1]
+        assert kinds(items) == ["stream"]
+        assert [item.rows.count for item in items if getattr(item, "static", False)] == [1]
+
+    def test_memory_is_limited(self, tmp_path: Path) -> None:
+        """Beyond it the oldest messages go."""
+        run = Run(tmp_path, snapshots=Snapshots(60.0, 2_000, Triggers(())))
+        run.send(50)
+        eventually(lambda: run.recorder.received == 50)
+        kept = numbers(read(run.recorder.split()))
+        run.recorder.close()
+        assert 1 <= len(kept) < 20 and kept[-1] == 49
+        assert run.recorder.window is not None and run.recorder.window.short_s is not None
+
+    def test_a_condition_writes_one_by_itself(self, tmp_path: Path) -> None:
+        """The event stands at its end."""
+        wrote: list[str] = []
+        run = Run(
+            tmp_path,
+            snapshots=self.snapshots(60.0, Condition("gone", "turtle1")),
+            on_file=lambda path, why: wrote.append(why),
+        )
+        run.queue.put(EVENTS, THERE)
+        run.send(2)
+        run.queue.put(EVENTS, EventItem(0, "stream gone", "sim"))
+        eventually(lambda: wrote)
+        items = run.items()
+        assert wrote == ["stream 'sim' is gone, with turtle1"]
+        assert numbers(items) == [0, 1]
+        assert kinds(items)[-1] == "stream gone"
+
+    def test_nothing_makes_no_file(self, tmp_path: Path) -> None:
+        """Asked for before anything came, it says so."""
+        run = Run(tmp_path, snapshots=self.snapshots())
+        with pytest.raises(TfbusError, match="nothing has come"):
+            run.recorder.split()
+        run.recorder.close()
+        assert not list(tmp_path.iterdir())
+
+
+class NearlyFull(RecordingWriter):
+    """Writes until its disk is full."""
+
+    room = 3
+
+    def flush(self) -> None:
+        """Fails from the third time on."""
+        self.room -= 1
+        if self.room < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        super().flush()
+
+
+class TestFailures:
+    def test_a_full_disk_ends_the_recording(self, tmp_path: Path) -> None:
+        """The recorder says why, and what was flushed before can be read."""
+        run = Run(tmp_path, open_writer=NearlyFull)
+
+        def sends_until_full() -> bool:
+            run.send()
+            return not run.recorder.is_running
+
+        eventually(sends_until_full)
+        assert run.recorder.failure == "No space left on device"
+        kept = numbers(run.items())
+        assert kept == list(range(len(kept))) and kept
+
+    def test_after_the_end_questions_are_refused(self, run: Run) -> None:
+        """A service that comes late gets a sentence."""
+        run.recorder.close()
+        with pytest.raises(TfbusError, match="the recorder has ended"):
+            run.recorder.split()
+
+    def test_before_a_disk_is_full_the_file_is_ended(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Its summary needs room too: so the file is whole."""
+        monkeypatch.setattr(PartsWritten, "free_bytes", 0)
+        run = Run(tmp_path)
+        run.send()
+        eventually(lambda: not run.recorder.is_running)
+        run.recorder.close()
+        assert run.recorder.failure == "the disk is full"
+        with RecordingReader(*run.parts.paths) as reader:
+            assert reader.is_complete
+
+
+class TestPast:
+    def before(self, kept: list[tuple[bytes, int]], live: list[Raw]) -> list[Raw]:
+        past = Past.__new__(Past)
+        past.__dict__.update(_lock=__import__("threading").Lock())
+        past._kept = [("tf/sim", data, came_ns) for data, came_ns in kept]
+        return past.before(live, lambda key: DYNAMIC)
+
+    def test_what_was_held_comes_first_with_the_delay_of_the_stream(self) -> None:
+        """Log times before the recording are the stamps and the delay that live messages have."""
+        kept = [(payload([at(stamp_ns=(10 + k) * S)], seq=k), 90 * S) for k in range(3)]
+        live = [Raw(13 * S + 5, DYNAMIC, payload([at(stamp_ns=13 * S)], seq=3))]
+        merged = self.before(kept, live)
+        assert [raw.log_ns for raw in merged] == [10 * S + 5, 11 * S + 5, 12 * S + 5, 13 * S + 5]
+
+    def test_a_message_that_came_by_itself_is_not_taken_twice(self) -> None:
+        """Its number tells."""
+        data = payload([at(stamp_ns=5 * S)], seq=7)
+        assert len(self.before([(data, 9 * S)], [Raw(6 * S, DYNAMIC, data)])) == 1
+
+    def test_what_is_in_force_goes_to_the_beginning(self) -> None:
+        """Streams and statics that were met at first stand before what was held."""
+        kept = [(payload([at(stamp_ns=2 * S)], seq=0), 8 * S)]
+        live = [Raw(9 * S, EVENTS, THERE)]
+        merged = self.before(kept, live)
+        assert [raw.source.kind for raw in merged] == ["events", "transforms"]
+        assert merged[0].log_ns == merged[1].log_ns == 8 * S

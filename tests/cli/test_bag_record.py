@@ -1,0 +1,363 @@
+"""`tfbus bag record` on a live bus."""
+
+import os
+import signal
+import sys
+import termios
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from subprocess import Popen
+from threading import Thread
+
+import pytest
+from click.testing import CliRunner
+
+from tests.builders import at
+from tests.live_bus import DEADLINE_S, Bus, Process, eventually, keep_sending, send_static
+from tfbus import Node, ServiceError, TransformBroadcaster
+from tfbus.cli import main
+from tfbus.messages import Empty, Pose
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+
+POSE = Pose(5, 1.0, 2.0, 0.1, 0.0, 0.0)
+
+
+def items_of(*paths: Path) -> list[Item]:
+    """What the files hold by now; nothing where there is none."""
+    if not all(path.exists() for path in paths):
+        return []
+    with RecordingReader(*paths) as reader:
+        return list(reader.items())
+
+
+def transforms(items: list[Item]) -> list[TransformItem]:
+    return [item for item in items if isinstance(item, TransformItem)]
+
+
+def topics(items: list[Item]) -> list[TopicItem]:
+    return [item for item in items if isinstance(item, TopicItem)]
+
+
+def events(items: list[Item]) -> list[tuple[str, str]]:
+    return [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
+
+
+def children(items: list[Item]) -> set[str]:
+    return {ts.child_frame_id for item in transforms(items) for ts in item.rows}
+
+
+def eventually_in(path: Path, condition: Callable[[list[Item]], object]) -> None:
+    """Wait until the file that grows holds something."""
+    eventually(lambda: condition(items_of(path)), within_s=2 * DEADLINE_S)
+
+
+def keep_publishing(node: Node, topic: str) -> None:
+    publisher = node.create_publisher(Pose, topic)
+    node.create_timer(0.05, lambda: publisher.publish(POSE))
+
+
+def recording(bus: Bus, path: Path, *options: str) -> Process:
+    process = bus.start("bag", "record", "-o", str(path), *options)
+    process.wait_for_line("Recording to|Holding the last", within_s=2 * DEADLINE_S)
+    return process
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """The file of a recording."""
+    return tmp_path / "run.mcap"
+
+
+class TestWhat:
+    def test_everything_on_the_bus_is_recorded(self, bus: Bus, path: Path) -> None:
+        """Transforms with their streams and nodes, statics, topics with types, and who was there,
+        also what comes later.
+        """
+        robot = bus.node("robot")
+        keep_sending(robot, "odom", "base")
+        send_static(robot, "base", "laser")
+        keep_publishing(robot, "robot/pose")
+        process = recording(bus, path)
+        late = bus.node("late")
+        keep_sending(late, "base", "arm")
+        keep_publishing(late, "late/pose")
+        eventually_in(path, lambda items: {"base", "laser", "arm"} <= children(items))
+        eventually_in(path, lambda items: len({each.topic for each in topics(items)}) == 2)
+        late.close()
+        eventually_in(path, lambda items: ("stream gone", "late") in events(items))
+        assert process.stop() == 0
+        with RecordingReader(path) as reader:
+            assert reader.is_complete
+            items = list(reader.items())
+        nodes = {item.stream.name: item.stream.node for item in transforms(items)}
+        assert nodes == {"robot": "/robot", "late": "/late"}
+        assert {item.stream.name for item in transforms(items) if item.static} == {"robot"}
+        pose = next(each for each in topics(items) if each.topic == "robot/pose")
+        assert (pose.type_name, pose.values["x"]) == ("Pose", 1.0)
+        assert {("stream", "robot"), ("node", "/robot"), ("node gone", "/late")} <= {*events(items)}
+        assert ("node", "/recorder") not in events(items)
+        text = "\n".join(process.out)
+        assert "to 1 file" in text and "2 streams (" in text and "2 topics (" in text
+
+    def test_topics_alone(self, bus: Bus, path: Path) -> None:
+        """Named topics are recorded from their first message on, and no transforms."""
+        process = recording(bus, path, "--topics", "pose", "/other", "--disable-keyboard-controls")
+        node = bus.node("robot")
+        keep_sending(node, "odom", "base")
+        keep_publishing(node, "pose")
+        keep_publishing(node, "unwanted")
+        eventually_in(path, lambda items: len(topics(items)) > 5)
+        assert process.stop() == 0
+        assert {each.topic for each in topics(items_of(path))} == {"pose"}
+        assert {each.type_name for each in topics(items_of(path))} == {"Pose"}
+        assert not transforms(items_of(path))
+
+    @pytest.mark.parametrize(
+        ("options", "wanted"),
+        [
+            (["--streams", "robot"], {"base", "wheel"}),
+            (["--frames", "wheel", "hand"], {"wheel", "hand"}),
+            (["--regex", "^ar"], {"hand"}),
+            (["--exclude", "arm"], {"base", "wheel"}),
+            (["--topics", "tf"], {"base", "wheel", "hand"}),
+            (["tf", "--frames", "base"], {"base"}),
+        ],
+    )
+    def test_a_part_of_the_transforms(
+        self, bus: Bus, path: Path, options: list[str], wanted: set[str]
+    ) -> None:
+        """Streams, frames and regular expressions say which."""
+        process = recording(bus, path, *options)
+        robot, arm = bus.node("robot"), bus.node("arm")
+        keep_sending(robot, "odom", "base")
+        keep_sending(robot, "base", "wheel")
+        keep_sending(arm, "base", "hand")
+        eventually_in(path, lambda items: children(items) >= wanted)
+        assert process.stop() == 0
+        assert children(items_of(path)) == wanted
+
+    def test_a_fleet(self, bus: Bus, path: Path) -> None:
+        """All namespaces below are recorded, by the names that they have from outside."""
+        robot = bus.node("base", namespace="robot7")
+        keep_sending(robot, "odom", "base")
+        keep_publishing(robot, "pose")
+        process = recording(bus, path, "--fleet")
+        eventually_in(path, lambda items: transforms(items) and topics(items))
+        assert process.stop() == 0
+        stream = transforms(items_of(path))[0].stream
+        assert (stream.name, stream.namespace, stream.node) == (
+            "robot7/base",
+            "robot7",
+            "/robot7/base",
+        )
+        assert topics(items_of(path))[0].topic == "robot7/pose"
+
+    def test_one_robot_of_a_fleet(self, bus: Bus, path: Path) -> None:
+        """In a namespace names are relative on the command line, and full in the file."""
+        for namespace in ("robot7", "robot8"):
+            robot = bus.node("base", namespace=namespace)
+            keep_sending(robot, "odom", f"{namespace}_base")
+            keep_publishing(robot, "pose")
+        process = recording(bus, path, "--namespace", "robot7", "--topics", "pose", "/robot7/tf")
+        eventually_in(path, lambda items: transforms(items) and topics(items))
+        assert process.stop() == 0
+        assert {item.stream.name for item in transforms(items_of(path))} == {"robot7/base"}
+        assert {each.topic for each in topics(items_of(path))} == {"robot7/pose"}
+
+    def test_what_publishers_still_hold(self, bus: Bus, path: Path) -> None:
+        """With --history the recording begins before its start, without a gap."""
+        robot = bus.node("robot")
+        broadcaster = TransformBroadcaster(robot, history_s=100.0)
+        sent = 0
+
+        def send() -> None:
+            nonlocal sent
+            broadcaster.send_transform(at(sent, "base", robot.now_ns()))
+            sent += 1
+
+        robot.create_timer(0.05, send)
+        eventually(lambda: sent > 20)
+        process = recording(bus, path, "--history", "--frames", "base")
+        last = sent + 5
+        eventually_in(path, lambda items: x_of(items) > last)
+        assert process.stop() == 0
+        found = transforms(items_of(path))
+        numbers = [ts.transform.x for item in found for ts in item.rows]
+        assert numbers[0] == 0.0 and numbers == sorted(numbers)
+        assert numbers == [float(number) for number in range(len(numbers))]
+        logged = [item.log_ns for item in found]
+        assert logged == sorted(logged)
+
+
+def x_of(items: list[Item]) -> float:
+    """The last x that was recorded; -1 for none."""
+    rows = [ts.transform.x for item in transforms(items) for ts in item.rows]
+    return rows[-1] if rows else -1.0
+
+
+class TestServices:
+    def call(self, bus: Bus, name: str) -> str:
+        """What `tfbus service call recorder/NAME` says to stderr."""
+        return bus.run("service", "call", f"recorder/{name}", "Empty").stderr
+
+    def test_pause_resume_split_and_stop(self, bus: Bus, path: Path) -> None:
+        """The services do as their names say."""
+        client = bus.node("client")
+        process = recording(bus, path, "--start-paused")
+        keep_publishing(client, "pose")
+
+        def call(name: str) -> None:
+            client.create_client(Empty, f"recorder/{name}").call(
+                Empty.Request(), timeout_s=DEADLINE_S
+            )
+
+        call("resume")
+        eventually_in(path, topics)
+        call("split")
+        second = path.with_name("run_1.mcap")
+        eventually_in(second, topics)
+        call("pause")
+        assert "start it with --snapshot" in self.call(bus, "snapshot")
+        call("stop")
+        assert process.wait() == 0
+        kinds = [kind for kind, _ in events(items_of(path, second)) if kind in PAUSES]
+        assert kinds == ["paused", "resumed", "paused"]
+        assert "to 2 files" in "\n".join(process.out)
+
+    def test_snapshots_when_asked_and_when_a_frame_is_gone(self, bus: Bus, path: Path) -> None:
+        """Each has what came since the one before, and the last the end of the publisher."""
+        robot = bus.node("robot")
+        keep_sending(robot, "odom", "base")
+        process = recording(bus, path, "--snapshot", "60", "--on", "gone base")
+        snapshot = bus.node("client").create_client(Empty, "recorder/snapshot")
+        assert not path.exists()
+
+        def has_base() -> bool:
+            with suppress(ServiceError):  # nothing has come
+                snapshot.call(Empty.Request(), timeout_s=DEADLINE_S)
+            items = items_of(*path.parent.glob("*.mcap"))
+            return ("stream", "robot") in events(items) and children(items) == {"base"}
+
+        eventually(has_base)
+        robot.close()
+        line = process.wait_for_line(r"Wrote .*: stream 'robot' is gone, with base")
+        last = Path(line.split("Wrote ")[1].split(": ")[0])
+        assert events(items_of(last))[-1] == ("stream gone", "robot")
+        assert process.stop() == 0
+
+
+PAUSES = ("paused", "resumed")
+
+
+class TestMistakes:
+    def test_a_recording_is_never_overwritten(self, bus: Bus, path: Path) -> None:
+        """A file of that name, or of one of its parts, is a usage error."""
+        path.with_name("run_3.mcap").touch()
+        done = bus.run("bag", "record", "-o", str(path))
+        assert done.returncode == 2
+        assert "run_3.mcap' is there already, and recordings are never overwritten" in done.stderr
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            (["-o", "nowhere/run"], "there is no folder 'nowhere' to record into"),
+            (["--max-size", "5 apples"], "'5 apples' is not a size: write a number of bytes"),
+            (["--max-duration", "0"], "must be more than 0, not 0"),
+            (["--regex", "("], "regex '(' is no regular expression"),
+            (["--on", "gone"], "--on writes a snapshot: give --snapshot SECONDS too"),
+            (["--snapshot", "5", "--on", "late map"], "'late map' is no condition"),
+            (["--snapshot", "5", "--max-size", "1GB"], "each snapshot is a file of its own"),
+            (["--topics", "a b"], "cannot be the name of a topic"),
+            (["-s", "sqlite3"], "'sqlite3' is not 'mcap'"),
+            (["--node-name", "a/b"], "'a/b' cannot be a node's name"),
+        ],
+    )
+    def test_wrong_options_are_usage_errors(self, options: list[str], said: str) -> None:
+        """Each ends in one sentence."""
+        done = CliRunner().invoke(main, ["bag", "record", *options])
+        assert done.exit_code == 2 and said in done.stderr
+
+    def test_where_nothing_comes_it_says_so(self, bus: Bus, path: Path) -> None:
+        """A namespace that has frames is named."""
+        keep_sending(bus.node("base", namespace="robot7"), "odom", "base")
+        process = recording(bus, path)
+        process.wait_for_line("Nothing to record so far: .* look with --namespace robot7")
+        assert process.stop() == 0
+        assert "No transforms" in process.out
+
+
+class Terminal:
+    """A terminal of 80 columns with `tfbus bag record` in it."""
+
+    def __init__(self, bus: Bus, *arguments: str) -> None:
+        self._master, slave = os.openpty()
+        termios.tcsetwinsize(slave, (24, 80))
+        wrapper = "import os, sys; os.login_tty(0); os.execv(sys.argv[1], sys.argv[1:])"
+        command = [sys.executable, "-m", "tfbus", "bag", "record", *arguments]
+        env = {name: text for name, text in bus.env.items() if name != "COLUMNS"}
+        self.process = Popen([sys.executable, "-c", wrapper, *command], stdin=slave, env=env)
+        os.close(slave)
+        self._shown = b""
+        Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        with suppress(OSError):  # it was closed
+            while data := os.read(self._master, 4096):
+                self._shown += data
+
+    @property
+    def text(self) -> str:
+        return self._shown.decode(errors="replace")
+
+    def type(self, keys: str) -> None:
+        os.write(self._master, keys.encode())
+
+    def hang_up(self) -> None:
+        os.close(self._master)
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(DEADLINE_S)
+
+
+class TestTerminal:
+    @pytest.fixture
+    def terminal(self, bus: Bus, path: Path) -> Iterator[Terminal]:
+        """A recording in a terminal."""
+        keep_sending(bus.node("robot"), "odom", "base")
+        terminal = Terminal(bus, "-o", str(path))
+        eventually(lambda: "space pauses, s begins a new file, q ends" in terminal.text)
+        yield terminal
+        terminal.close()
+
+    def test_keys_pause_split_and_end(self, terminal: Terminal, path: Path) -> None:
+        """One line says how it goes; keys do what services do."""
+        eventually(lambda: "rec\x1b[0m 0:00:0" in terminal.text)
+        terminal.type(" ")
+        eventually(lambda: "paused" in terminal.text)
+        terminal.type(" s")
+        eventually(path.with_name("run_1.mcap").exists)
+        terminal.type("q")
+        assert terminal.process.wait(DEADLINE_S) == 0
+        eventually(lambda: "to 2 files" in terminal.text)
+        kinds = [kind for kind, _ in events(items_of(path)) if kind in PAUSES]
+        assert kinds == ["paused", "resumed"]
+
+    def test_a_terminal_that_goes_away_leaves_a_whole_file(
+        self, terminal: Terminal, path: Path
+    ) -> None:
+        """As when ssh loses its connection."""
+        eventually_in(path, transforms)
+        terminal.hang_up()
+        assert terminal.process.wait(2 * DEADLINE_S) == 0
+        with RecordingReader(path) as reader:
+            assert reader.is_complete
+
+    def test_ctrl_c_ends_it(self, terminal: Terminal, path: Path) -> None:
+        """The usual end exits with 0, and prints what was recorded."""
+        terminal.process.send_signal(signal.SIGINT)
+        assert terminal.process.wait(2 * DEADLINE_S) == 0
+        eventually(lambda: "Look into it: tfbus bag info" in terminal.text)

@@ -1,0 +1,94 @@
+"""What `tfbus bag record` says while it records."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from tfbus.cli.bag.record_status import (
+    Look,
+    Rates,
+    Rating,
+    clock_text,
+    log_text,
+    status_parts,
+    summary,
+)
+
+LOOK = Look(10.0, 500, 25_000, 1_500_000, 60_000_000_000, 0)
+RATES = Rates(50.0, 2500.0, 250_000.0)
+
+
+def test_the_line_has_time_rates_size_disk_and_losses_in_80_columns() -> None:
+    """How long the disk lasts follows from how fast the file grows."""
+    line = "  ".join(status_parts(LOOK, RATES, 725.9))
+    assert line == (
+        "rec 0:12:05  50 msg/s  2500 tf/s  1.5 MB +250 kB/s  free 60 GB, 3 days  dropped 0"
+    )
+    assert len(" ".join(status_parts(LOOK, RATES, 725.9))) < 80
+
+
+def test_a_disk_that_lasts_long_needs_no_word() -> None:
+    """Nor does one onto which nothing is written."""
+    for rates in (Rates(1.0, 1.0, 10.0), Rates()):
+        assert "free 60 GB" in status_parts(LOOK, rates, 0.0)
+
+
+def test_a_pause_and_losses_show() -> None:
+    """The first word and the last are the ones to look at."""
+    paused = Look(10.0, 0, 0, 0, 1_000, 7, is_paused=True)
+    parts = status_parts(paused, Rates(), 3.0)
+    assert (parts[0], parts[-1]) == ("paused 0:00:03", "dropped 7")
+    assert log_text(paused, Rates()).startswith("Paused: 0 messages/s")
+
+
+def test_what_a_snapshot_would_have() -> None:
+    """Where nothing is written, the line says what is held."""
+    held = Look(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
+    assert status_parts(held, RATES, 60.0)[2:4] == ["last 30 s: 86.3 kB", "2 snapshots"]
+    assert "the last 30 s held, 86.3 kB" in log_text(held, RATES)
+
+
+def test_rates_are_those_of_the_last_seconds() -> None:
+    """What was long ago does not count."""
+    rating = Rating(over_s=3.0)
+    rates = Rates()
+    for second, messages in enumerate((0, 1000, 1000, 1000, 1000, 1050)):
+        rates = rating.add(Look(float(second), messages, 2 * messages, 0, 0, 0))
+    assert rates.messages == pytest.approx(50 / 3) and rates.transforms == pytest.approx(100 / 3)
+
+
+def test_the_log_says_the_same_in_words() -> None:
+    """A line without abbreviations."""
+    assert log_text(LOOK, RATES) == (
+        "50 messages/s, 2500 transforms/s, 1.5 MB, 250 kB/s, 60 GB free for 3 days, 0 dropped"
+    )
+
+
+def test_hours_and_days_go_on() -> None:
+    """The clock counts hours."""
+    assert clock_text(90_061) == "25:01:01"
+
+
+def test_the_sum_fits_a_screen_and_names_what_is_missing(tmp_path: Path) -> None:
+    """Of many files the first and the last are named; what was lost is said in words."""
+    paths = [tmp_path / f"run_{number}.mcap" for number in range(40)]
+    for path in paths:
+        path.write_bytes(bytes(1_000))
+    streams = Counter({f"stream{number}": 10 for number in range(30)})
+    topics = Counter({"pose": 5})
+    lost = Counter({"transforms": 3, "missing": 2})
+    lines = summary(paths, 65.0, 1200, streams, topics, lost)
+    assert len(lines) < 20
+    assert lines[0] == "Recorded 65.0 s to 40 files"
+    assert "30 streams (stream0, stream1" in "\n".join(lines) and "and 24 more" in "\n".join(lines)
+    assert "1 topic (pose): 5 messages" in lines
+    assert any(line.startswith("Not recorded: 3 messages of transforms") for line in lines)
+
+
+def test_without_a_snapshot_there_is_nothing_to_sum_up() -> None:
+    """The end of a recorder that was never asked."""
+    empty: Counter[str] = Counter()
+    assert summary([], 5.0, 0, empty, empty, empty) == [
+        "Recorded nothing: no snapshot was asked for"
+    ]

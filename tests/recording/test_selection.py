@@ -1,0 +1,13 @@
+"""Which part of a bus or of a recording is meant."""
+
+from tfbus.recording.selection import Selection
+
+
+def test_the_topic_tf_stands_for_transforms() -> None:
+    """`tf` takes all streams, `robot7/tf` those of a namespace, and neither is a topic itself."""
+    assert Selection(topics=("tf",)).takes_stream("sim")
+    assert Selection(topics=("pose", "tf_static")).takes_stream("robot7/sim")
+    of_robot7 = Selection(topics=("robot7/tf",))
+    assert of_robot7.takes_stream("robot7/sim") and not of_robot7.takes_stream("robot8/sim")
+    assert not Selection(topics=("pose",)).takes_stream("sim")
+    assert not Selection(topics=("tf",), exclude="sim").takes_stream("sim")

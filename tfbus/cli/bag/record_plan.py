@@ -1,0 +1,86 @@
+"""What `tfbus bag record` is asked for on its command line."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from tfbus.bag.keeping import Splits
+from tfbus.bag.parts_written import existing_parts, path_of_recording
+from tfbus.bag.trigger import Condition
+from tfbus.errors import InvalidArgumentException
+from tfbus.recording.selection import Selection, is_of_transforms
+from tfbus.recording.writer import Compression
+from tfbus.wire.keys import check_no_transforms
+from tfbus.wording import printable
+
+# What may wait to be written, and what is held for a snapshot.
+_CACHE_BYTES = 100_000_000
+_SNAPSHOT_CACHE_BYTES = 500_000_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to record, and how. `cache_bytes` is how much may wait to be written, or is held for a
+    snapshot; None is 100 MB, or 500 MB for a snapshot.
+    """
+
+    path: Path
+    selection: Selection
+    everywhere: bool
+    splits: Splits
+    compression: Compression
+    cache_bytes: int | None
+    snapshot_s: float | None
+    conditions: tuple[Condition, ...]
+    with_history: bool
+    starts_paused: bool
+    has_keys: bool
+
+    @property
+    def most_bytes(self) -> int:
+        """How much may wait, or is held."""
+        return self.cache_bytes or (_SNAPSHOT_CACHE_BYTES if self.snapshot_s else _CACHE_BYTES)
+
+
+def free_path(output: str | None) -> Path:
+    """The file to write. Raises InvalidArgumentException where it, or a part of it, is there."""
+    path = path_of_recording(output)
+    if not path.parent.is_dir():
+        raise InvalidArgumentException(
+            f"there is no folder '{printable(str(path.parent))}' to record into"
+        )
+    taken = existing_parts(path)
+    if taken:
+        raise InvalidArgumentException(
+            f"'{printable(str(taken[0]))}' is there already, and recordings are never overwritten: "
+            "give another name (-o)"
+        )
+    return path
+
+
+def selection(
+    namespace: str,
+    topics: tuple[str, ...],
+    streams: tuple[str, ...],
+    frames: tuple[str, ...],
+    regex: str,
+    exclude: str,
+) -> Selection:
+    """The selection of names that are relative to a namespace, or absolute."""
+    topics = tuple(_full(topic, namespace) for topic in topics)
+    for topic in topics:
+        if not is_of_transforms(topic):
+            check_no_transforms(topic)
+    names = tuple(_full(stream, namespace) for stream in streams)
+    return Selection(topics, names, frames, regex, exclude)
+
+
+def _full(name: str, namespace: str) -> str:
+    """A name as a session without a namespace has it."""
+    return name[1:] if name.startswith("/") else "/".join(filter(None, (namespace, name)))
+
+
+def excluding(namespace: str, exclude: str, topics: tuple[str, ...]) -> str:
+    """A regular expression that is found in what another one is, and in these topics."""
+    names = [f"^{re.escape(_full(topic, namespace))}$" for topic in topics]
+    return "|".join([*filter(None, (exclude,)), *names])

@@ -1,0 +1,319 @@
+"""Runs a recorder on the bus: shows how it goes, follows keys, serves."""
+
+import os
+import shlex
+import signal
+import socket
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from pathlib import Path
+
+from tfbus.bag.capture import Capture
+from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.past import Past
+from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.recorder import Recorder, Snapshots
+from tfbus.bag.trigger import Triggers
+from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.record_plan import Plan
+from tfbus.cli.bag.record_status import (
+    Look,
+    Rating,
+    StatusLine,
+    log_text,
+    status_parts,
+    summary,
+)
+from tfbus.cli.output import is_terminal, print_lines, warn
+from tfbus.command.keyboard import KeyReader
+from tfbus.command.terminal import NoTerminalError, RawTerminal
+from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
+from tfbus.errors import ServiceError
+from tfbus.messages import Empty
+from tfbus.node.node import Node
+from tfbus.recording.selection import is_of_transforms
+from tfbus.recording.writer import RecordingWriter
+from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.executor import Executor
+from tfbus.wording import listed, printable
+
+_LOOK_EVERY_S = 0.5
+_LOG_EVERY_S = 10.0
+
+# Where nothing has come after this time, it says what it waits for.
+_SILENT_S = 3.0
+
+# With the 5 ms of Python, 20,000 messages a second came slower than they were sent.
+_SWITCH_S = 1e-4
+
+_STANDARD_INPUT = 0
+
+_KEYS = {False: "space pauses, s begins a new file, q ends", True: "s writes a snapshot, q ends"}
+
+
+def record(settings: NodeSettings, plan: Plan) -> str:
+    """Record until Ctrl-C; why it failed, "" where it did not."""
+    # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
+    sys.setswitchinterval(_SWITCH_S)
+    parts = PartsWritten(plan.path, lambda path: _open_writer(path, settings, plan))
+    recorder = None
+    with Node.from_settings(settings) as node, ExitStack() as stack:
+        line = StatusLine()
+        node.log.addFilter(line.clear)
+        node.session.settle()
+        try:
+            with suppress(KeyboardInterrupt):  # the usual end
+                recorder = _recorder(node, plan, parts, stack)
+                if plan.starts_paused:
+                    recorder.pause()
+                _go_on(node, plan, recorder, parts, line)
+        except OSError as error:
+            if recorder is not None:
+                raise
+            return f"could not record to '{printable(str(plan.path))}': {error.strerror or error}"
+        finally:
+            line.clear()
+            stack.close()
+    if recorder is None:
+        return ""  # Ctrl-C came before it began
+    _print_end(recorder, parts, _lost(recorder, node))
+    if not recorder.failure:
+        return ""
+    return (
+        f"stopped recording: {recorder.failure}; what was written until then is in "
+        f"{listed([printable(str(path)) for path in parts.paths[-2:]])}"
+    )
+
+
+def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> Recorder:
+    """A recorder of what the plan takes, which ends with the stack."""
+    queue = RawQueue(plan.most_bytes)
+    past = None
+    if plan.with_history:
+        executor = Executor("history", node.log)
+        stack.callback(executor.close)
+        past = Past(node.session, executor)
+    capture = Capture(
+        node,
+        queue,
+        plan.selection,
+        everywhere=plan.everywhere,
+        on_stream=past.meet if past else lambda state: None,
+    )
+    snapshots = None
+    if plan.snapshot_s is not None:
+        snapshots = Snapshots(plan.snapshot_s, plan.most_bytes, Triggers(plan.conditions))
+    recorder = Recorder(
+        queue,
+        parts,
+        node.log,
+        selection=plan.selection,
+        splits=plan.splits,
+        snapshots=snapshots,
+        past=past,
+        source=capture.source,
+        on_file=lambda path, why: node.log.info(_news(path, why, snapshots is not None)),
+    )
+    stack.callback(recorder.close)
+    stack.callback(capture.close)
+    return recorder
+
+
+def _news(path: Path, why: str, is_snapshot: bool) -> str:
+    if not is_snapshot:
+        return f"Goes on in {path}"
+    return f"Wrote {path}" if why == "asked" else f"Wrote {path}: {why}"
+
+
+def _open_writer(path: Path, settings: NodeSettings, plan: Plan) -> RecordingWriter:
+    about = {
+        "host": socket.gethostname(),
+        "namespace": settings.namespace,
+        "command": printable(shlex.join(["tfbus", *sys.argv[1:]]), 1000),
+        "began": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+    }
+    return RecordingWriter(path, compression=plan.compression, about=about)
+
+
+def _lost(recorder: Recorder, node: Node) -> Counter[str]:
+    """How many messages were not recorded, by what became of them."""
+    too_large = sum(node.session.callbacks.too_large.values())
+    return recorder.counts.lost + Counter({"too large": too_large})
+
+
+def _serve(node: Node, recorder: Recorder, stop: Callable[[], object], *, snapshots: bool) -> None:
+    """The services of a recorder, as keys do."""
+
+    def split(wants_snapshot: bool) -> None:
+        if snapshots and not wants_snapshot:
+            raise ServiceError("with --snapshot nothing is split: call recorder/snapshot")
+        if wants_snapshot and not snapshots:
+            raise ServiceError("it records everything: start it with --snapshot SECONDS")
+        recorder.split()
+
+    jobs: dict[str, Callable[[], object]] = {
+        "pause": recorder.pause,
+        "resume": recorder.resume,
+        "split": lambda: split(False),
+        "snapshot": lambda: split(True),
+        "stop": stop,
+    }
+
+    def serving(job: Callable[[], object]) -> Callable[[Empty.Request], Empty.Response]:
+        def serve(request: Empty.Request) -> Empty.Response:
+            job()
+            return Empty.Response()
+
+        return serve
+
+    for name, job in jobs.items():
+        node.create_service(Empty, f"~/{name}", serving(job))
+
+
+def _go_on(
+    node: Node, plan: Plan, recorder: Recorder, parts: PartsWritten, line: StatusLine
+) -> None:
+    """Show how it goes and follow keys, until Ctrl-C, `stop`, or a failure."""
+    _serve(node, recorder, node.shutdown, snapshots=plan.snapshot_s is not None)
+    what = (
+        f"Holding the last {plan.snapshot_s:g} s"
+        if plan.snapshot_s
+        else f"Recording to {plan.path}"
+    )
+    rating = Rating()
+    shows = is_terminal()
+    logged_s = began_s = recorder.began_s
+    was_silent = False
+    with _keys(plan.has_keys and shows) as read_keys:
+        node.ready(f"{what}{f'; {_KEYS[bool(plan.snapshot_s)]}' if read_keys else ''}")
+        while node.ok and recorder.is_running:
+            if read_keys is None:
+                if not node.wait(_LOOK_EVERY_S, clock=SYSTEM_CLOCK):
+                    return
+            elif not _follow(read_keys(), recorder, bool(plan.snapshot_s)):
+                return
+            look = _look(node, recorder, parts)
+            rates = rating.add(look)
+            if shows:
+                line.show(status_parts(look, rates, look.at_s - began_s), warns=look.lost > 0)
+            elif look.at_s >= logged_s + _LOG_EVERY_S:
+                logged_s = look.at_s
+                node.log.info(log_text(look, rates))
+            if not was_silent and look.at_s > began_s + _SILENT_S:
+                was_silent = True
+                _warn_of_silence(node, recorder, plan)
+
+
+def _look(node: Node, recorder: Recorder, parts: PartsWritten) -> Look:
+    counts, window = recorder.counts, recorder.window
+    return Look(
+        time.monotonic(),
+        recorder.received,
+        counts.transforms,
+        parts.written_bytes,
+        parts.free_bytes,
+        _lost(recorder, node).total(),
+        recorder.is_paused,
+        None if window is None else (window.bytes, window.kept_s),
+        len(parts.paths),
+    )
+
+
+def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
+    """Say what may be wrong where nothing has come so far."""
+    if recorder.is_paused or recorder.is_waiting:
+        return
+    missing = [
+        topic
+        for topic in plan.selection.topics
+        if topic not in recorder.counts.topics and not is_of_transforms(topic)
+    ]
+    if missing and not recorder.window:
+        node.log.warning("No message on topic %s so far", listed(missing))
+    elif not recorder.received:
+        hint = ""
+        if not plan.everywhere:
+            hint = where_to_look(frames_in_other_namespaces(node.session))
+        node.log.warning(
+            "Nothing to record so far: %s", hint or "is a broadcaster running, on this network?"
+        )
+
+
+@contextmanager
+def _keys(wanted: bool) -> Iterator[Callable[[], list[str]] | None]:
+    """Inside the `with`, a function that returns the keys typed within 0.5 s; None without a
+    terminal of its own.
+    """
+    if not wanted or not _is_own_terminal():
+        # nohup has it ignored.
+        with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():
+            yield None
+        return
+    reader = KeyReader()
+    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up():
+
+        def read() -> list[str]:
+            try:
+                data = terminal.read(_LOOK_EVERY_S)
+            except NoTerminalError:
+                return ["q"]
+            return reader.feed(data) if data else reader.flush()
+
+        yield read
+
+
+def _is_own_terminal() -> bool:
+    """Whether standard input is a terminal whose foreground job this is: reading from the
+    background would stop the process.
+    """
+    with suppress(OSError):
+        return os.isatty(_STANDARD_INPUT) and os.tcgetpgrp(_STANDARD_INPUT) == os.getpgrp()
+    return False
+
+
+@contextmanager
+def _hanging_up() -> Iterator[None]:
+    """Inside the `with`, a terminal that goes away (ssh, a closed window) ends the recording as
+    Ctrl-C does, so that its file is whole.
+    """
+
+    def end(number: int, frame: object) -> None:
+        _print_nothing_further()
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGHUP, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+def _print_nothing_further() -> None:
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nothing, stream)
+
+
+def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:
+    """Do what keys are for; whether to go on."""
+    for key in keys:
+        if key in ("q", "Q", "\x03"):
+            return False
+        if key == " " and not snapshots:
+            (recorder.resume if recorder.is_paused else recorder.pause)()
+        elif key in ("s", "S"):
+            recorder.split_later()
+    return True
+
+
+def _print_end(recorder: Recorder, parts: PartsWritten, lost: Counter[str]) -> None:
+    counts, running_s = recorder.counts, time.monotonic() - recorder.began_s
+    try:
+        print_lines(
+            summary(parts.paths, running_s, counts.transforms, counts.streams, counts.topics, lost)
+        )
+    except OSError as error:  # a full disk, where stdout is a file
+        warn(error)

@@ -13,10 +13,9 @@ from tfbus.discover.presence import (
     describe_nodes,
     key_beside,
     list_nodes,
-    relative_name,
 )
 from tfbus.wire.descriptions import NodeDescription
-from tfbus.wire.keys import node_key
+from tfbus.wire.keys import node_key, relative_name
 
 
 def look(bus: Bus, namespace: str = "") -> Session:

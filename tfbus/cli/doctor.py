@@ -9,22 +9,27 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import json_option, paint, print_json, print_lines, warn, width
 from tfbus.command.options import listening_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, own_name
 from tfbus.doctor.checks import CHECKS
-from tfbus.doctor.examine import examine
 from tfbus.doctor.finding import Finding, Verdict
+from tfbus.doctor.recorded_checks import RECORDED_CHECKS
 from tfbus.wire.fleet import Fleet
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
-_NAME_WIDTH = 2 + max(map(len, CHECKS))
+_ALL = {**CHECKS, **RECORDED_CHECKS}
+_NAME_WIDTH = 2 + max(map(len, _ALL))
 _INDENT = " " * 4
 
 
-@click.command(epilog="Examples: tfbus doctor; tfbus doctor --only clock-skew --json")
+@click.command(
+    epilog="Examples: tfbus doctor; tfbus doctor --only clock-skew --json; "
+    "tfbus doctor --bag run.mcap"
+)
 @click.option(
     "--only",
     "names",
-    type=click.Choice(list(CHECKS)),
+    type=click.Choice(list(_ALL)),
     multiple=True,
     metavar="CHECK",
     help="Run only this check; repeatable. --list names all.",
@@ -40,21 +45,63 @@ _INDENT = " " * 4
 )
 @click.option("--list", "list_checks", is_flag=True, help="Print the checks and exit.")
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
+@bag_options("begin", "end")
 @listening_options(own_name("_doctor"))
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,
+    bag: BagChoice | None,
     names: tuple[str, ...],
     listen_s: float,
     list_checks: bool,
     as_json: bool,
 ) -> None:
-    """Check this host and the bus, and say what to fix; exits with 1 on a failure."""
+    """Check this host and the bus, and say what to fix; exits with 1 on a failure.
+
+    With --bag, check a recording, or a span of it.
+    """
+    checks = CHECKS if bag is None else RECORDED_CHECKS
     if list_checks:
-        print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in CHECKS.items())
+        print_lines(f"{name.ljust(_NAME_WIDTH)}{check.__doc__}" for name, check in checks.items())
         return
-    seen = examine(settings, listen_s, warn, fleet)
-    findings = {name: CHECKS[name](seen) for name in CHECKS if not names or name in names}
+    for name in names:
+        if name not in checks:
+            where = "a bus, not of a recording" if bag else "a recording: give --bag FILE"
+            raise click.UsageError(f"--only {name} is a check of {where}")
+    if bag is not None:
+        findings = _check_recording(settings, fleet, bag, names, as_json)
+    else:
+        from tfbus.doctor.examine import examine  # Zenoh, which a recording does not need
+
+        seen = examine(settings, listen_s, warn, fleet)
+        findings = {name: CHECKS[name](seen) for name in CHECKS if not names or name in names}
+    _print(findings, as_json)
+
+
+def _check_recording(
+    settings: NodeSettings,
+    fleet: Fleet | None,
+    bag: BagChoice,
+    names: tuple[str, ...],
+    as_json: bool,
+) -> dict[str, Finding]:
+    from tfbus.cli.recorded import span_line
+    from tfbus.doctor.recorded import examine_recorded
+    from tfbus.frames.recorded_poses import frames_of
+
+    with bag.opened() as recording:
+        from_ns, to_ns = recording.span
+        frames = frames_of(recording, settings, fleet)
+        is_complete = recording.reader.is_complete
+        seen = examine_recorded(frames, settings, from_ns, to_ns, is_complete=is_complete)
+        if not as_json:
+            print_lines([span_line(bag, from_ns, to_ns)])
+    return {
+        name: check(seen) for name, check in RECORDED_CHECKS.items() if not names or name in names
+    }
+
+
+def _print(findings: dict[str, Finding], as_json: bool) -> None:
     if as_json:
         print_json({name: asdict(finding) for name, finding in findings.items()})
     else:

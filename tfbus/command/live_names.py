@@ -71,7 +71,7 @@ def _names(
     nodes: list[NodeDescription], streams: dict[str, StreamDescription], namespace: str
 ) -> LiveNames:
     from tfbus.discover.graph import graph_of
-    from tfbus.discover.presence import relative_name
+    from tfbus.wire.keys import relative_name
 
     graph = graph_of(nodes, streams, namespace)
     # A listener reads the streams of its namespace; with a fleet also of those below.

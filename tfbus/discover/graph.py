@@ -7,9 +7,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from tfbus.discover.presence import relative_name
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
-from tfbus.wire.keys import relative
+from tfbus.wire.keys import relative, relative_name
 from tfbus.wording import printable
 
 # The type of messages on the keys of transforms.

@@ -14,7 +14,7 @@ from tfbus.wire.keys import (
     ALL_STREAMS_EVERYWHERE,
     full_name,
     node_key,
-    relative,
+    relative_name,
     stream_of,
 )
 from tfbus.wording import did_you_mean, printable
@@ -119,14 +119,6 @@ class NodeWatch:
         with self._changed:
             (self._present.add if alive else self._present.discard)(name)
             self._changed.notify_all()
-
-
-def relative_name(name: str, namespace: str) -> str:
-    """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
-
-    That of a node elsewhere stays absolute, with its slash.
-    """
-    return relative(name.rstrip("/"), namespace)
 
 
 def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:

@@ -2,8 +2,9 @@
 
 from array import array
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.info import FrameInfo
@@ -12,6 +13,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
 from tfbus.monitor.report import PairWatch, Report
 from tfbus.monitor.window import Spread
+from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
 
 if TYPE_CHECKING:
@@ -82,6 +84,8 @@ class SpanMeter:
             stamps = np.frombuffer(bytes(rows.stamps), np.int64).reshape(len(log_ns), len(pairs))
             for at, (parent, child) in enumerate(pairs):
                 edge = (stream, frames[parent], frames[child])
+                if mistake_in(edge[1]) or mistake_in(edge[2]):
+                    continue  # no buffer takes it
                 parts[edge].append(EdgeSamples(log_ns, now_ns, stamps[:, at]))
         return {edge: _joined(found) for edge, found in parts.items()}
 
@@ -160,12 +164,16 @@ def _joined(parts: Sequence[EdgeSamples]) -> EdgeSamples:
 
 
 def measure(
-    frames: RecordedFrames, meter: SpanMeter, pair: PairWatch | None = None
+    frames: RecordedFrames,
+    meter: SpanMeter,
+    before: Callable[[int], object] = lambda log_ns: None,
 ) -> Iterator[EventItem]:
-    """Measure the span of a meter: go through it with `frames`. Yields each event in it."""
-    looks = _Looks(frames, meter, pair)
+    """Measure the span of a meter: go through it with `frames`. Yields each event in it; calls
+    `before` as `RecordedFrames.play`.
+    """
     frames.seek(meter.from_ns)
-    for item in frames.play(meter.to_ns, looks.before):
+    frames.count_from_now()
+    for item in frames.play(meter.to_ns, before):
         if isinstance(item, TransformItem) and not item.static:
             epoch_ns = item.stream.epoch_ns
             meter.add(item.stream.name, epoch_ns, item.rows, item.log_ns, frames.now_ns())
@@ -175,19 +183,23 @@ def measure(
             yield item
 
 
-class _Looks:
-    """Looks at a pair as often as `tfbus monitor` does on a bus."""
+class Ticks:
+    """Calls `look(log_ns)` at regular log times of a span, with `frames` as they are then.
 
-    def __init__(self, frames: RecordedFrames, meter: SpanMeter, pair: PairWatch | None) -> None:
-        self._frames, self._pair = frames, pair
-        self._every_ns = max(_LOOK_EVERY_NS, (meter.to_ns - meter.from_ns) // MOST_LOOKS)
-        self._next_ns = meter.from_ns + self._every_ns
+    `before` is for `measure`.
+    """
+
+    def __init__(
+        self, frames: RecordedFrames, from_ns: int, every_ns: int, look: Callable[[int], object]
+    ) -> None:
+        self._frames, self._every_ns, self._look = frames, every_ns, look
+        self._next_ns = from_ns + every_ns
 
     def before(self, log_ns: int) -> None:
         """Look at all times before the next item."""
-        while self._pair is not None and self._next_ns < log_ns:
+        while self._next_ns < log_ns:
             self._frames.pass_time(self._next_ns)
-            self._pair.look(self._frames, self._next_ns / 1e9)
+            self._look(self._next_ns)
             self._next_ns += self._every_ns
 
 
@@ -217,11 +229,17 @@ def measured(
 ) -> SpanReport:
     """The report of a span."""
     meter = SpanMeter(from_ns, to_ns)
-    for _ in measure(frames, meter, pair):
+    every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
+    look = (lambda log_ns: None) if pair is None else partial(_look, frames, pair)
+    for _ in measure(frames, meter, Ticks(frames, from_ns, every_ns, look).before):
         pass
     flows = {(flow.stream, flow.child): flow for flow in meter.edges()}
     watched = pair.report(frames) if pair else None
     return SpanReport(frames.tree(), flows, meter, watched, span=meter)
+
+
+def _look(frames: RecordedFrames, pair: PairWatch, log_ns: int) -> None:
+    pair.look(frames, log_ns / 1e9)
 
 
 def as_map(report: SpanReport) -> dict[str, Any]:

@@ -231,6 +231,14 @@ def relative(name: str, namespace: str) -> str:
     return name.removeprefix(prefix)
 
 
+def relative_name(name: str, namespace: str) -> str:
+    """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
+
+    That of a node elsewhere stays absolute, with its slash.
+    """
+    return relative(name.rstrip("/"), namespace)
+
+
 def _check_path(path: str, name: str, kind: str) -> None:
     parts = path.split("/")
     shown = f"'{printable(name, 60)}'"

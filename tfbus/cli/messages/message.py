@@ -24,6 +24,7 @@ from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.geometry.columns import Columns
+    from tfbus.wire.scan import TransformMessage
 
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]
@@ -196,7 +197,11 @@ def _check_names(message_type: type, values: Mapping[Any, Any], path: str) -> No
 def _read_transforms(payload: bytes) -> dict[str, Any]:
     from tfbus.wire.transforms import decode_transforms  # which other messages do not need
 
-    message = decode_transforms(payload)
+    return transforms_map(decode_transforms(payload))
+
+
+def transforms_map(message: "TransformMessage") -> dict[str, Any]:
+    """A message of transforms as a map."""
     counted = {} if message.seq is None else {"seq": message.seq}
     return {"epoch": message.epoch_ns, **counted, "transforms": _rows(message.rows)}
 

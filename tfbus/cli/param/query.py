@@ -3,11 +3,11 @@
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.cli.output import warn
-from tfbus.discover.presence import describe_nodes, key_beside, relative_name
+from tfbus.discover.presence import describe_nodes, key_beside
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
-from tfbus.wire.keys import node_parameters_key, parameter_key
+from tfbus.wire.keys import node_parameters_key, parameter_key, relative_name
 
 # A busy node may take longer.
 _PATIENCE_S = 2.0

@@ -16,8 +16,9 @@ from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
-from tfbus.cli.topic.source import type_of, visiting
+from tfbus.cli.topic.source import full_topic, type_of, visiting
 from tfbus.command.options import bus_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import DecodeError
@@ -72,6 +73,8 @@ def _type_name(announced: str, topic: str, typed: str) -> str:
 
 
 def _info(arrival: Arrival) -> str:
+    if not arrival.payload:  # of a recording, which has its values
+        return f"# arrived at {stamp_text(arrival.received_ns)}"
     size = counted(len(arrival.payload), "byte")
     return f"# arrived at {stamp_text(arrival.received_ns)}, {size}"
 
@@ -116,9 +119,11 @@ def _info(arrival: Arrival) -> str:
 )
 @click.option("-f", "--full-length", is_flag=True, help="Truncate nothing.")
 @click.option("-c", "--clear", is_flag=True, help="Clear the terminal before each message.")
+@bag_options("begin", "end")
 @bus_options("topic")
 def echo_command(
     settings: NodeSettings,
+    bag: BagChoice | None,
     topic: str,
     type_text: str,
     once: bool,
@@ -140,6 +145,7 @@ def echo_command(
     TYPE, such as Pose or package.module:Name, is optional; it is an error if other nodes announce
     another type. Messages of the types in tfbus.messages are checked. The transforms of one stream
     are on the topics tf/STREAM and tf_static/STREAM, those of all streams on tf and tf_static.
+    With --bag, print those of a recording.
     """
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are mutually exclusive: give one")
@@ -148,6 +154,11 @@ def echo_command(
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)
     form = _Form("csv" if as_csv else "json" if as_json else "yaml", field, shortening, with_info)
     wanted = MessageFilter(expression) if expression else None
+    if bag is not None:
+        if raw or timeout_s is not None:
+            raise click.UsageError("--raw and --timeout are of a bus: omit them with --bag")
+        _echo_recorded(bag, full_topic(topic, settings), form, wanted, once=once)
+        return
     topic = relative(topic, settings.namespace)
     with visiting(settings, "echo", goes_on=not once) as node:
         type_name = _type_name(type_of(look(node.session), topic), topic, type_text)
@@ -165,6 +176,21 @@ def echo_command(
                     return
         if once:
             raise KeyboardInterrupt
+
+
+def _echo_recorded(
+    bag: BagChoice, topic: str, form: _Form, wanted: MessageFilter | None, *, once: bool
+) -> None:
+    from tfbus.cli.topic.recorded import messages_of
+
+    with bag.opened() as recording:
+        for message in messages_of(recording, topic):
+            if wanted is None or wanted.takes(message.values):
+                print_text(form.text(Arrival(b"", message.received_ns), message.values))
+                if once:
+                    return
+        if once:
+            raise click.ClickException(f"no such message of {topic!r} in the recording")
 
 
 def _read(

@@ -11,13 +11,15 @@ from tfbus.cli.messages.message import find_type, supplied_names, supplied_type
 from tfbus.cli.messages.of_type import bare, names_of_type
 from tfbus.cli.messages.show import print_type, print_types
 from tfbus.cli.messages.transforms import TRANSFORMS_TYPES, TransformMessage
-from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text
+from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
+from tfbus.cli.topic import recorded
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
 from tfbus.cli.topic.pub import pub_command
-from tfbus.cli.topic.source import find_topic, type_of
+from tfbus.cli.topic.source import find_topic, full_topic, type_of
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError
@@ -41,14 +43,24 @@ for _each in (echo_command, hz_command, bw_command, delay_command, pub_command):
     "-v", "--verbose", is_flag=True, help="Print the number of publishers and subscribers."
 )
 @json_option("Print a JSON list of objects, with all publishers and subscribers.")
+@bag_options()
 @bus_options("topic")
 def list_command(
-    settings: NodeSettings, show_types: bool, only_count: bool, verbose: bool, as_json: bool
+    settings: NodeSettings,
+    bag: BagChoice | None,
+    show_types: bool,
+    only_count: bool,
+    verbose: bool,
+    as_json: bool,
 ) -> None:
     """Print the names of all topics, one per line.
 
-    `tf/NAME` and `tf_static/NAME` are the transforms of the stream NAME.
+    `tf/NAME` and `tf_static/NAME` are the transforms of the stream NAME. With --bag, -v prints the
+    number of messages.
     """
+    if bag is not None:
+        _list_recorded(bag, show_types, only_count, verbose, as_json)
+        return
     with open_bus(settings) as session:
         topics = list(look(session).topics.values())
     if only_count:
@@ -66,15 +78,54 @@ def list_command(
         print_lines(_named(topic) if show_types else topic.name for topic in topics)
 
 
+def _list_recorded(
+    bag: BagChoice, show_types: bool, only_count: bool, verbose: bool, as_json: bool
+) -> None:
+    with bag.opened() as recording:
+        topics = list(recorded.topics_of(recording.reader).values())
+    if only_count:
+        click.echo(len(topics))
+    elif as_json:
+        print_json([asdict(topic) for topic in topics])
+    elif verbose:
+        rows = [[topic.name, topic.type or "unknown", str(topic.messages)] for topic in topics]
+        print_lines(table(("topic", "type", "messages"), rows, right=(2,)))
+    else:
+        print_lines(
+            f"{each.name} {paint(f'[{_type_of_recorded(each)}]', 'type')}"
+            if show_types
+            else each.name
+            for each in topics
+        )
+
+
+def _type_of_recorded(topic: recorded.RecordedTopic) -> str:
+    return topic.type or "unknown"
+
+
 @command.command("info", epilog="Example: tfbus topic info turtle1/pose -v")
 @click.argument("topic", type=TopicName())
 @click.option(
     "-v", "--verbose", is_flag=True, help="Print the nodes that publish and subscribe too."
 )
 @json_option("Print a JSON object.")
+@bag_options()
 @bus_options("topic")
-def info_command(settings: NodeSettings, topic: str, verbose: bool, as_json: bool) -> None:
-    """Print the type of TOPIC, and the number of its publishers and subscribers."""
+def info_command(
+    settings: NodeSettings, bag: BagChoice | None, topic: str, verbose: bool, as_json: bool
+) -> None:
+    """Print the type of TOPIC, and the number of its publishers and subscribers; with --bag, the
+    number of its messages.
+    """
+    if bag is not None:
+        with bag.opened() as recording:
+            found = recorded.find_topic(recording.reader, full_topic(topic, settings))
+        if as_json:
+            print_json(asdict(found))
+        else:
+            print_text(f"Type: {paint(found.type or 'unknown', 'type')}")
+            print_text(f"Messages: {found.messages}")
+        return
     with open_bus(settings) as session:
         info = find_topic(look(session), relative(topic, settings.namespace))
     if as_json:

@@ -12,9 +12,10 @@ from tfbus.cli.messages.message import reader_of
 from tfbus.cli.messages.view import MessageFilter
 from tfbus.cli.output import json_option, warn
 from tfbus.cli.topic import reports
-from tfbus.cli.topic.meter import Meter, measure
-from tfbus.cli.topic.source import type_of, visiting
+from tfbus.cli.topic.meter import Meter, measure, print_measured
+from tfbus.cli.topic.source import full_topic, type_of, visiting
 from tfbus.command.options import bus_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
@@ -61,15 +62,24 @@ def _measuring(window: int) -> Callable[[F], F]:
     metavar="EXPR",
     help="Count only messages m for which this is true: 'm.x > 5'.",
 )
+@bag_options("begin", "end")
 @_measuring(10_000)
 def hz_command(
-    settings: NodeSettings, topics: tuple[str, ...], expression: str | None, **how: Any
+    settings: NodeSettings,
+    topics: tuple[str, ...],
+    expression: str | None,
+    bag: BagChoice | None,
+    **how: Any,
 ) -> None:
     """Print the rate of TOPIC's messages, once a second.
 
     The rate is one over the mean time between messages; the spread of these times is printed too.
+    With --bag, print that of a recording, or of a span of it, once.
     """
     wanted = MessageFilter(expression) if expression else None
+    if bag is not None:
+        _hz_recorded(bag, [full_topic(topic, settings) for topic in topics], wanted, how["as_json"])
+        return
 
     def number_of(node: "Node", topic: str) -> Meter:
         if wanted is None:
@@ -79,6 +89,20 @@ def hz_command(
         return lambda payload: 0.0 if takes(read(payload)) else None
 
     _run(settings, topics, reports.RATE, number_of, **how)
+
+
+def _hz_recorded(
+    bag: BagChoice, topics: list[str], wanted: MessageFilter | None, as_json: bool
+) -> None:
+    from tfbus.cli.topic.recorded import arrivals_of
+
+    measured = {}
+    for topic in topics:
+        numbers = reports.RATE.numbers(arrivals_of(bag, topic, wanted), 0.0)
+        if numbers is None:
+            raise BusError(f"too few messages on {topic!r} in the recording")
+        measured[topic] = numbers
+    print_measured(measured, reports.RATE, as_table=len(topics) > 1, as_json=as_json)
 
 
 @click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")

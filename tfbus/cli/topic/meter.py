@@ -96,7 +96,7 @@ def measure(
             numbers = report.numbers(reading, now_s) if reading else None
             if numbers is not None:
                 measured[each.topic] = numbers
-        _print(measured, report, as_table=len(topics) > 1, as_json=as_json)
+        print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
         if measured:
             give_up_s = None
             if once:
@@ -114,9 +114,10 @@ def _period_s(give_up_s: float | None) -> float:
     return min(_PERIOD_S, max(give_up_s - time.monotonic(), 0.01))
 
 
-def _print(
+def print_measured(
     measured: Mapping[str, dict[str, Any]], report: Report, *, as_table: bool, as_json: bool
 ) -> None:
+    """Print a report of each topic; of several as a table."""
     if as_json:
         for topic, numbers in measured.items():
             print_json({"topic": topic, **numbers})

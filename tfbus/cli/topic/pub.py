@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.bus.handles import HeardWatch
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.cli.messages.message import (
@@ -24,13 +23,14 @@ from tfbus.command.options import bus_options
 from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName
 from tfbus.discover.graph import TRANSFORMS_TYPE
 from tfbus.errors import BusError
-from tfbus.node.topic import RawPublisher
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 from tfbus.wire.keys import relative
 
 if TYPE_CHECKING:
+    from tfbus.bus.handles import HeardWatch
     from tfbus.node.node import Node
+    from tfbus.node.topic import RawPublisher
 
 # How often nodes are asked for their subscriptions while it waits for several.
 _ASK_AGAIN_S = 0.2
@@ -135,7 +135,7 @@ def pub_command(
 
 def _publish(
     node: "Node",
-    publisher: RawPublisher,
+    publisher: "RawPublisher",
     payload: bytes,
     rate: float,
     times: int | None,
@@ -177,7 +177,7 @@ def _wait_for_subscribers(node: "Node", topic: str, wanted: int, wait_s: float |
     watch.close()
 
 
-def _heard(node: "Node", topic: str, wanted: int, watch: HeardWatch) -> int:
+def _heard(node: "Node", topic: str, wanted: int, watch: "HeardWatch") -> int:
     """How many subscribe: Zenoh knows whether any does, nodes are asked for the number."""
     if not watch.wait(_ASK_AGAIN_S):
         return 0

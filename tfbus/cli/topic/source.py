@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import look
 from tfbus.command.types import own_name
@@ -52,6 +51,8 @@ def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[byte
 
     Static transforms come at once, as for a listener.
     """
+    from tfbus.bus.retained import declare_retained_subscriber  # Zenoh
+
     kind, stream = _transforms(topic)
     if kind == STATIC_TRANSFORMS:
         key = topic if stream else f"{topic}/**"
@@ -59,6 +60,13 @@ def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[byte
     if kind == TRANSFORMS:  # each frame of a split stream has its own key
         return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
     return node.create_raw_subscription(topic, callback, type_name=type_name)
+
+
+def full_topic(topic: str, settings: NodeSettings) -> str:
+    """The name of a topic as a session without a namespace has it, and a recording."""
+    if topic.startswith("/") or not settings.namespace:
+        return topic.removeprefix("/")
+    return f"{settings.namespace}/{topic}"
 
 
 def find_topic(graph: Graph, name: str) -> TopicInfo:

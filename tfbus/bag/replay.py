@@ -70,7 +70,7 @@ class Replay:
             )
         # How far what is recorded lies in the past; None before it begins.
         self._past_ns: int | None = None
-        self._described = _descriptions(reader, selection)
+        self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
         self._statics: dict[str, tuple[object, ...]] = {}
@@ -287,7 +287,7 @@ class Replay:
         }
 
 
-def _descriptions(reader: RecordingReader, selection: Selection) -> dict[str, StreamDescription]:
+def _descriptions(reader: RecordingReader) -> dict[str, StreamDescription]:
     """The first description of each stream that has one."""
     found: dict[str, StreamDescription] = {}
     for event in reader.events:

@@ -382,6 +382,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     line = PlayLine()
+    error: Exception | None = None
     with Node.from_settings(settings) as node:
         node.log.addFilter(line.clear)
         replay = Replay(
@@ -408,12 +409,13 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         finally:
             line.clear()
             run.stop()
-        if run.error is None and not plan.is_quiet:
+            error = run.error
+        if error is None and not plan.is_quiet:
             node.log.info(end_text(player.progress, time.monotonic() - began_s))
-    if run.error is not None:
-        if isinstance(run.error, TfbusError | OSError):
-            raise click.ClickException(f"stopped playing: {run.error}") from run.error
-        raise run.error
+    if isinstance(error, TfbusError | OSError):
+        raise click.ClickException(f"stopped playing: {error}") from error
+    if error is not None:
+        raise error
 
 
 class _Run:

@@ -78,9 +78,10 @@ def main(
     rate: float | None,
     loop: bool,
 ) -> None:
-    """Show the bus in Foxglove: frames, topics, parameters, services and the graph of nodes.
+    """Show the bus, or a recording, in Foxglove.
 
-    With --bag it shows a recording, and Foxglove's bar plays it.
+    Of the bus it shows frames, topics, parameters, services and the graph of nodes. With --bag it
+    shows a recording, and Foxglove's bar plays it.
     """
     _require_foxglove()
     serving = Serving(host, port, origins)

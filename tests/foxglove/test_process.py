@@ -88,7 +88,8 @@ def test_a_recording_needs_no_bus(bus: Bus, tmp_path: Path) -> None:
         with Client(int(line.rpartition(":")[2])) as client:
             client.subscribe("/tf_static")
             eventually(lambda: client.of("/tf_static"))
-        assert process.stop() == 0
+            assert process.stop() == 0
+        assert process.err == [line]
     finally:
         process.kill()
 

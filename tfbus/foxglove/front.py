@@ -140,7 +140,8 @@ class Front:
     async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.clients += 1
         try:
-            with suppress(OSError, TimeoutError, EOFError, asyncio.LimitOverrunError):
+            # Cancelled by `close`: asyncio would log that as an error.
+            with suppress(OSError, EOFError, asyncio.LimitOverrunError, asyncio.CancelledError):
                 async with asyncio.timeout(_PATIENCE_S):
                     head = await reader.readuntil(b"\r\n\r\n")
                 if answer := self._answer(head):

@@ -1,5 +1,6 @@
 """Files of ROS and Foxglove become recordings."""
 
+import sqlite3
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -180,6 +181,26 @@ def test_topics_keep_their_type_and_bytes(tmp_path: Path) -> None:
     )
     definition, data = goal.encoded  # type: ignore[union-attr,misc]
     assert store_of(2).deserialize_cdr(data, definition.name).header.frame_id == "base"
+
+
+def test_files_of_rosbag2_without_definitions_are_read(tmp_path: Path) -> None:
+    """Before Iron they had none: those of ROS's own types are known."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from tests.recording.foreign_files import store_of
+
+    store = store_of(2)
+    name = "geometry_msgs/msg/Point"
+    point = store.types[name](1.0, 2.0, 3.0)
+    with Writer(tmp_path / "r", version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        connection = bag.add_connection("/goal", name, typestore=store)
+        bag.write(connection, START_NS, bytes(store.serialize_cdr(point, name)))
+    database = sqlite3.connect(tmp_path / "r" / "r.db3")
+    database.execute("UPDATE schema SET schema_version = 3")
+    database.commit()
+    database.close()
+    [goal] = items_of(tmp_path / "r" / "r.db3")
+    assert goal.values == {"x": 1.0, "y": 2.0, "z": 3.0}  # type: ignore[union-attr]
 
 
 def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:

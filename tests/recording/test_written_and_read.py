@@ -264,3 +264,16 @@ def test_an_empty_recording(tmp_path: Path) -> None:
     """It has no items, and times of 0."""
     with RecordingReader(written(tmp_path / "a.mcap", [])) as reader:
         assert list(reader.items()) == [] and (reader.start_ns, reader.end_ns) == (0, 0)
+
+
+def test_two_recordings_of_the_same_time_are_one(tmp_path: Path) -> None:
+    """Their items come in order of time, as of two recorders on one bus."""
+    items = run()
+    for name, taken in (("a", items[::2]), ("b", items[1::2])):
+        with RecordingWriter(tmp_path / f"{name}.mcap") as writer:
+            for number, item in enumerate(taken):
+                writer.write(item)
+                if number % 9 == 0:
+                    writer.flush()
+    times = [values[0] if len(values) > 1 else values[0].log_ns for values in read(tmp_path)]  # type: ignore[attr-defined]
+    assert times == sorted(times) and len(times) >= len(items)

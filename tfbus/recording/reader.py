@@ -202,22 +202,22 @@ class RecordingReader:
             for at, event in enumerate(self.events)
             if first <= event.log_ns <= last
         ]
-        size = 0
+        # The chunks that overlap the present one: when each ends, and its size.
+        open_chunks: list[tuple[int, int]] = []
         number = 0
         for chunk in self._chunks:
             if chunk.from_ns > last or chunk.to_ns < first or not chunk.is_taken(selection):
                 continue
             while waiting and waiting[0][0] < chunk.from_ns:
                 yield heapq.heappop(waiting)[3]
-            if len(waiting) == 0:
-                size = 0
-            size += chunk.length
+            open_chunks = [each for each in open_chunks if each[0] >= chunk.from_ns]
+            open_chunks.append((chunk.to_ns, chunk.chunk.size))
+            if sum(size for _, size in open_chunks) > _MOST_WAITING:
+                raise DecodeError("the chunks of the recording overlap in time too much to be read")
             for item in chunk.items(selection):
                 if first <= item.log_ns <= last:
                     number += 1
                     heapq.heappush(waiting, (item.log_ns, 0, number, item))
-            if size > _MOST_WAITING:
-                raise DecodeError("the chunks of the recording overlap in time too much to be read")
         while waiting:
             yield heapq.heappop(waiting)[3]
 

@@ -121,7 +121,7 @@ class Recording:
     @property
     def duration_s(self) -> float:
         """Seconds from the first item to the last."""
-        return (self.end_ns - self.start_ns) * 1e-9
+        return (self.end_ns - self.start_ns) / 1e9
 
     @property
     def is_complete(self) -> bool:

@@ -15,13 +15,16 @@ from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.summary import Flow, StreamFacts, Summary, summary_of
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, cut, duration, listed, printable
+from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
 _S = 1_000_000_000
 _LABEL = 10
 
 # Where a longest gap began is told where it is longer than this number of mean periods.
 _NOTABLE_PERIODS = 2.0
+
+# Of the nodes at most this number is named.
+_MOST_NODES = 30
 
 # What the kinds of events are called.
 _EVENTS: dict[EventKind, str] = {
@@ -117,6 +120,21 @@ def _line(label: str, text: str) -> str:
     return f"{paint(f'{label}:'.ljust(_LABEL), 'heading')} {text}"
 
 
+def _lines(label: str, words: list[str]) -> Iterator[str]:
+    """The words with commas, below each other where a line has no room for more."""
+    room = min(width(), 100) - _LABEL - 1
+    lines = [""]
+    for word in words:
+        joined = f"{lines[-1]}, {word}" if lines[-1] else word
+        if lines[-1] and columns(click.unstyle(joined)) > room - 1:
+            lines[-1] += ","
+            lines.append(word)
+        else:
+            lines[-1] = joined
+    yield _line(label, lines[0])
+    yield from (f"{' ' * _LABEL} {line}" for line in lines[1:])
+
+
 def _moment(stamp_ns: int) -> str:
     """Local time and UTC: `2026-11-22 12:03:05.100 (11:03:05 UTC)`."""
     try:
@@ -149,7 +167,6 @@ def _streams(summary: Summary) -> Iterator[str]:
             for stream in summary.streams
         ],
         right=(2, 3, 4, 5, 7),
-        longest=max(80, width()),
     )
 
 
@@ -164,7 +181,7 @@ def _rate(flow: Flow) -> str:
 
 
 def _gap(flow: Flow, summary: Summary) -> str:
-    """The longest gap and, where it is longer than the others, when it begins: `2.3 s at +31.2s`."""
+    """The longest gap and, where it is longer than others, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
     if flow.rate is None or flow.longest_gap_s < _NOTABLE_PERIODS / flow.rate:
@@ -191,7 +208,6 @@ def _topics(summary: Summary) -> Iterator[str]:
             for topic in summary.topics
         ],
         right=(2, 3),
-        longest=max(80, width()),
     )
 
 
@@ -202,7 +218,9 @@ def _nodes(summary: Summary) -> Iterator[str]:
             for node in summary.nodes
         ]
         yield ""
-        yield _line("Nodes", listed(names, most=8))
+        yield from _lines("Nodes", names[:_MOST_NODES])
+        if len(names) > _MOST_NODES:
+            yield f"{' ' * _LABEL} {and_more(len(names), _MOST_NODES)}"
 
 
 def _frames(summary: Summary) -> Iterator[str]:
@@ -230,7 +248,7 @@ def _events(summary: Summary, verbose: bool) -> Iterator[str]:
         return
     yield ""
     kinds = Counter(event.kind for event in summary.events)
-    yield _line("Events", ", ".join(_many(kinds[kind], _EVENTS[kind]) for kind in kinds))
+    yield from _lines("Events", [_many(kinds[kind], _EVENTS[kind]) for kind in kinds])
     if verbose:
         for event in summary.events[:_MOST_EVENTS]:
             yield f"  {_event(event, summary)}".rstrip()

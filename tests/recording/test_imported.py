@@ -20,6 +20,7 @@ from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.selection import Selection
+from tfbus.recording.writer import RecordingWriter
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -248,6 +249,14 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, name: str, content: b
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DecodeError, match=name):
         items_of(tmp_path / name)
+
+
+def test_a_recording_of_tfbus_needs_no_import(tmp_path: Path) -> None:
+    """Its streams would lose their names."""
+    with RecordingWriter(tmp_path / "r.mcap"):
+        pass
+    with pytest.raises(DecodeError, match="needs no import"):
+        items_of(tmp_path / "r.mcap")
 
 
 def test_damaged_files_are_refused_wherever_they_are_cut(tmp_path: Path) -> None:

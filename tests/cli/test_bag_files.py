@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -12,6 +13,8 @@ from tests.builders import at
 from tests.recording.foreign_files import RawTransform, Sent, write_bag
 from tfbus import Buffer, Trajectory
 from tfbus.cli import main
+from tfbus.cli.bag.group import VERBS
+from tfbus.cli.bag.group import command as group
 from tfbus.cli.bag.new_file import write_recording
 from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
@@ -222,3 +225,11 @@ def test_an_end_in_the_middle_leaves_no_file(
         write_recording(interrupted(), place, force=True, span=span)
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"] * exists
     assert not exists or place.read_text() == "former"
+
+
+def test_the_list_of_verbs_says_what_each_help_says() -> None:
+    """The lines stand twice, as importing all verbs is slow."""
+    for name, text in VERBS.items():
+        verb = group.get_command(click.Context(group), name)
+        assert verb is not None
+        assert " ".join((verb.help or "").partition("\n\n")[0].split()) == text

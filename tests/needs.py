@@ -50,12 +50,12 @@ def module(name: str) -> Any:
 
 
 @cache
-def _python_of_tf2() -> str | None:
+def _python_with(modules: str) -> str | None:
     env = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
     for folder in os.environ["PATH"].split(os.pathsep):
         python = Path(folder) / "python3"
         if python.exists():
-            imports = [str(python), "-c", "import rospy, tf2_py"]
+            imports = [str(python), "-c", f"import {modules}"]
             if subprocess.run(imports, env=env, capture_output=True).returncode == 0:
                 return str(python)
     return None
@@ -63,9 +63,17 @@ def _python_of_tf2() -> str | None:
 
 def python_of_tf2() -> str:
     """A Python on PATH that has the real tf2; the test is skipped where there is none."""
-    python = _python_of_tf2()
+    python = _python_with("rospy, tf2_py")
     if python is None:
         skip("tf2", "apt-get install python3-tf2 python3-tf2-ros (Debian, Ubuntu)")
+    return python
+
+
+def python_of_rosbag() -> str:
+    """A Python on PATH that has ROS 1's own rosbag; the test is skipped where there is none."""
+    python = _python_with("rosbag, tf2_msgs.msg")
+    if python is None:
+        skip("rosbag", "apt-get install python3-rosbag python3-tf2-ros (Debian, Ubuntu)")
     return python
 
 

@@ -7,19 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tests import needs
-from tfbus import TransformStamped
 
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
-
-
-@dataclass(frozen=True)
-class Sent:
-    """A message that somebody sent: transforms on a topic."""
-
-    log_ns: int
-    transforms: Sequence[TransformStamped | Any]
-    topic: str = "/tf"
-    publisher: str = ""
 
 
 @dataclass(frozen=True)
@@ -32,11 +21,14 @@ class RawTransform:
     pose: Sequence[float]
 
 
-def raw(ts: TransformStamped) -> RawTransform:
-    """The same, unchecked."""
-    return RawTransform(
-        ts.stamp_ns, ts.frame_id, ts.child_frame_id, ts.transform.as_pose().tolist()
-    )
+@dataclass(frozen=True)
+class Sent:
+    """A message that somebody sent: transforms on a topic."""
+
+    log_ns: int
+    transforms: Sequence[RawTransform]
+    topic: str = "/tf"
+    publisher: str = ""
 
 
 def store_of(ros: int) -> Any:

@@ -1,5 +1,6 @@
 """Files of ROS and Foxglove become recordings."""
 
+import sqlite3
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.selection import Selection
+from tfbus.recording.writer import RecordingWriter
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
@@ -182,6 +184,26 @@ def test_topics_keep_their_type_and_bytes(tmp_path: Path) -> None:
     assert store_of(2).deserialize_cdr(data, definition.name).header.frame_id == "base"
 
 
+def test_files_of_rosbag2_without_definitions_are_read(tmp_path: Path) -> None:
+    """Before Iron they had none: those of ROS's own types are known."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from tests.recording.foreign_files import store_of
+
+    store = store_of(2)
+    name = "geometry_msgs/msg/Point"
+    point = store.types[name](1.0, 2.0, 3.0)
+    with Writer(tmp_path / "r", version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        connection = bag.add_connection("/goal", name, typestore=store)
+        bag.write(connection, START_NS, bytes(store.serialize_cdr(point, name)))
+    database = sqlite3.connect(tmp_path / "r" / "r.db3")
+    database.execute("UPDATE schema SET schema_version = 3")
+    database.commit()
+    database.close()
+    [goal] = items_of(tmp_path / "r" / "r.db3")
+    assert goal.values == {"x": 1.0, "y": 2.0, "z": 3.0}  # type: ignore[union-attr]
+
+
 def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     """By topic, with the reason; the rest is imported."""
     writer_module = needs.module("mcap.writer")
@@ -227,6 +249,14 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, name: str, content: b
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DecodeError, match=name):
         items_of(tmp_path / name)
+
+
+def test_a_recording_of_tfbus_needs_no_import(tmp_path: Path) -> None:
+    """Its streams would lose their names."""
+    with RecordingWriter(tmp_path / "r.mcap"):
+        pass
+    with pytest.raises(DecodeError, match="needs no import"):
+        items_of(tmp_path / "r.mcap")
 
 
 def test_damaged_files_are_refused_wherever_they_are_cut(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -41,7 +42,8 @@ def test_every_transform_is_what_rosbags_reads(tmp_path: Path, name: str) -> Non
     statics = {}
     with AnyReader([bag]) as reader:
         for connection, log_ns, data in reader.messages():
-            for ts in reader.deserialize(data, connection.msgtype).transforms:
+            message: Any = reader.deserialize(data, connection.msgtype)
+            for ts in message.transforms:
                 stamp = ts.header.stamp
                 t, q = ts.transform.translation, ts.transform.rotation
                 row = (

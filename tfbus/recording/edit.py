@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
+from itertools import chain
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
@@ -48,8 +49,11 @@ def cut(
             yield EventItem(former.to_ns, "paused")
             yield EventItem(span.from_ns, "resumed")
         before = reader.state_at(span.from_ns - 1, selection)
-        beginning = [*_ended(state, before, span.from_ns), *before.items(span.from_ns)]
-        for item in (*beginning, *reader.items(span.from_ns, span.to_ns, selection)):
+        for item in chain(
+            _ended(state, before, span.from_ns),
+            before.items(span.from_ns),
+            reader.items(span.from_ns, span.to_ns, selection),
+        ):
             if not state.says(item):
                 state.take(item)
                 yield item

@@ -28,6 +28,7 @@ from tfbus.recording.records import (
     read_message,
     records_in,
 )
+from tfbus.recording.selection import ALL
 from tfbus.recording.state import BusState
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, listed
@@ -127,15 +128,19 @@ class Salvage:
                 state.take(item)
                 yield item
 
-    def _items(self, chunk: StoredChunk) -> Iterator[Item]:
-        for message in self._file.messages(chunk.chunk):
-            try:
-                item = chunk.item(message)
-            except DecodeError:
-                self._unreadable += 1
-                continue
-            if item is not None:
-                yield item
+    def _items(self, chunk: StoredChunk) -> list[Item]:
+        messages = self._file.messages(chunk.chunk)
+        try:
+            return list(chunk.items(ALL, messages))
+        except DecodeError:
+            return [item for message in messages for item in self._item(chunk, message)]
+
+    def _item(self, chunk: StoredChunk, message: Message) -> list[Item]:
+        try:
+            return list(chunk.items(ALL, [message]))
+        except DecodeError:
+            self._unreadable += 1
+            return []
 
 
 def _log_ns(item: Item) -> int:

@@ -136,6 +136,8 @@ def write_recording(
     reading the items raises.
     """
     with needing("bag"):
+        import mcap.writer  # noqa: F401  RecordingWriter imports it when it is made
+
         from tfbus.recording.writer import RecordingWriter
 
     written = Written()

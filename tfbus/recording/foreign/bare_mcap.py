@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from tfbus.errors import DecodeError
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
@@ -14,11 +15,17 @@ _PUBLISHER = "callerid"
 
 
 class BareMcap:
-    """One MCAP file. Raises DecodeError where it is none, and OSError."""
+    """One MCAP file. Raises DecodeError where it is none, or one of ours, and OSError."""
 
     def __init__(self, path: Path) -> None:
         self.name = printable(str(path))
         self._file = McapFile(path)
+        if self._file.library.startswith("tfbus "):
+            self._file.close()
+            raise DecodeError(
+                f"{self.name} is a recording of tfbus and needs no import: cut, merge and filter "
+                "take it as it is"
+            )
         self._chunks = sorted(self._file.chunks, key=lambda chunk: chunk.from_ns)
         self.start_ns = min((chunk.from_ns for chunk in self._chunks), default=0)
         self.end_ns = max((chunk.to_ns for chunk in self._chunks), default=0)
@@ -38,8 +45,6 @@ class BareMcap:
             yield self._message(message)
 
     def _note(self) -> str:
-        if self._file.library.startswith("tfbus "):
-            return f"{self.name} is a recording of tfbus, which needs no import"
         if not self._file.is_complete:
             return f"{self.name} is cut short: what is there is read"
         return ""

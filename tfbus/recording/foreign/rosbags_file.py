@@ -59,12 +59,16 @@ class RosbagsFile:
 
     def _channel(self, connection: Any) -> ForeignChannel:
         form = _DEFINITION_FORMATS.get(connection.msgdef.format.value, "")
+        definition = connection.msgdef.data
+        if not form and not self._is_ros1:
+            definition = _known_definition(connection.msgtype)
+            form = "msg" if definition else ""
         return ForeignChannel(
             connection.topic,
             ros_type_name(connection.msgtype),
             "ros1" if self._is_ros1 else "cdr",
             f"{'ros1' if self._is_ros1 else 'ros2'}{form}" if form else "",
-            connection.msgdef.data,
+            definition,
             (connection.ext.callerid or "") if self._is_ros1 else "",
         )
 
@@ -73,3 +77,16 @@ class RosbagsFile:
         if "not indexed" in said:
             said = "it was not closed: `rosbag reindex` of ROS 1 repairs it"
         return DecodeError(f"{self.name} cannot be read: {said}")
+
+
+def _known_definition(type_name: str) -> str:
+    """The definition of a type that comes with ROS 2, "" of another: before Iron the files of
+    rosbag2 had none.
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    try:
+        text, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(type_name, ros_version=2)
+    except Exception:  # rosbags raises what its parts do
+        return ""
+    return str(text)

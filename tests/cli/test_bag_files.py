@@ -1,0 +1,235 @@
+"""`tfbus bag` cut, merge, filter, recover, import and export: recordings into files."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from tests.builders import at
+from tests.recording.foreign_files import RawTransform, Sent, write_bag
+from tfbus import Buffer, Trajectory
+from tfbus.cli import main
+from tfbus.cli.bag.group import VERBS
+from tfbus.cli.bag.group import command as group
+from tfbus.cli.bag.new_file import write_recording
+from tfbus.errors import TfbusError
+from tfbus.geometry.columns import Columns
+from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.writer import RecordingWriter
+
+S = 1_000_000_000
+START_NS = 1_700_000_000 * S
+SIM = RecordedStream("sim", "/sim", epoch_ns=5)
+
+
+def items() -> Iterator[Item]:
+    """Ten seconds of a robot, and a topic."""
+    laser = Columns.of_transforms([at(1, "laser", START_NS, parent="base")])
+    yield TransformItem(START_NS, SIM, laser, static=True)
+    for tick in range(100):
+        now = START_NS + tick * S // 10
+        yield TransformItem(now, SIM, Columns.of_transforms([at(tick, "base", now)]), seq=tick)
+        yield TopicItem(now + 1, "pose", "Pose", {"p": {"x": float(tick)}, "names": ["a"]})
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """The recording, in a folder that is the current one."""
+    os.chdir(tmp_path)
+    path = Path("drive.mcap")
+    with RecordingWriter(path) as writer:
+        for item in items():
+            writer.write(item)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _same_folder() -> Iterator[None]:
+    before = Path.cwd()
+    yield
+    os.chdir(before)
+
+
+def run(*arguments: object) -> Result:
+    """`tfbus bag` with these arguments."""
+    return CliRunner().invoke(main, ["bag", *map(str, arguments)], prog_name="tfbus")
+
+
+def wrote(*arguments: object) -> str:
+    """What a run says that must succeed."""
+    done = run(*arguments)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_a_part_is_cut(drive: Path) -> None:
+    """One line says what was written."""
+    said = wrote("cut", drive, "--from", "+2s", "--to", "-5s", "-o", "part.mcap")
+    assert said.startswith("Wrote part.mcap: ")
+    assert said.endswith("2.9 s, 31 transforms of 1 stream, 30 messages of 1 topic\n")
+    with RecordingReader("part.mcap") as reader:
+        assert reader.start_ns == START_NS + 2 * S
+
+
+def test_several_parts_are_cut(drive: Path) -> None:
+    """Each with its static transforms."""
+    wrote("cut", drive, "--range", "+1s", "+2s", "--range", "-1s", "-0s", "-o", "parts.mcap")
+    with RecordingReader("parts.mcap") as reader:
+        assert [event.kind for event in reader.events] == ["paused", "resumed"]
+
+
+def test_parts_are_merged(drive: Path) -> None:
+    """The whole is there again."""
+    wrote("cut", drive, "--to", "+5s", "-o", "a.mcap")
+    wrote("cut", drive, "--from", "+4s", "-o", "b.mcap")
+    said = wrote("merge", "b.mcap", "a.mcap", "-o", "whole.mcap")
+    assert said.endswith("9.9 s, 101 transforms of 1 stream, 100 messages of 1 topic\n")
+
+
+def test_a_recording_is_filtered(drive: Path) -> None:
+    """By frames, by names to drop; a name that is not there is said."""
+    assert wrote("filter", drive, "--frames", "laser", "-o", "a.mcap").endswith(
+        "1 transform of 1 stream\n"
+    )
+    assert "1 topic" not in wrote("filter", drive, "--drop", "pose,laser", "-o", "b.mcap")
+    wrong = run("filter", drive, "--topics", "/pos", "-o", "c.mcap")
+    assert wrong.exit_code == 2
+    assert "there is no topic 'pos' in the recording; did you mean 'pose'?" in wrong.output
+    assert run("filter", drive, "-o", "c.mcap").exit_code == 2
+
+
+def test_a_recording_gets_a_namespace(drive: Path) -> None:
+    """As one robot of a fleet."""
+    wrote("filter", drive, "--namespace", "/robot1", "-o", "r1.mcap")
+    with RecordingReader("r1.mcap") as reader:
+        assert [each.stream.name for each in reader.streams] == ["robot1/sim"]
+        assert [each.name for each in reader.topics] == ["robot1/pose"]
+
+
+def test_a_damaged_recording_is_recovered(drive: Path) -> None:
+    """What is lost is said; a whole one loses nothing."""
+    assert "drive.mcap was whole: nothing is lost" in wrote("recover", drive, "-o", "a.mcap")
+    data = drive.read_bytes()
+    drive.write_bytes(data[: len(data) - 700])
+    assert "Lost of drive.mcap: the end" in wrote("recover", drive, "-o", "b.mcap")
+    drive.write_bytes(b"nothing")
+    done = run("recover", drive, "-o", "c.mcap")
+    assert (done.exit_code, done.output) == (
+        1,
+        "Error: drive.mcap holds no recording that could be read\n",
+    )
+    assert not Path("c.mcap").exists()
+
+
+def test_a_bag_is_imported(tmp_path: Path) -> None:
+    """A file that is none is refused in one sentence."""
+    os.chdir(tmp_path)
+    pose = RawTransform(START_NS, "/map", "/base", (1, 2, 3, 0, 0, 0, 1))
+    write_bag(Path("r.bag"), [Sent(START_NS, [pose], publisher="/slam")])
+    assert wrote("import", "r.bag", "-o", "r.mcap").endswith("1 transform of 1 stream\n")
+    Path("r.bag").write_bytes(b"nothing")
+    done = run("import", "r.bag", "-o", "other.mcap")
+    assert done.exit_code == 1
+    assert done.output.startswith("Error: r.bag cannot be read: ")
+    assert done.output.count("\n") == 1
+
+
+def test_poses_are_exported(drive: Path) -> None:
+    """At the samples of the source, at a rate, in a part; what is read is what was sent."""
+    assert "100 poses of 'base' in 'world' over 9.9 s" in wrote(
+        "export", drive, "world", "base", "-o", "a.csv"
+    )
+    assert Trajectory.read_csv("a.csv").xyz[:, 0].tolist() == list(range(100))
+    wrote("export", drive, "world", "laser", "--rate", "20", "-o", "a.tum")
+    laser = Trajectory.read_tum("a.tum", "world", "laser")
+    assert laser.xyz[:, 0] == pytest.approx(np.arange(199) / 2 + 1)
+    wrote("export", drive, "world", "base", "--from", "+2s", "--to", "+3s", "-o", "a.kitti")
+    assert len(Path("a.kitti").read_text().splitlines()) == 11
+
+
+def test_all_transforms_are_exported(drive: Path) -> None:
+    """As rows that a buffer reads, and as arrays."""
+    wrote("export", drive, "-o", "all.csv")
+    buffer = Buffer(cache_time_s=1e6)
+    buffer.read_csv("all.csv")
+    assert buffer.lookup_transform("world", "base", START_NS + S).transform.xyz[0] == 10
+    wrote("export", drive, "-o", "all.npz")
+    with np.load("all.npz") as data:
+        frames, child = data["frames"], data["child"]
+        assert frames[child].tolist() == ["laser"] + ["base"] * 100
+        assert data["static"].tolist() == [True] + [False] * 100
+        assert data["log_ns"][2] == START_NS + S // 10
+        assert data["xyz"].shape == (101, 3)
+
+
+def test_a_topic_is_exported(drive: Path) -> None:
+    """A column for each field."""
+    assert "100 messages" in wrote("export", drive, "--topic", "/pose", "-o", "pose.csv")
+    lines = Path("pose.csv").read_text().splitlines()
+    assert lines[:2] == ["log_ns,p.x,names", f'{START_NS + 1},0.0,"[""a""]"']
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("-o", "a.txt"), "the format is not clear"),
+        (("world", "-o", "a.csv"), "name two frames"),
+        (("-o", "a.tum"), "tum has the poses of one frame: name TARGET and SOURCE"),
+        (("world", "base", "-o", "a.npz"), "npz has all transforms"),
+        (("--rate", "5", "-o", "a.csv"), "--rate and --samples-of are for a pair of frames"),
+        (("--topic", "pse", "-o", "a.csv"), "did you mean 'pose'?"),
+        (("--from", "5", "-o", "a.csv"), "write +5s for that long after its beginning"),
+    ],
+)
+def test_a_mistake_is_named(drive: Path, arguments: tuple[str, ...], said: str) -> None:
+    """As a usage error, and no file is written."""
+    done = run("export", drive, *arguments)
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())
+    assert sorted(os.listdir()) == ["drive.mcap"]
+
+
+def test_a_file_is_replaced_only_if_told(drive: Path) -> None:
+    """Also the one that is read."""
+    before = drive.read_bytes()
+    refused = run("cut", drive, "--to", "+1s", "-o", drive)
+    assert refused.exit_code == 2
+    assert "drive.mcap exists" in refused.output
+    assert drive.read_bytes() == before
+    wrote("cut", drive, "--to", "+1s", "-o", drive, "--force")
+    with RecordingReader(drive) as reader:
+        assert reader.end_ns == START_NS + S
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
+@pytest.mark.parametrize("exists", [False, True])
+def test_an_end_in_the_middle_leaves_no_file(
+    tmp_path: Path, error: BaseException, exists: bool
+) -> None:
+    """Under its name there is nothing, or the former file, and nothing beside it."""
+
+    def interrupted() -> Iterator[Item]:
+        yield from list(items())[:50]
+        raise error
+
+    place = tmp_path / "out.mcap"
+    if exists:
+        place.write_text("former")
+    span = (START_NS, START_NS + S)
+    with pytest.raises((SystemExit, TfbusError)):
+        write_recording(interrupted(), place, force=True, span=span)
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"] * exists
+    assert not exists or place.read_text() == "former"
+
+
+def test_the_list_of_verbs_says_what_each_help_says() -> None:
+    """The lines stand twice, as importing all verbs is slow."""
+    for name, text in VERBS.items():
+        verb = group.get_command(click.Context(group), name)
+        assert verb is not None
+        assert " ".join((verb.help or "").partition("\n\n")[0].split()) == text

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from tfbus.buffer.buffer import Buffer
 from tfbus.discover.other_namespaces import where_to_look
 from tfbus.errors import DecodeError
+from tfbus.frames.recorded_chunks import last_chunks
 from tfbus.frames.recorded_clock import RecordedClock, clock_topic, follows_clock
 from tfbus.frames.simulated import NOT_SIMULATED, SimulatedTime, simulated_time
 from tfbus.frames.snapshot import FrameTree, frame_tree
@@ -33,10 +34,8 @@ if TYPE_CHECKING:
 
 S = 1_000_000_000
 
-# A frame may have been silent for longer than the cache keeps: its last samples are looked for in
-# spans that grow, of a stream that sends none for this long no further.
-_FIRST_STEP_S = 10
-_STEP_FACTOR = 4
+# A frame may have been silent for longer than the cache keeps: in a recording without an index its
+# last samples are looked for in this time, and the next ones.
 _MOST_BACK_S = 1200
 
 
@@ -158,27 +157,34 @@ class RecordedFrames:
         """The last messages of a stream before a time that have these frames, a cache's time of
         them.
         """
-        start_ns = max(self._source.start_ns, end_ns - _MOST_BACK_S * S)
-        keeps_ns, step_ns = int(self._cache_time_s * S), _FIRST_STEP_S * S
+        keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
-        found: list[Item] = []
-        while missing and end_ns > start_ns:
-            from_ns = max(start_ns, end_ns - step_ns)
+        spans = (
+            last_chunks(self._source, name, self._outside_of(name), missing, end_ns)
+            if self._source.is_complete
+            else {(end_ns - _MOST_BACK_S * S, end_ns)}
+        )
+        found: dict[int, Item] = {}
+        for from_ns, to_ns in sorted(spans):
             part = [
                 item
-                for item in self._source.items(from_ns, end_ns - 1, chosen)
+                for item in self._source.items(from_ns - keeps_ns, min(to_ns, end_ns - 1), chosen)
                 if isinstance(item, TransformItem)
                 and not item.static
-                and not missing.isdisjoint(self._names(item.stream).all_outside(item.rows.frames))
+                and not missing.isdisjoint(self._children(item))
             ]
-            if part:
-                newest_ns = part[-1].log_ns
-                part = [item for item in part if item.log_ns > newest_ns - keeps_ns]
-                for item in part:
-                    missing = missing - self._children(item)
-                found = [*part, *found]
-            end_ns, step_ns = from_ns, step_ns * _STEP_FACTOR
-        return found
+            newest_ns = part[-1].log_ns if part else 0
+            found |= {id(item): item for item in part if item.log_ns > newest_ns - keeps_ns}
+        return list(found.values())
+
+    def _outside_of(self, name: str) -> Callable[[str], str]:
+        """How the frames of a stream are called here."""
+        namespaces = [
+            channel.stream.namespace
+            for channel in self._source.streams
+            if channel.stream.name == name
+        ]
+        return self._view.names(namespaces[0] if namespaces else "").outside
 
     # Items
 

@@ -7,7 +7,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tfbus import Buffer, Transform, TransformBatch, TransformStamped
+from tfbus.geometry.columns import Columns
 from tfbus.listen.stream_state import StreamState
+from tfbus.recording.items import Item, RecordedStream, TransformItem
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -119,3 +121,27 @@ def messages(draw: st.DrawFn) -> TransformMessage:
         np.array(draw(st.lists(poses, min_size=count, max_size=count)), dtype=float).reshape(-1, 7),
     )
     return TransformMessage(batch, draw(st.integers(0, 2**63 - 1)))
+
+
+def in_recording(
+    log_ns: int,
+    transforms: Iterable[TransformStamped],
+    *,
+    stream: str = "sim",
+    epoch_ns: int = 1,
+    static: bool = False,
+    seq: int | None = None,
+) -> TransformItem:
+    """A message of transforms as a recording holds it."""
+    told = RecordedStream(stream, f"/{stream}", "", epoch_ns)
+    return TransformItem(log_ns, told, Columns.of_transforms(transforms), static, seq)
+
+
+def as_values(item: Item) -> tuple[object, ...]:
+    """All that an item of a recording says, to be compared."""
+    if not isinstance(item, TransformItem):
+        return (item,)
+    rows = item.rows
+    edges = [(rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs()]
+    told = (item.log_ns, item.stream, item.static, item.seq)
+    return (*told, edges, rows.stamps_bytes(), rows.poses_bytes())

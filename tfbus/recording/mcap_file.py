@@ -131,7 +131,7 @@ class McapFile:
         self.size = os.fstat(self._file).st_size
         if os.path.isdir(self.path):
             raise IsADirectoryError(errno.EISDIR, "is a folder", str(self.path))
-        if self._read(0, len(MAGIC)) != MAGIC:
+        if os.pread(self._file, len(MAGIC), 0) != MAGIC:
             raise DecodeError(
                 f"{self._name} is not a recording: it does not begin as MCAP files do"
             )
@@ -313,6 +313,7 @@ class McapFile:
                 min(times),
                 max(times),
                 frozenset([message.channel for message in messages]),
+                size=sum(len(message.data) for message in messages),
                 is_bare=chunk.is_bare,
             )
         )

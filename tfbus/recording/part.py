@@ -29,7 +29,7 @@ from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
-from tfbus.ros.tf_messages import read_many
+from tfbus.ros.tf_messages import equal_parts, read_many
 from tfbus.wording import printable
 
 Decode = Callable[[bytes], dict[str, Any]]
@@ -203,15 +203,17 @@ class StoredChunk:
 
     def items(self, selection: Selection) -> Iterator[Item]:
         """The items of the channels that the selection takes, whole, in the order of the file."""
-        taken: dict[int, bool] = {}
-        for message in self.part.file.messages(self.chunk):
-            channel = message.channel
-            if channel not in taken:
-                taken[channel] = self._is_taken(channel, selection)
-            if taken[channel]:
-                item = self._item(message)
-                if item is not None:
-                    yield item
+        messages = self.part.file.messages(self.chunk)
+        channels = {message.channel for message in messages}
+        taken = {channel for channel in channels if self._is_taken(channel, selection)}
+        messages = [message for message in messages if message.channel in taken]
+        rows = self._rows_of(messages)
+        for at, message in enumerate(messages):
+            stream = self.part.stream_channels.get(message.channel)
+            if stream is not None:
+                yield _transforms(message, stream, rows[at])
+            elif (item := self._topic_item(message)) is not None:
+                yield item
 
     def groups(
         self, channels: Container[int], children: Collection[str] | None = None
@@ -238,7 +240,9 @@ class StoredChunk:
         for message in self.part.file.messages(self.chunk):
             channel = streams.get(message.channel)
             if channel is not None and channel.is_static:
-                yield self._transforms(message, channel), channel
+                with self.part.reading(channel):
+                    rows = self.part.tf.read(message.data)
+                yield _transforms(message, channel, rows), channel
 
     def _is_taken(self, channel: int, selection: Selection) -> bool:
         stream = self.part.stream_channels.get(channel)
@@ -247,10 +251,22 @@ class StoredChunk:
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 
-    def _item(self, message: Message) -> Item | None:
-        stream = self.part.stream_channels.get(message.channel)
-        if stream is not None:
-            return self._transforms(message, stream)
+    def _rows_of(self, messages: list[Message]) -> dict[int, Columns]:
+        """The transforms of those of the messages that have some, by their indices."""
+        members: dict[int, list[int]] = {}
+        for at, message in enumerate(messages):
+            if message.channel in self.part.stream_channels:
+                members.setdefault(message.channel, []).append(at)
+        found: dict[int, Columns] = {}
+        for number, of_channel in members.items():
+            with self.part.reading(self.part.stream_channels[number]):
+                groups = read_many(self.part.tf, [messages[at].data for at in of_channel])
+            for group, rows in groups:
+                for at, each in zip(group, equal_parts(rows, len(group)), strict=True):
+                    found[of_channel[at]] = each
+        return found
+
+    def _topic_item(self, message: Message) -> TopicItem | None:
         topic = self.part.topic_channels[message.channel]
         if topic.decode is None:
             return None
@@ -262,13 +278,7 @@ class StoredChunk:
             ) from error
         return TopicItem(message.log_ns, topic.topic, topic.type_name, values)
 
-    def _transforms(self, message: Message, channel: StreamChannel) -> TransformItem:
-        with self.part.reading(channel):
-            rows = self.part.tf.read(message.data)
-        return TransformItem(
-            message.log_ns,
-            channel.stream,
-            rows,
-            channel.is_static,
-            message.sequence if channel.has_seq else None,
-        )
+
+def _transforms(message: Message, channel: StreamChannel, rows: Columns) -> TransformItem:
+    seq = message.sequence if channel.has_seq else None
+    return TransformItem(message.log_ns, channel.stream, rows, channel.is_static, seq)

@@ -211,7 +211,7 @@ class RecordingReader:
                 yield heapq.heappop(waiting)[3]
             if len(waiting) == 0:
                 size = 0
-            size += chunk.length
+            size += chunk.chunk.size
             for item in chunk.items(selection):
                 if first <= item.log_ns <= last:
                     number += 1

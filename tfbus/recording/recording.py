@@ -5,14 +5,17 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.explain import after_waiting
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
+    ExtrapolationException,
     InvalidArgumentException,
     LookupException,
     NoDataException,
@@ -124,7 +127,7 @@ class Recording:
     @property
     def duration_s(self) -> float:
         """Seconds from the first item to the last."""
-        return (self.end_ns - self.start_ns) * 1e-9
+        return (self.end_ns - self.start_ns) / 1e9
 
     @property
     def is_complete(self) -> bool:
@@ -243,8 +246,11 @@ class Recording:
         if stamp_ns is None:
             return self._latest(target_frame, source_frame, sampling)
         stamp_ns = check_stamp(stamp_ns)
-        buffer = self._around(stamp_ns).buffer
-        return buffer.lookup_transform(target_frame, source_frame, stamp_ns, sampling=sampling)
+        span = self._around(stamp_ns)
+        with self._telling_of_all(span):
+            return span.buffer.lookup_transform(
+                target_frame, source_frame, stamp_ns, sampling=sampling
+            )
 
     def lookup_transform_full(
         self,
@@ -312,9 +318,10 @@ class Recording:
         for first_ns, last_ns in _runs(stamps):
             for span in self._pieces(target_frame, source_frame, first_ns, last_ns, stamps):
                 of_span = (stamps >= span.first_ns) & (stamps <= span.last_ns)
-                found = span.buffer.lookup_transforms(
-                    target_frame, source_frame, stamps[of_span], sampling=sampling
-                )
+                with self._telling_of_all(span):
+                    found = span.buffer.lookup_transforms(
+                        target_frame, source_frame, stamps[of_span], sampling=sampling
+                    )
                 xyz[of_span], quat_xyzw[of_span] = found.xyz, found.quat_xyzw
         return TransformArray(xyz, quat_xyzw)
 
@@ -460,6 +467,21 @@ class Recording:
         if latest_ns is not None:
             end = self._around(latest_ns, of_last_epochs=True).buffer
         return end.lookup_transform(target_frame, source_frame, latest_ns, sampling=sampling)
+
+    @contextmanager
+    def _telling_of_all(self, span: Span) -> Iterator[None]:
+        """Inside the `with` an error of a span's buffer tells of all samples, and does not advise
+        to wait.
+        """
+        try:
+            yield
+        except ExtrapolationException as error:
+            error.args = (after_waiting(error),)
+            error.retry_after_s = None
+            known = self._samples().range_of(error.child_frame_id, span.keys)
+            if known is not None:
+                error.oldest_ns, error.newest_ns = known
+            raise
 
     def _pieces(
         self,

@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tfbus.errors import DecodeError
 
@@ -22,6 +23,8 @@ PREFIX = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 # The footer: where the summary and its offsets begin, and its checksum.
 FOOTER_FIELDS = struct.Struct("<QQI")
+
+_LAST_NS = 2**63 - 1
 
 # A chunk of more bytes is not decompressed; tfbus writes 128 KiB, rosbag2 768 KiB, mcap 1 MiB.
 MOST_CHUNK_BYTES = 256 * 2**20
@@ -51,8 +54,9 @@ class Channel:
 @dataclass(frozen=True, slots=True)
 class Chunk:
     """Where a chunk is in the file: from the first byte of its record on, `length` bytes; the log
-    times and the channels of its messages; and how long the index of messages behind it is, 0 where
-    there is none. A bare one is of messages that stand in the file without a chunk.
+    times and the channels of its messages; how long the index of messages behind it is, 0 where
+    there is none; and how many bytes its records have. A bare one is of messages that stand in the
+    file without a chunk.
     """
 
     offset: int
@@ -61,12 +65,12 @@ class Chunk:
     to_ns: int
     channels: frozenset[int] = frozenset()
     index_length: int = 0
+    size: int = 0
     is_bare: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message as it stands in a chunk."""
+class Message(NamedTuple):
+    """A message as it stands in a chunk; a tuple, as there are many."""
 
     channel: int
     sequence: int
@@ -163,8 +167,10 @@ def read_chunk_index(data: bytes) -> Chunk:
     """Where a chunk is, of its index record."""
     fields = Fields(data)
     from_ns, to_ns, offset, length = (fields.number(8) for _ in range(4))
+    check_log_time(max(from_ns, to_ns))
     channels = frozenset(fields.pairs(2, 8))
-    return Chunk(offset, length, from_ns, to_ns, channels, fields.number(8))
+    index_length, _, _, size = fields.number(8), fields.text(), fields.number(8), fields.number(8)
+    return Chunk(offset, length, from_ns, to_ns, channels, index_length, size)
 
 
 def read_message_index(data: bytes) -> tuple[int, list[int]]:
@@ -243,9 +249,16 @@ def records_in(data: bytes) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
+def check_log_time(log_ns: int) -> None:
+    """Raise DecodeError for a time that nanoseconds of 64 bits with a sign do not have."""
+    if log_ns > _LAST_NS:
+        raise DecodeError(f"a log time of {log_ns} ns is after the year 2262")
+
+
 def read_message(data: bytes, start: int, end: int) -> Message:
     """A message, whose record's content is from `start` to `end`."""
     if end - start < MESSAGE_HEAD.size:
         raise DecodeError("a message is shorter than its fields")
     channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, start)
+    check_log_time(log_ns)
     return Message(channel, sequence, log_ns, publish_ns, data[start + MESSAGE_HEAD.size : end])

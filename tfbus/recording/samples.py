@@ -29,11 +29,14 @@ _MOST_EXACT_CHANGES = 256
 
 @dataclass(frozen=True)
 class Span:
-    """A buffer, and the stamps from `first_ns` to `last_ns` for which it has all samples."""
+    """A buffer, and the stamps from `first_ns` to `last_ns` for which it has all samples of the
+    streams and epochs with the numbers `keys`.
+    """
 
     buffer: Buffer
     first_ns: int
     last_ns: int
+    keys: frozenset[int]
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,15 @@ class Samples:
     def last_ns(self) -> int | None:
         """The latest stamp of a dynamic transform; None where there is none."""
         return int(self._last.max()) if len(self._last) else None
+
+    def range_of(self, child: str, keys: Collection[int]) -> tuple[int, int] | None:
+        """The first and last stamp of a child frame in streams and epochs of these numbers."""
+        number = self._children.get(child)
+        found = [(a, b) for of, key, a, b in self._segments if of == number and key in keys]
+        if not found:
+            return None
+        first = min(int(self._first[a:b].min()) for a, b in found)
+        return first, max(int(self._last[a:b].max()) for a, b in found)
 
     def facts(self) -> list[FrameFacts]:
         """What there is of each edge of each stream in each epoch."""
@@ -186,7 +198,7 @@ class Samples:
             buffer.set_transforms(rows, static=True, authority=item.stream.name)
         for group in self._read(self._wanted(first_ns, last_ns, keys, children), children):
             buffer.set_transforms(group.rows, authority=group.channel.stream.name)
-        return Span(buffer, first_ns, last_ns)
+        return Span(buffer, first_ns, last_ns, frozenset(keys))
 
     def _wanted(
         self, first_ns: int, last_ns: int, keys: set[int], children: Collection[str] | None

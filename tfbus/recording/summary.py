@@ -107,7 +107,7 @@ class Summary:
     @property
     def duration_s(self) -> float:
         """Seconds from the first item to the last."""
-        return (self.end_ns - self.start_ns) * 1e-9
+        return (self.end_ns - self.start_ns) / 1e9
 
     @property
     def messages(self) -> int:

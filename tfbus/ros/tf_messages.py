@@ -1,12 +1,12 @@
 """Reads many messages of transforms at once: those with the same frames in one step."""
 
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import lru_cache
 from struct import iter_unpack
 from typing import TYPE_CHECKING
 
-from tfbus.core.packed import POSE_SIZE, STAMP_SIZE
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.columns import Columns
 from tfbus.ros.cdr import HEADER, HEADER_SIZE
 from tfbus.ros.tf_message import TFMessageReader
@@ -46,6 +46,21 @@ def read_many(
     for members in alike.values():
         groups += _groups(reader, messages, members, children)
     return groups
+
+
+def equal_parts(rows: Columns, count: int) -> Iterator[Columns]:
+    """The rows in this number of parts with the same edges, one message each."""
+    size = rows.count // count
+    edges = rows.edges_bytes()[: EDGE_SIZE * size]
+    stamps, poses = rows.stamps_bytes(), rows.poses_bytes()
+    for start in range(0, size * count, size) if size else [0] * count:
+        end = start + size
+        yield Columns.of_bytes(
+            rows.frames,
+            edges,
+            stamps[STAMP_SIZE * start : STAMP_SIZE * end],
+            poses[POSE_SIZE * start : POSE_SIZE * end],
+        )
 
 
 def _groups(

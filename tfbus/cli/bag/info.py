@@ -164,7 +164,7 @@ def _rate(flow: Flow) -> str:
 
 
 def _gap(flow: Flow, summary: Summary) -> str:
-    """The longest gap and, where it is longer than the others, when it begins: `2.3 s at +31.2s`."""
+    """The longest gap and, where it is longer than others, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
     if flow.rate is None or flow.longest_gap_s < _NOTABLE_PERIODS / flow.rate:

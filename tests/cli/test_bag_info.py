@@ -1,0 +1,111 @@
+"""`tfbus bag info`: what is in a recording, on one screen."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tests.builders import S, at, in_recording
+from tfbus.cli.bag.info import command
+from tfbus.recording.items import EventItem, Item, TopicItem
+from tfbus.recording.writer import RecordingWriter
+
+T0 = 1_700_000_000 * S
+
+
+def items() -> list[Item]:
+    """10 Hz with a gap of 2 s, a restart and a loss; a topic; a node that ends."""
+    found: list[Item] = [
+        EventItem(T0, "node", "/sim", {"host": "atlas"}),
+        EventItem(T0, "stream", "sim", {"epoch": 1, "frames": [["world", "turtle1", False]]}),
+        in_recording(T0, [at(1, "laser", T0)], static=True, seq=0),
+    ]
+    for i in range(100):
+        now = T0 + i * S // 10 + (2 * S if i >= 50 else 0)
+        sent = [at(i, "turtle1", now), at(i, "turtle10", now), at(i, "turtle2", now)]
+        found.append(in_recording(now, sent, epoch_ns=1 if i < 70 else 2, seq=i))
+        if i % 10 == 0:
+            found.append(TopicItem(now, "turtle1/pose", "Pose\x1b[31m", {"x": 0.5}))
+    found.append(EventItem(T0 + 12 * S, "dropped", "", {"messages": 3}))
+    found.append(EventItem(T0 + 12 * S, "node gone", "/sim"))
+    found.append(EventItem(T0 + 12 * S, "stream gone", "sim"))
+    return found
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """The recording of these items."""
+    with RecordingWriter(tmp_path / "run.mcap", about={"host": "atlas"}) as writer:
+        for item in items():
+            writer.write(item)
+    return tmp_path / "run.mcap"
+
+
+def info(*arguments: object) -> Result:
+    """What the command prints."""
+    return CliRunner().invoke(command, [str(each) for each in arguments], env={"TZ": "UTC"})
+
+
+def row(text: str, name: str) -> list[str]:
+    """The words of the row of a table that begins with a name."""
+    return next(line.split() for line in text.splitlines() if line.startswith(name))
+
+
+def test_the_screen(bag: Path) -> None:
+    """Frames, rate, the longest gap and when it began, restarts, what was lost and who is gone."""
+    shown = info(bag).output
+    assert row(shown, "sim")[:7] == ["sim", "gone", "/sim", "3", "1", "100", "8.32"]
+    assert row(shown, "sim")[7:] == ["2.1", "s", "at", "+4.9s", "1"]
+    assert row(shown, "turtle1/pose")[2:5] == ["10", "0.909", "3.0"]
+    assert "complete" in shown and "12.0 s" in shown and "on atlas" in shown
+    assert "3 messages dropped while recording" in shown
+    assert "/sim gone" in shown and "1 lost stream" in shown
+    assert max(map(len, shown.splitlines()[1:])) <= 80
+
+
+def test_nothing_that_a_terminal_obeys_is_printed(bag: Path) -> None:
+    """Names of strangers are escaped."""
+    for arguments in ((bag,), ("-v", bag), ("--json", bag)):
+        assert "\x1b" not in info(*arguments).output
+
+
+def test_all_of_it(bag: Path) -> None:
+    """With -v the frames, in order of their numbers, and the events."""
+    shown = info("-v", bag).output
+    assert "  turtle1  turtle2  turtle10\n" in shown
+    assert row(shown, "      +12.000s")[:3] == ["+12.000s", "dropped", "(3"]
+
+
+def test_json(bag: Path) -> None:
+    """Numbers for programs: times in nanoseconds."""
+    told = json.loads(info("--json", bag).output)
+    assert (told["start_ns"], told["end_ns"], told["is_complete"]) == (T0, T0 + 12 * S, True)
+    [stream] = told["streams"]
+    assert (stream["name"], stream["restarts"], stream["transforms"]) == ("sim", 1, 300)
+    assert stream["flow"]["longest_gap_s"] == pytest.approx(2.1)
+    assert told["topics"][0]["flow"]["messages"] == 10
+
+
+def test_a_file_cut_short(bag: Path) -> None:
+    """It is said, and what is there is shown."""
+    data = bag.read_bytes()
+    bag.write_bytes(data[: len(data) - 60])
+    done = info(bag)
+    assert done.exit_code == 0 and "cut short" in done.output and "turtle1/pose" in done.output
+
+
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"text", "is not a recording"), (b"", "is not a recording")]
+)
+def test_another_file(tmp_path: Path, content: bytes, said: str) -> None:
+    """It is one sentence, and the exit code 1."""
+    (tmp_path / "x.txt").write_bytes(content)
+    done = info(tmp_path / "x.txt")
+    assert done.exit_code == 1 and said in done.output
+    assert len(done.output.splitlines()) == 1
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    """It is a usage error."""
+    assert info(tmp_path / "x.mcap").exit_code == 2

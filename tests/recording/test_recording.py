@@ -1,0 +1,298 @@
+"""`tfbus.Recording`: lookups at any stamp, as a listener would have answered them."""
+
+import math
+import threading
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tfbus
+from tests.builders import S, in_recording, moved
+from tfbus import Buffer, Transform, TransformStamped
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
+from tfbus.recording.writer import RecordingWriter
+
+T0 = 1_700_000_000 * S
+MS = 1_000_000
+
+
+def written(path: Path, items: Iterable[Item], flush_every: int = 40) -> Path:
+    """The path of a new file with these items, in short chunks."""
+    with RecordingWriter(path) as writer:
+        for at, item in enumerate(items):
+            writer.write(item)
+            if at % flush_every == 0:
+                writer.flush()
+    return path
+
+
+def turned(angle: float) -> Transform:
+    """A pose on a circle."""
+    half = angle / 2
+    return Transform(
+        (math.cos(angle), math.sin(angle), 0.1), (0, 0, math.sin(half), math.cos(half))
+    )
+
+
+def robot(seconds: int = 60) -> list[Item]:
+    """Frames of 20 Hz and 1 Hz in one message each, one of every 20 s in its own stream, and a
+    static one.
+    """
+    items: list[Item] = [in_recording(T0, [moved(T0, "fast", "laser", 3)], static=True)]
+    for i in range(20 * seconds):
+        stamp = T0 + i * 50 * MS
+        items.append(
+            in_recording(stamp + 7 * MS, [TransformStamped(stamp, "slow", "fast", turned(i / 9))])
+        )
+        if i % 20 == 3:
+            items.append(in_recording(stamp + 8 * MS, [moved(stamp, "rare", "slow", i)]))
+        if i % 400 == 11:
+            items.append(in_recording(stamp + 9 * MS, [moved(stamp, "map", "rare", i)], stream="s"))
+    return items
+
+
+def filled(items: Iterable[Item]) -> Buffer:
+    """A buffer with all transforms."""
+    buffer = Buffer(math.inf)
+    for item in items:
+        if isinstance(item, TransformItem):
+            buffer.set_transforms(item.rows, static=item.static, authority=item.stream.name)
+    return buffer
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> tfbus.Recording:
+    """The recording of the robot."""
+    return tfbus.Recording(written(tmp_path_factory.mktemp("bag") / "a.mcap", robot()))
+
+
+PAIRS = [("map", "laser"), ("laser", "map"), ("slow", "fast"), ("rare", "slow"), ("map", "rare")]
+
+
+def answer(source: Buffer | tfbus.Recording, *question: object) -> object:
+    """The transform, or the kind of the error and which edge it is about."""
+    try:
+        return source.lookup_transform(*question)  # type: ignore[arg-type]
+    except tfbus.ExtrapolationException as error:
+        return type(error), error.child_frame_id, error.oldest_ns, error.newest_ns
+    except tfbus.TransformException as error:
+        return type(error)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_lookups_are_those_of_a_buffer_of_all(bag: tfbus.Recording, pair: tuple[str, str]) -> None:
+    """At any stamp, in any order; also where there is no answer."""
+    buffer = filled(robot())
+    rng = np.random.default_rng(1)
+    stamps = rng.integers(T0 - S, T0 + 61 * S, 60).tolist()
+    stamps += [T0, T0 + 50 * MS, T0 + 10 * S, T0 + 59 * S, T0 + 99 * S, 0]
+    for stamp in stamps:
+        assert answer(bag, *pair, stamp) == answer(buffer, *pair, stamp), stamp - T0
+
+
+@pytest.mark.parametrize("pair", [*PAIRS, ("fast", "laser"), ("map", "nowhere")])
+def test_the_latest_is_that_of_a_buffer_of_all(bag: tfbus.Recording, pair: tuple[str, str]) -> None:
+    """Without a stamp."""
+    assert answer(bag, *pair, None) == answer(filled(robot()), *pair, None)
+
+
+def test_many_lookups_at_once(bag: tfbus.Recording) -> None:
+    """They are those of single lookups, in the order of the stamps given."""
+    stamps = np.random.default_rng(2).integers(T0 + 2 * S, T0 + 40 * S, 200)
+    found = bag.lookup_transforms("map", "laser", stamps)
+    assert found == filled(robot()).lookup_transforms("map", "laser", stamps)
+
+
+def test_no_stamps_no_transforms(bag: tfbus.Recording) -> None:
+    """As of a buffer."""
+    assert len(bag.lookup_transforms("map", "laser", [])) == 0
+
+
+def test_one_of_many_that_cannot_be_answered(bag: tfbus.Recording) -> None:
+    """It is the error of its lookup."""
+    with pytest.raises(tfbus.FutureExtrapolationException):
+        bag.lookup_transforms("map", "laser", [T0 + 5 * S, T0 + 90 * S])
+
+
+def test_two_times(bag: tfbus.Recording) -> None:
+    """`lookup_transform_full` is that of a buffer of all."""
+    question = ("laser", T0 + 5 * S, "laser", T0 + 33 * S, "map")
+    assert bag.lookup_transform_full(*question) == filled(robot()).lookup_transform_full(*question)
+
+
+def test_a_trajectory(bag: tfbus.Recording) -> None:
+    """All of it, and a part of it."""
+    whole = filled(robot()).trajectory("map", "laser")
+    assert bag.trajectory("map", "laser") == whole
+    first, last = T0 + 10 * S, T0 + 20 * S
+    part = whole[(whole.stamps_ns >= first) & (whole.stamps_ns <= last)]
+    assert bag.trajectory("map", "laser", first, last) == part
+
+
+def test_samples(bag: tfbus.Recording) -> None:
+    """What was sent of a frame, dynamic or static."""
+    buffer = filled(robot())
+    assert bag.samples("slow") == buffer.samples("slow")
+    assert bag.samples("laser") == buffer.samples("laser")
+    with pytest.raises(tfbus.LookupException, match="did you mean 'slow'"):
+        bag.samples("slov")
+
+
+def test_frames(bag: tfbus.Recording) -> None:
+    """Their parents, streams, how many samples and of which stamps."""
+    frames = {frame.name: frame for frame in bag.frames()}
+    assert sorted(frames) == ["fast", "laser", "rare", "slow"]
+    assert frames["laser"].is_static and not frames["fast"].is_static
+    rare = frames["rare"]
+    assert (rare.parent, rare.streams, rare.samples) == ("map", ("s",), 3)
+    assert (rare.first_ns, rare.last_ns) == (T0 + 550 * MS, T0 + 40 * S + 550 * MS)
+
+
+def test_names_that_are_wrong(bag: tfbus.Recording) -> None:
+    """An unknown frame is named with the nearest; a malformed stamp refused."""
+    with pytest.raises(tfbus.LookupException, match="did you mean 'laser'"):
+        bag.lookup_transform("map", "lazer", T0)
+    with pytest.raises(tfbus.LookupException, match="did you mean 'laser'"):
+        bag.lookup_transforms("map", "lazer", [T0])
+    with pytest.raises(tfbus.LookupException, match="did you mean 'laser'"):
+        bag.trajectory("map", "lazer")
+    with pytest.raises(tfbus.InvalidArgumentException):
+        bag.lookup_transform("map", "laser", 1.5)  # type: ignore[arg-type]
+
+
+def test_threads_share_a_recording(bag: tfbus.Recording) -> None:
+    """Each gets its own answers."""
+    buffer, wrong = filled(robot()), []
+
+    def look(seed: int) -> None:
+        for stamp in np.random.default_rng(seed).integers(T0 + S, T0 + 40 * S, 30).tolist():
+            if answer(bag, "map", "laser", stamp) != answer(buffer, "map", "laser", stamp):
+                wrong.append(stamp)
+
+    threads = [threading.Thread(target=look, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+def test_each_epoch_answers_for_its_stamps(tmp_path: Path) -> None:
+    """No lookup is interpolated between two epochs, and each has its own samples."""
+    items = [in_recording(T0 + i, [moved(T0 + i * S, "map", "a", i)], epoch_ns=1) for i in range(5)]
+    items += [
+        in_recording(T0 + i, [moved(T0 + i * S, "map", "a", 100 + i)], epoch_ns=2)
+        for i in range(10, 15)
+    ]
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items))
+    assert bag.lookup_transform("map", "a", T0 + 3 * S + S // 2).transform.xyz[0] == 3.5
+    assert bag.lookup_transform("map", "a", T0 + 12 * S + S // 2).transform.xyz[0] == 112.5
+    with pytest.raises(tfbus.FutureExtrapolationException):
+        bag.lookup_transform("map", "a", T0 + 7 * S)
+    assert bag.trajectory("map", "a").xyz[:, 0].tolist() == [0, 1, 2, 3, 4, 110, 111, 112, 113, 114]
+
+
+def test_of_a_time_that_came_twice_the_second_counts(tmp_path: Path) -> None:
+    """As of a simulation that was reset: stamps of the first run that the second one reaches are
+    answered by the second, the latest is that of the second.
+    """
+    items = []
+    for epoch, length in ((1, 20), (2, 10)):
+        for i in range(length):
+            sent = moved(i * S, "map", "a", 100 * epoch + i)
+            items.append(in_recording(T0 + 1000 * epoch + i, [sent], epoch_ns=epoch))
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items, flush_every=3))
+    assert bag.lookup_transform("map", "a", 5 * S).transform.xyz[0] == 205
+    assert bag.lookup_transform("map", "a", 15 * S).transform.xyz[0] == 115
+    assert bag.lookup_transform("map", "a").transform.xyz[0] == 209
+
+
+def test_static_transforms_are_those_in_force_then(tmp_path: Path) -> None:
+    """Before a stream sets them for the first time, that first set holds."""
+    items: list[Item] = []
+    for i in range(100):
+        stamp = T0 + i * S
+        items.append(in_recording(stamp + 1, [moved(stamp, "map", "base", i)]))
+        if i in (30, 60):
+            items.append(in_recording(stamp + 2, [moved(stamp, "base", "laser", i)], static=True))
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items, flush_every=7))
+    for second, expected in ((10, 30), (30, 30), (59, 30), (60, 30), (61, 60), (99, 60)):
+        found = bag.lookup_transform("base", "laser", T0 + second * S)
+        assert found.transform.xyz[0] == expected, second
+    seconds = [5, 59, 61, 90]
+    many = bag.lookup_transforms("map", "laser", [T0 + second * S for second in seconds])
+    assert many.xyz[:, 0].tolist() == [35, 89, 121, 150]
+
+
+def test_a_recording_of_static_transforms(tmp_path: Path) -> None:
+    """A lookup at any stamp, and without one."""
+    path = written(tmp_path / "a.mcap", [in_recording(T0, [moved(T0, "a", "b", 1)], static=True)])
+    bag = tfbus.Recording(path)
+    assert bag.lookup_transform("a", "b").transform.xyz[0] == 1
+    assert bag.lookup_transform("a", "b", 5).transform.xyz[0] == 1
+    assert bag.can_transform("a", "b") and not bag.can_transform("a", "c")
+    assert bag.latest_common_time("a", "b") is None
+
+
+def test_an_empty_recording(tmp_path: Path) -> None:
+    """It has no frames."""
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", []))
+    assert bag.frames() == () and bag.duration_s == 0
+    with pytest.raises(tfbus.LookupException):
+        bag.lookup_transform("a", "b")
+    with pytest.raises(tfbus.LookupException):
+        bag.trajectory("a", "b")
+
+
+def test_a_file_cut_short_answers_what_it_has(tmp_path: Path) -> None:
+    """Its index is made by reading it."""
+    whole = written(tmp_path / "a.mcap", robot(20)).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    bag, buffer = tfbus.Recording(tmp_path / "cut.mcap"), filled(robot(20))
+    assert not bag.is_complete
+    for second in range(1, 9):
+        question = ("rare", "laser", T0 + second * S)
+        assert answer(bag, *question) == answer(buffer, *question)
+
+
+def test_the_buffer_of_a_span_is_a_listeners(tmp_path: Path) -> None:
+    """Static transforms are there from before; a restart voids what was before; frames that were
+    removed are not in it; those of a publisher that is gone are marked.
+    """
+
+    def told(log_ns: int, kind: str, *frames: str) -> EventItem:
+        facts = {"epoch": 1, "frames": [["map", frame, False] for frame in frames]}
+        return EventItem(log_ns, kind, "s", facts)  # type: ignore[arg-type]
+
+    items: list[Item] = [
+        in_recording(T0, [moved(T0, "a", "laser", 1)], static=True),
+        in_recording(T0 + S, [moved(T0 + S, "map", "a", 1)], epoch_ns=1),
+        told(T0 + S, "stream", "b", "c"),
+        in_recording(T0 + S, [moved(T0 + S, "map", "b"), moved(T0 + S, "map", "c")], stream="s"),
+        told(T0 + 2 * S, "stream", "b"),
+        in_recording(T0 + 3 * S, [moved(T0 + 3 * S, "map", "a", 3)], epoch_ns=2),
+        told(T0 + 4 * S, "stream gone"),
+    ]
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items))
+    whole = bag.buffer()
+    assert len(whole.samples("a")) == 1
+    assert whole.frame("b").gone and "c" not in whole.frames()
+    early = bag.buffer(T0 + S // 2, T0 + 2 * S - 1)
+    assert early.lookup_transform("map", "laser", T0 + S).transform.xyz[0] == 2
+    assert early.frame("c").parent == "map"
+    assert bag.buffer(cache_time_s=0.5).cache_time_s == 0.5
+
+
+def test_messages_of_a_topic(tmp_path: Path) -> None:
+    """As maps, or as messages of their type, in a span."""
+    pose = {"stamp_ns": 5, "x": 1.0, "y": 2.0, "theta": 0.5}
+    pose |= {"linear_velocity": 0.0, "angular_velocity": 0.0}
+    items = [TopicItem(T0 + i, "turtle1/pose", "Pose", pose | {"x": float(i)}) for i in range(5)]
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items))
+    assert list(bag.messages("turtle1/pose"))[3] == (T0 + 3, pose | {"x": 3.0})
+    typed = list(bag.messages("turtle1/pose", tfbus.messages.Pose, from_ns=T0 + 1, to_ns=T0 + 2))
+    assert [(log_ns, message.x) for log_ns, message in typed] == [(T0 + 1, 1.0), (T0 + 2, 2.0)]
+    with pytest.raises(tfbus.LookupException, match="did you mean 'turtle1/pose'"):
+        bag.messages("turtle/pose")

@@ -1,0 +1,266 @@
+"""What is written comes back, bit by bit, in order of time, from any moment on."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.builders import S, as_values, at, in_recording
+from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.geometry.columns import Columns
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.selection import Selection
+from tfbus.recording.state import BusState
+from tfbus.recording.writer import RecordingWriter
+
+T0 = 1_700_000_000 * S
+
+STAMPS = st.integers(-(2**31) * S, (2**31 - 1) * S)
+NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20)
+
+
+@st.composite
+def columns(draw: st.DrawFn) -> Columns:
+    """Transforms with any numbers, also some that are not finite."""
+    frames = tuple(draw(st.lists(NAMES, min_size=2, max_size=4, unique=True)))
+    count = draw(st.integers(0, 4))
+    index = st.integers(0, len(frames) - 1)
+    edges = draw(st.lists(st.tuples(index, index), min_size=count, max_size=count))
+    stamps = draw(st.lists(STAMPS, min_size=count, max_size=count))
+    poses = draw(st.binary(min_size=56 * count, max_size=56 * count))
+    return Columns.of_bytes(
+        frames,
+        np.array(edges, np.uint32).tobytes(),
+        np.array(stamps, np.int64).tobytes(),
+        poses,
+    )
+
+
+STREAMS = st.builds(
+    RecordedStream,
+    st.sampled_from(["a", "robot7/b"]),
+    st.sampled_from(["", "/n"]),
+    st.sampled_from(["", "robot7"]),
+    st.integers(0, 3),
+    st.booleans(),
+)
+LOG_TIMES = st.integers(T0, T0 + 20 * S)
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats(allow_nan=False)
+    | st.text(st.characters(codec="utf-8"), max_size=5) | st.binary(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=3),
+    max_leaves=6,
+)  # fmt: skip
+FACTS = st.dictionaries(NAMES, VALUES, max_size=3)
+TOPICS = st.sampled_from(["t", "a/b"])
+TYPES = st.sampled_from(["", "Own"])
+KINDS = st.sampled_from(["paused", "resumed", "dropped"])
+ITEMS = st.one_of(
+    st.builds(
+        TransformItem,
+        LOG_TIMES,
+        STREAMS,
+        columns(),
+        st.just(False),
+        st.none() | st.integers(0, 2**32 - 1),
+    ),
+    st.builds(TopicItem, LOG_TIMES, TOPICS, TYPES, FACTS),
+    st.builds(EventItem, LOG_TIMES, KINDS, NAMES, FACTS),
+)  # fmt: skip
+
+
+def written(path: Path, items: Iterable[Item], **arguments: object) -> Path:
+    """The path of a new file with these items."""
+    with RecordingWriter(path, **arguments) as writer:  # type: ignore[arg-type]
+        for item in items:
+            writer.write(item)
+    return path
+
+
+def read(*paths: Path) -> list[tuple[object, ...]]:
+    """The values of all items."""
+    with RecordingReader(*paths) as reader:
+        return [as_values(item) for item in reader.items()]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(ITEMS, max_size=12), st.sampled_from(["zstd", "lz4", "none"]))
+def test_what_is_written_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, items: list[Item], compression: str
+) -> None:
+    """Every item, bit by bit, in order of the log times; of equal ones events come first."""
+    path = tmp_path_factory.mktemp("bag") / "a.mcap"
+    written(path, items, compression=compression)
+    expected = sorted(items, key=lambda item: (item.log_ns, not isinstance(item, EventItem)))
+    assert read(path) == [as_values(item) for item in expected]
+
+
+def described(log_ns: int, name: str = "sim", kind: str = "stream", **facts: object) -> EventItem:
+    """An event of a stream."""
+    return EventItem(log_ns, kind, name, facts)  # type: ignore[arg-type]
+
+
+def run(seconds: int = 30) -> list[Item]:
+    """A stream of 10 Hz with one static frame, which moves after 17 s, and a topic."""
+    items: list[Item] = [
+        described(T0, epoch=1, frames=[["world", "turtle1", False]]),
+        in_recording(T0, [at(1, "laser", T0)], static=True, seq=0),
+    ]
+    for i in range(10 * seconds):
+        now = T0 + i * S // 10
+        items.append(in_recording(now, [at(i, "turtle1", now)], seq=i))
+        if i == 170:
+            items.append(in_recording(now, [at(2, "laser", now)], static=True, seq=1))
+        if i % 10 == 0:
+            items.append(TopicItem(now, "pose", "Own", {"x": i / 7}))
+    return items
+
+
+def test_what_repeats_is_left_out(tmp_path: Path) -> None:
+    """Static transforms are in the file every few seconds, and come once."""
+    path = written(tmp_path / "a.mcap", run(), statics_every_s=2.0)
+    assert read(path) == [as_values(item) for item in run()]
+    with RecordingReader(path) as reader:
+        assert reader.streams[0].static_messages > 12
+
+
+@pytest.mark.parametrize("seconds", [0.0, 5.05, 16.9, 17.0, 29.9])
+def test_the_state_at_a_moment(tmp_path: Path, seconds: float) -> None:
+    """It is what the items up to then add up to."""
+    path = written(tmp_path / "a.mcap", run())
+    moment = T0 + int(seconds * S)
+    expected = BusState()
+    for item in run():
+        if item.log_ns <= moment:
+            expected.take(item)
+    with RecordingReader(path) as reader:
+        found = reader.state_at(moment)
+    values = [as_values(item) for item in found.items(0)]
+    assert values == [as_values(item) for item in expected.items(0)]
+
+
+def test_a_span(tmp_path: Path) -> None:
+    """The items from one log time to another, both included."""
+    path = written(tmp_path / "a.mcap", run())
+    first, last = T0 + 3 * S, T0 + 4 * S
+    with RecordingReader(path) as reader:
+        found = [item.log_ns for item in reader.items(first, last, Selection(streams=("sim",)))]
+        assert (reader.start_ns, reader.end_ns) == (T0, T0 + 299 * S // 10)
+    assert found[0] == first and found[-1] == last
+    assert len([log_ns for log_ns in found if log_ns % (S // 10) == 0]) >= 11
+
+
+def test_a_selection(tmp_path: Path) -> None:
+    """Only what is meant comes."""
+    path = written(tmp_path / "a.mcap", run())
+    with RecordingReader(path) as reader:
+        topics = list(reader.items(selection=Selection(topics=("pose",))))
+        assert {type(item) for item in topics} == {TopicItem} and len(topics) == 30
+
+
+def test_parts_are_one_recording(tmp_path: Path) -> None:
+    """A part that begins with what is in force adds nothing twice; the order is not that of the
+    files.
+    """
+    items = run()
+    half = len(items) // 2
+    state = BusState()
+    for item in items[:half]:
+        state.take(item)
+    written(tmp_path / "a.mcap", items[:half])
+    written(tmp_path / "b.mcap", [*state.items(items[half].log_ns), *items[half:]])
+    assert read(tmp_path) == read(tmp_path / "b.mcap", tmp_path / "a.mcap")
+    assert read(tmp_path) == [as_values(item) for item in items]
+
+
+def test_gone_and_back(tmp_path: Path) -> None:
+    """A description after the token was lost comes again, though it says the same."""
+    items = [described(T0 + i, kind=kind) for i, kind in enumerate(["stream", "stream gone"] * 2)]
+    assert read(written(tmp_path / "a.mcap", items)) == [(item,) for item in items]
+
+
+def test_what_the_file_says_of_itself(tmp_path: Path) -> None:
+    """Who recorded it, the streams and the topics, without reading the items."""
+    path = written(tmp_path / "a.mcap", run(), about={"host": "atlas\x1b"})
+    with RecordingReader(path) as reader:
+        assert reader.about["host"] == "atlas\\x1b"
+        [stream] = reader.streams
+        assert (stream.stream.name, stream.messages) == ("sim", 300)
+        [topic] = reader.topics
+        assert (topic.name, topic.type_name, topic.messages) == ("pose", "Own", 30)
+        assert reader.is_complete
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        in_recording(T0, [at(stamp_ns=2**31 * S)]),
+        in_recording(-1, [at()]),
+        in_recording(2**63, [at()]),
+        TopicItem(T0, "t", "T", {"x": 2**64}),
+        EventItem(T0, "node", "n", {"x": object()}),
+        EventItem(T0, "node", "\ud800", {}),
+    ],
+    ids=["stamp", "before 1970", "after 2262", "integer", "fact", "name"],
+)
+def test_what_cannot_be_written_changes_nothing(tmp_path: Path, item: Item) -> None:
+    """It is refused, and the file goes on."""
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        writer.write(in_recording(T0, [at()]))
+        with pytest.raises(InvalidArgumentException):
+            writer.write(item)
+        writer.write(in_recording(T0 + 1, [at()]))
+    assert [values[0] for values in read(tmp_path / "a.mcap")] == [T0, T0 + 1]
+
+
+def test_facts_that_json_has_not(tmp_path: Path) -> None:
+    """Bytes, infinity and maps that look like their stand-ins come back."""
+    facts = {"a": b"\0\xff", "b": [math.inf, -math.inf], "c": {"$bytes": "x"}, "d": {"$map": {}}}
+    items = [EventItem(T0, "node", "n", facts)]
+    assert read(written(tmp_path / "a.mcap", items)) == [(items[0],)]
+
+
+def test_a_file_is_not_overwritten(tmp_path: Path) -> None:
+    """An existing file is left as it is, whatever it is."""
+    (tmp_path / "a.mcap").write_text("mine")
+    with pytest.raises(FileExistsError):
+        RecordingWriter(tmp_path / "a.mcap")
+    assert (tmp_path / "a.mcap").read_text() == "mine"
+
+
+def test_an_unknown_compression_makes_no_file(tmp_path: Path) -> None:
+    """It is refused before the file is made."""
+    with pytest.raises(InvalidArgumentException, match="zstd, lz4, none"):
+        RecordingWriter(tmp_path / "a.mcap", compression="bzip2")  # type: ignore[arg-type]
+    assert not (tmp_path / "a.mcap").exists()
+
+
+def test_what_was_flushed_is_in_the_file(tmp_path: Path) -> None:
+    """Up to the flush all is there, though the writer is not closed, and the end is missing."""
+    writer = RecordingWriter(tmp_path / "a.mcap")
+    items = run(3)
+    for item in items:
+        writer.write(item)
+    writer.flush()
+    writer.write(in_recording(T0 + 9 * S, [at()]))
+    with RecordingReader(tmp_path / "a.mcap") as reader:
+        assert [as_values(item) for item in reader.items()] == [as_values(item) for item in items]
+        assert not reader.is_complete
+    writer.close()
+
+
+def test_a_folder_without_recordings(tmp_path: Path) -> None:
+    """It is said in a sentence."""
+    with pytest.raises(DecodeError, match=r"is a folder without \.mcap files"):
+        RecordingReader(tmp_path)
+
+
+def test_an_empty_recording(tmp_path: Path) -> None:
+    """It has no items, and times of 0."""
+    with RecordingReader(written(tmp_path / "a.mcap", [])) as reader:
+        assert list(reader.items()) == [] and (reader.start_ns, reader.end_ns) == (0, 0)

@@ -16,13 +16,10 @@ from functools import partial
 import click
 
 from tfbus import (
-    Buffer,
     Fleet,
     FrameName,
-    Node,
     NodeSettings,
     Number,
-    TransformListener,
     TransformStamped,
     fleet_options,
     node_options,
@@ -157,6 +154,8 @@ def main(
         found = _recorded(replace(bag, at=moment), settings, fleet, question, rate)
         _print_recorded(map(write, _limited(found, changed, limit)), form)
         return
+    from tfbus import Buffer, Node, TransformListener  # Zenoh, which a recording does not need
+
     rate = 1.0 if rate is None else rate
     timeout_s = math.inf if timeout is None else timeout
     is_complete = limit is None  # it goes on until Ctrl-C

@@ -1,25 +1,29 @@
 """The lookup that `tfbus echo` repeats, its answers, and what it logs while there is none."""
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from tfbus import (
     Buffer,
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
-    Node,
     PastExtrapolationException,
     SystemClock,
     TimeoutException,
     TransformException,
-    TransformListener,
     TransformStamped,
 )
 from tfbus.command import Moment
 from tfbus.wording import listed
+
+if TYPE_CHECKING:
+    from tfbus import Node, TransformListener
 
 # How often a missing transform is logged.
 _SAY_EVERY_S = 1.0

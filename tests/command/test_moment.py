@@ -79,3 +79,13 @@ def test_what_is_no_time_gets_a_sentence(text: str, reason: str) -> None:
     """A text that is no time, or could be two, is refused with what may be written instead."""
     with pytest.raises(ValueError, match=reason):
         parse_moment(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [("+3s", 103), ("+0s", 100), ("-3s", 197), ("-0s", 200), ("now", 200), ("150", 150)],
+)
+def test_a_plus_counts_from_the_beginning_of_a_recording(text: str, ns: int) -> None:
+    """In a recording +3s is 3 s after its beginning, -3s 3 s before its end, now its end."""
+    second = 1_000_000_000
+    assert parse_moment(text).within(100 * second, 200 * second) == ns * second

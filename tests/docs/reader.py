@@ -13,9 +13,13 @@ import zenoh
 
 from tests.docs.pages import CONFIGURATIONS, Block, Command, commands
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port
+from tests.recordings import write_robot
 
 # Finds the command `tfbus` of this environment, activated or not.
 PATH = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+
+# The recording of a minute of a robot that the pages look into.
+RECORDING = "run.mcap"
 
 # The router's port in the docs; a free port stands in for it.
 ROUTER_PORT = "7447"
@@ -24,6 +28,7 @@ _DIFFERS = [
     (re.compile(r"\b\d{10}\.\d{9}\b|\b\d{19}\b"), "STAMP"),
     (re.compile(r"\b([Pp]id:? \[?)\d+"), r"\1PID"),
     (re.compile(r"(Host: ).+"), r"\1HOST"),
+    (re.compile(r"\b\d{4}-\d\d-\d\d \d\d:\d\d(?=:\d\d\.\d{3}\b)"), "WALL"),
     (re.compile(r"(Up: )\d+ s"), r"\1TIME"),
     (re.compile(r"\b[0-9a-f]{32}\b|(?<=_)[0-9a-f]{8}\b"), "ID"),
 ]
@@ -48,6 +53,9 @@ class Reader:
 
     def follow(self, block: Block) -> None:
         """Do what one block says."""
+        recording = self._folder / RECORDING
+        if RECORDING in block.text and not recording.exists():
+            write_robot(recording)
         text = block.text.replace(ROUTER_PORT, self._port)
         if block.rule == "file:":
             (self._folder / block.rule_value).write_text(text)

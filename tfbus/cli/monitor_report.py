@@ -25,9 +25,12 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
 def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
     """The report of a span of a recording that begins at `start_ns`, as tables."""
     lines = _pair_lines(report.pair) if report.pair else []
-    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", "disordered", "longest gap")
+    flows = report.shown()
+    # In 80 columns there is room for it where it is needed only.
+    disorder = ("disordered",) if any(flow.out_of_order for flow in flows) else ()
+    headings = ("frame", "by", "Hz", "jitter", "delay p50", "p99", *disorder, "longest gap")
     rows = []
-    for flow in report.shown():
+    for flow in flows:
         delays, gap = flow.delays_s, ""
         if flow.gap_from_ns is not None:
             at_s = (flow.gap_from_ns - start_ns) / 1e9
@@ -40,11 +43,12 @@ def span_as_lines(report: "SpanReport", start_ns: int) -> list[str]:
                 "" if flow.jitter_s is None else duration(flow.jitter_s),
                 "" if delays is None else duration(delays.p50),
                 "" if delays is None else duration(delays.p99),
-                str(flow.out_of_order),
+                *(str(flow.out_of_order) for _ in disorder),
                 paint(gap, "warning") if gap else "",
             ]
         )
-    rows += [[frame.name, frame.authority, "static", *[""] * 5] for frame in report.statics()]
+    empty = [""] * (len(headings) - 3)
+    rows += [[frame.name, frame.authority, "static", *empty] for frame in report.statics()]
     tables = [*table(headings, sorted(rows), right=range(2, len(headings))), ""]
     of_stream = ("stream", "node", "host", "Hz", "missed", "restarts")
     rows = [

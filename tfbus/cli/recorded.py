@@ -28,7 +28,8 @@ def frames_at(
 def moment_line(choice: BagChoice, frames: RecordedFrames) -> str:
     """A line that says which moment of which recording is shown."""
     into = duration((frames.at_ns - frames.start_ns) / 1e9)
-    return paint(f"{wall(frames.at_ns)}, {into} into {named(choice.paths)}", "faint")
+    paused = ", while the recorder was paused" if frames.is_paused else ""
+    return paint(f"{wall(frames.at_ns)}, {into} into {named(choice.paths)}{paused}", "faint")
 
 
 def span_line(choice: BagChoice, from_ns: int, to_ns: int) -> str:

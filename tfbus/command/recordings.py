@@ -174,7 +174,7 @@ def open_recording(*paths: Path) -> "Iterator[RecordingReader]":
         name = printable(str(error.filename or paths[0]))
         raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
     with reader:
-        if reader.end_ns < reader.start_ns:
+        if not reader.end_ns:
             raise TfbusError(f"{printable(str(paths[0]))} is an empty recording")
         if not reader.is_complete:
             click.echo(

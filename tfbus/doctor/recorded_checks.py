@@ -9,6 +9,7 @@ from tfbus.doctor.recorded import RecordedExamination
 from tfbus.doctor.sim_time_checks import of_our_time
 from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.frames.state import is_another_time
+from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.recorded import EdgeSamples
 from tfbus.wording import counted, duration
 
@@ -122,12 +123,7 @@ def _has_gap(log_ns: "np.ndarray") -> bool:
 
 def check_gaps(seen: RecordedExamination) -> Finding:
     """No samples are missing in between."""
-    evidence = [
-        f"{flow.child!r} paused {counted(flow.gaps, 'time')}, for {duration(flow.longest_gap_s)} "
-        f"from {seen.time(flow.gap_from_ns)} on: lookups in that time interpolate across the gap"
-        for flow in seen.flows
-        if flow.gap_from_ns is not None
-    ]
+    evidence = [_of_gap(seen, flow, flow.gap_from_ns) for flow in seen.flows if flow.gap_from_ns]
     evidence += [
         f"{counted(stream.missed, 'message')} of stream {stream.name!r} never arrived"
         for stream in seen.tree.streams.values()
@@ -135,6 +131,21 @@ def check_gaps(seen: RecordedExamination) -> Finding:
     ]
     return _of_samples(
         seen, evidence, "check whether its node stalled, or the network dropped messages"
+    )
+
+
+def _of_gap(seen: RecordedExamination, flow: EdgeFlow, from_ns: int) -> str:
+    until_ns = from_ns + round(flow.longest_gap_s * 1e9)
+    is_restart = any(from_ns < each <= until_ns for each in seen.restarts.get(flow.stream, ()))
+    effect = "its stream restarted" if is_restart else "lookups then interpolate across the gap"
+    if flow.gaps == 1:
+        return (
+            f"{flow.child!r} paused from {seen.time(from_ns)} to {seen.time(until_ns)}, for "
+            f"{duration(flow.longest_gap_s)}: {effect}"
+        )
+    return (
+        f"{flow.child!r} paused {flow.gaps} times, the longest from {seen.time(from_ns)} to "
+        f"{seen.time(until_ns)}, for {duration(flow.longest_gap_s)}: {effect}"
     )
 
 

@@ -20,6 +20,7 @@ from tfbus.frames.viewpoint import Viewpoint
 from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_state import StreamState
+from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.wire.codec import from_map
@@ -81,6 +82,9 @@ class RecordedFrames:
         self.buffer = Buffer(self._cache_time_s)
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
+        self._full_names: dict[str, _Stream] = {}
+        # Whether the recorder was: what does not come may have been sent.
+        self.is_paused = False
         self._nodes: dict[str, NodeDescription] = {}
 
     # Moments
@@ -194,8 +198,8 @@ class RecordedFrames:
 
     def _take_transforms(self, item: TransformItem) -> TransformItem | None:
         name = self._view.called(item.stream.name, item.stream.namespace)
-        if name is None:
-            return None
+        if name is None or not is_printable(name):
+            return None  # no listener takes a stream whose name cannot be shown
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
         names = self._names(item.stream)
         called = names.all_outside(item.rows.frames)
@@ -221,19 +225,22 @@ class RecordedFrames:
             self._nodes.pop(event.name, None)
         elif event.kind in ("stream", "stream gone"):
             namespace = _namespace_of(event)
-            known = next((s for s in self._streams.values() if s.full_name == event.name), None)
+            known = self._full_names.get(event.name)
             name = self._view.called(event.name, namespace)
+            if known is None and event.kind == "stream" and name and is_printable(name):
+                known = self._meet(name, event.name)
             if known is not None:
                 known.take_event(event, self._view.names(namespace))
-            elif name is not None and event.kind == "stream":
-                stream = self._meet(name, event.name)
-                stream.take_event(event, self._view.names(namespace))
+        elif event.kind in ("paused", "resumed"):
+            self.is_paused = event.kind == "paused"
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
             name, self.buffer, _SILENT, self._clock.now_ns, _READER, now_s=self._clock.log_s
         )
-        return self._streams.setdefault(name, _Stream(reception, StreamState(name), full_name))
+        stream = _Stream(reception, StreamState(name), full_name)
+        self._streams[name] = self._full_names[full_name] = stream
+        return stream
 
     def _names(self, stream: RecordedStream) -> FrameNames:
         return self._view.names(stream.namespace)
@@ -291,6 +298,26 @@ class RecordedFrames:
             simulated = simulated_time(self._nodes.values())
         return frame_tree(self.buffer, self.streams(), self.now_ns(), simulated)
 
+    def next_sample_ns(self, frame: str) -> int | None:
+        """When the next sample of a dynamic frame comes, from the publisher of its last, as a log
+        time; None where none does for 20 minutes.
+        """
+        if frame not in self.buffer.frames():
+            return None
+        stream = self._streams.get(self.buffer.frame(frame).authority)
+        if stream is None:
+            return None
+        to_ns = self._at_ns + _MOST_BACK_S * S
+        chosen = Selection(streams=(stream.full_name,))
+        for item in self._source.items(self._at_ns + 1, to_ns, chosen):
+            if (
+                isinstance(item, TransformItem)
+                and not item.static
+                and frame in self._children(item)
+            ):
+                return item.log_ns
+        return None
+
     def hint(self, frame: str = "") -> str:
         """Where in the recording a frame is to be found: later, or in another namespace."""
         first_ns: dict[str, int] = {}
@@ -309,7 +336,7 @@ class RecordedFrames:
                 first_ns.setdefault(each, event.log_ns)
         if frame in first_ns and first_ns[frame] > self._at_ns:
             later_s = (first_ns[frame] - self._source.start_ns) / S
-            return f"{frame!r} comes in the recording from +{later_s:.3f}s on"
+            return f"{frame!r} comes at +{later_s:.3f}s of the recording"
         if not frame and first_ns and min(first_ns.values()) > self._at_ns:
             later_s = (min(first_ns.values()) - self._source.start_ns) / S
             return f"the first frames come at +{later_s:.3f}s"

@@ -105,7 +105,7 @@ class _explained:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
-            raise TfbusError(f"there is no frame {error.frame!r} at that time: {hint}") from error
+            raise TfbusError(f"no frame of that name at that time: {hint}") from error
 
 
 def recorded_transforms(

@@ -13,6 +13,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
 from tfbus.monitor.report import PairWatch, Report
 from tfbus.monitor.window import Spread
+from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
 
 if TYPE_CHECKING:
@@ -83,6 +84,8 @@ class SpanMeter:
             stamps = np.frombuffer(bytes(rows.stamps), np.int64).reshape(len(log_ns), len(pairs))
             for at, (parent, child) in enumerate(pairs):
                 edge = (stream, frames[parent], frames[child])
+                if mistake_in(edge[1]) or mistake_in(edge[2]):
+                    continue  # no buffer takes it
                 parts[edge].append(EdgeSamples(log_ns, now_ns, stamps[:, at]))
         return {edge: _joined(found) for edge, found in parts.items()}
 

@@ -1,0 +1,171 @@
+"""The tools that look into a recording: what they print, and that they open no bus."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from tests.needs import module
+from tests.recordings import at, described, gone, publisher, statics, steadily, write
+from tfbus.cli import main
+from tfbus.recording.items import TopicItem
+
+SIM, ARM = publisher("sim"), publisher("arm")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """20 s: base with a pause from 10 to 12 s, laser fixed to it, arm gone at 8 s, and a topic."""
+    return write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, ("world", "base", False), ("base", "laser", True)),
+        statics(SIM, 0.001, ("base", "laser", 0.2)),
+        steadily(SIM, 0.0, 20.0, ("world", "base"), pause=(10.0, 12.0)),
+        described(ARM, 0.0, ("base", "arm", False)),
+        steadily(ARM, 0.0, 8.0, ("base", "arm")),
+        gone(ARM, 8.0),
+        [TopicItem(at(each), "turtle1/pose", "Point", {"x": float(each)}) for each in range(20)],
+    )
+
+
+def run(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(arg) for arg in args])
+
+
+def test_frames_shows_the_tree_of_a_moment(path: Path) -> None:
+    """Its first line says which moment it is; a frame is gone only from then on."""
+    now, later = (run("frames", "--bag", path, "--at", each) for each in ("+5s", "-0s"))
+    assert (now.exit_code, later.exit_code) == (0, 0)
+    assert "5.0 s into run.mcap" in now.output.splitlines()[0]
+    assert "GONE" not in now.output
+    assert "arm    GONE" in later.output
+
+
+def test_frames_writes_pictures_and_checks(path: Path, tmp_path: Path) -> None:
+    """All formats as of a bus; --check is of the moment."""
+    tree = tmp_path / "tree.json"
+    assert run("frames", "--bag", path, "-o", tree).exit_code == 0
+    frames = {each["name"]: each for each in json.loads(tree.read_text())["frames"]}
+    assert frames["arm"]["gone"] and frames["laser"]["static"]
+    assert run("frames", "--bag", path, "--check", "--at", "+5s").exit_code == 0
+    assert run("frames", "--bag", path, "--check").exit_code == 1
+
+
+def test_why_explains_the_latest_lookup_of_a_moment(path: Path) -> None:
+    """Edge by edge, with the ages of then."""
+    fine = run("why", "world", "laser", "--bag", path, "--at", "+5s")
+    assert fine.exit_code == 0
+    assert "there is an answer" in fine.output and "warn" not in fine.output
+    stale = run("why", "world", "laser", "--bag", path, "--at", "+11.9s")
+    assert "STALE, 2.0 s old" in stale.output
+    assert "'base' comes again at +12.005s" in stale.output
+    unknown = run("why", "world", "lasr", "--bag", path)
+    assert unknown.exit_code == 1 and "did you mean 'laser'" in unknown.output
+
+
+def test_echo_prints_a_block_for_each_sample(path: Path) -> None:
+    """In all formats and styles; with --at one."""
+    csv = run("echo", "world", "laser", "--bag", path, "--format", "csv").output.splitlines()
+    assert len(csv) == 1 + 180
+    rows = run("echo", "world", "arm", "--bag", path, "--format", "json").output.splitlines()
+    assert json.loads(rows[-1])["stamp_ns"] == at(7.9)
+    one = run("echo", "world", "laser", "--bag", path, "--at", "+5s", "--style", "line")
+    assert one.output.count("\n") == 1 and "xyz [5.200" in one.output
+    some = run("echo", "world", "base", "--bag", path, "--from", "+15s", "--count", 3)
+    assert some.output.count("At time") == 3
+
+
+def test_monitor_prints_the_rates_and_the_longest_gap(path: Path) -> None:
+    """In 80 columns, and as JSON."""
+    lines = run("monitor", "--bag", path).output.splitlines()
+    (base,) = [line for line in lines if line.startswith("base ")]
+    cells = "base sim 10.0 0.0 ms 5.0 ms 5.0 ms 2.1 s at +9.9s"
+    assert " ".join(base.split()) == cells
+    assert max(map(len, lines)) <= 80
+    report = json.loads(run("monitor", "world", "laser", "--bag", path, "--json").output)
+    assert report["pair"]["chain"] == ["world", "base", "laser"]
+    assert [edge["child"] for edge in report["edges"]] == ["base"]
+
+
+def test_doctor_checks_a_recording(path: Path) -> None:
+    """It has checks of its own; those of this host and bus are left out."""
+    found = json.loads(run("doctor", "--bag", path, "--json").output)
+    assert found["gaps"]["verdict"] == found["gone"]["verdict"] == "warn"
+    assert "scouting" not in found
+    other = run("doctor", "--bag", path, "--only", "scouting")
+    assert other.exit_code == 2 and "not of a recording" in other.output
+    listed = run("doctor", "--bag", path, "--list").output
+    assert "clock-jumps" in listed and "routers" not in listed
+
+
+def test_plot_draws_a_span(path: Path, tmp_path: Path) -> None:
+    """--from and --to are moments of the recording."""
+    module("matplotlib")
+    picture = tmp_path / "path.svg"
+    span = ("--from", "+1s", "--to", "+3s")
+    done = run("plot", "world", "base", "--bag", path, *span, "-o", picture)
+    assert done.exit_code == 0 and "20 poses over 1.9 s" in done.output
+    assert picture.read_text().startswith("<?xml")
+
+
+def test_topics_are_listed_printed_and_measured(path: Path) -> None:
+    """`topic list`, `info`, `echo` and `hz`, of transforms too."""
+    assert run("topic", "list", "--bag", path).output.split() == [
+        "tf/arm",
+        "tf/sim",
+        "tf_static/sim",
+        "turtle1/pose",
+    ]
+    assert "Messages: 20" in run("topic", "info", "turtle1/pose", "--bag", path).output
+    some = run("topic", "echo", "turtle1/pose", "--bag", path, "--csv", "--from", "+17.5s")
+    assert some.output.split() == ["18.0", "19.0"]
+    whole = run("topic", "echo", "tf/arm", "--bag", path, "--json", "--once").output
+    assert json.loads(whole)["transforms"][0]["child_frame_id"] == "arm"
+    assert "average rate: 1.000" in run("topic", "hz", "turtle1/pose", "--bag", path).output
+    unknown = run("topic", "echo", "turtle1/pos", "--bag", path)
+    assert "did you mean 'turtle1/pose'" in unknown.output
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        (("frames", "--at", "+99s"), "outside of the recording"),
+        (("frames", "--watch"), "--watch shows a bus"),
+        (("echo", "world", "base", "--timeout", "3"), "--timeout waits for a bus"),
+        (("echo", "world", "base", "--at", "+1s", "--to", "+2s"), "--at is one moment"),
+        (("plot", "world", "base", "-o", "a.svg", "--for", "3"), "--for listens to a bus"),
+        (("topic", "echo", "turtle1/pose", "--raw"), "of a bus"),
+    ],
+)
+def test_what_a_recording_has_not_is_a_usage_error(
+    path: Path, args: tuple[str, ...], text: str
+) -> None:
+    """It says what to do instead, and exits with 2."""
+    done = run(*args, "--bag", path)
+    assert done.exit_code == 2
+    assert text in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        ("frames",),
+        ("why", "world", "laser"),
+        ("echo", "world", "laser", "--at", "+5s"),
+        ("monitor",),
+        ("doctor",),
+        ("topic", "echo", "turtle1/pose", "--once"),
+    ],
+    ids=lambda args: args[0],
+)
+def test_no_bus_is_opened(path: Path, args: tuple[str, ...]) -> None:
+    """A tool that looks into a recording does not even import Zenoh."""
+    command = [sys.executable, "-X", "importtime", "-m", "tfbus", *args, "--bag", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert done.stdout
+    assert "tfbus.recording.reader" in imported
+    assert not imported & {"zenoh", "tfbus.node.node", "tfbus.bus.session"}

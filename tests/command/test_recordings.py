@@ -1,0 +1,87 @@
+"""`--bag`, and the moments and spans of a recording."""
+
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from tests.recordings import at, publisher, steadily, write
+from tfbus.command.moment import parse_moment
+from tfbus.command.recordings import BagChoice, bag_options, open_recording, wall
+from tfbus.errors import TfbusError
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A recording of 10 s; its last message is stamped 9.9 s after its beginning."""
+    return write(tmp_path / "run.mcap", steadily(publisher("sim"), 0.0, 10.0, ("world", "base")))
+
+
+def choice(path: Path, **moments: str) -> BagChoice:
+    return BagChoice((path,), **{name: parse_moment(text) for name, text in moments.items()})
+
+
+def test_without_a_moment_it_is_the_end_and_the_whole(path: Path) -> None:
+    """The moment is that of the last item, the span all of it."""
+    with choice(path).opened() as bag:
+        start_ns, end_ns = bag.reader.start_ns, bag.reader.end_ns
+        assert bag.at_ns == end_ns
+        assert bag.span == (start_ns, end_ns)
+
+
+def test_a_span_ends_with_the_recording(path: Path) -> None:
+    """A span that goes beyond the recording is cut to it."""
+    with choice(path, begin="-1h", end="+5s").opened() as bag:
+        assert bag.span == (bag.reader.start_ns, bag.reader.start_ns + 5_000_000_000)
+
+
+@pytest.mark.parametrize(
+    ("moments", "text"),
+    [
+        ({"at": "+11s"}, "--at: \\+11s is outside of the recording, which is from"),
+        ({"at": "3"}, "write \\+3s for that long after its beginning"),
+        ({"at": "2020-01-01"}, "2020-01-01 00:00:00.000 is outside of the recording"),
+        ({"begin": "3"}, "--from: .* write \\+3s"),
+        ({"begin": "2030-01-01"}, "--from: 2030-01-01"),
+        ({"end": "2020-01-01"}, "--to: 2020-01-01"),
+        ({"begin": "-1s", "end": "+1s"}, "must be before --to"),
+    ],
+)
+def test_what_is_outside_is_an_error_that_says_what_is_inside(
+    path: Path, moments: dict[str, str], text: str
+) -> None:
+    """It names the span of the recording, and the form that was meant."""
+    with choice(path, **moments).opened() as bag, pytest.raises(click.UsageError, match=text):
+        assert (bag.at_ns, bag.span) == ()
+
+
+def test_a_file_that_is_none_is_an_error_in_one_sentence(tmp_path: Path) -> None:
+    """What is no recording, or an empty one, is named."""
+    other = tmp_path / "run.csv"
+    other.write_text("a,b\n" * 100)
+    with pytest.raises(TfbusError, match=r"run\.csv"), open_recording(other):
+        pass
+    empty = write(tmp_path / "empty.mcap")
+    with pytest.raises(TfbusError, match="empty"), open_recording(empty):
+        pass
+
+
+def test_a_moment_needs_a_recording() -> None:
+    """Without --bag, --at, --from and --to are usage errors that say so."""
+
+    @click.command()
+    @bag_options("at", "begin", "end")
+    def command(bag: BagChoice | None) -> None:
+        raise AssertionError
+
+    for option in ("--at", "--from", "--to"):
+        done = CliRunner().invoke(command, [option, "+1s"])
+        assert done.exit_code == 2
+        assert f"{option} is a moment of a recording: give --bag" in done.output
+
+
+def test_a_time_is_that_of_the_wall() -> None:
+    """Local time, with milliseconds; a stamp beyond the calendar in seconds."""
+    assert wall(at(1.5)).endswith(".500") and len(wall(at(1.5))) == 23
+    assert wall(2**63 - 1) != ""

@@ -1,0 +1,111 @@
+"""The checks of a recording: each finds its trouble, and nothing in a healthy one."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import (
+    at,
+    described,
+    gone,
+    publisher,
+    sent,
+    statics,
+    steadily,
+    write,
+)
+from tfbus import NodeSettings
+from tfbus.doctor.finding import Finding
+from tfbus.doctor.recorded import examine_recorded
+from tfbus.doctor.recorded_checks import RECORDED_CHECKS
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.recording.items import EventItem, Item
+from tfbus.recording.reader import RecordingReader
+
+SIM, BAD = publisher("sim"), publisher("bad")
+HEALTHY: list[Item] = [
+    described(SIM, 0.0, ("world", "base", False), ("base", "laser", True)),
+    statics(SIM, 0.0, ("base", "laser", 0.2)),
+    *steadily(SIM, 0.0, 20.0, ("world", "base")),
+]
+CLOCK_JUMPED = [
+    sent(SIM, number / 10, ("world", "base", 0.0), stamp_ns=at(number / 10 - (number > 100)))
+    for number in range(200)
+]
+
+TROUBLE: dict[str, tuple[list[Item], str]] = {
+    "complete": (
+        [*HEALTHY, EventItem(at(5.0), "dropped", "", {"messages": 7})],
+        "the recorder dropped 7 messages",
+    ),
+    "conflicts": (
+        [
+            *HEALTHY,
+            described(BAD, 5.0, ("world", "base", False)),
+            *steadily(BAD, 5.0, 8.0, ("world", "base")),
+            gone(BAD, 8.0),
+        ],
+        "from +5.000s to +8.000s, 'base' is published by several at once",
+    ),
+    "loops": (
+        [*HEALTHY, described(BAD, 5.0, ("laser", "world", False)), gone(BAD, 9.0)],
+        "from +5.000s to +9.000s, ",
+    ),
+    "gone": ([*HEALTHY, gone(SIM, 20.0)], "from +20.000s on, the publisher of 'base', 'laser'"),
+    "restarts": (
+        [*HEALTHY, *steadily(publisher("sim", 21.0), 21.0, 25.0, ("world", "base"))],
+        "/sim on robot, pid 7 began again at +21.005s",
+    ),
+    "clock-jumps": (CLOCK_JUMPED, "stamps of stream 'sim' jump back by 1.0 s at +10.1"),
+    "rates": (
+        [*HEALTHY, *steadily(SIM, 20.0, 25.0, ("world", "base"), rate_hz=50.0)],
+        "'base' comes at",
+    ),
+    "gaps": (
+        [*steadily(SIM, 0.0, 20.0, ("world", "base"), pause=(5.0, 8.0))],
+        "'base' paused from +4.900s to +8.000s, for 3.1 s: lookups",
+    ),
+    "silent": ([described(BAD, 0.0, ("world", "cup", False)), *HEALTHY], "no transform of 'cup'"),
+    "stale": (
+        [
+            *HEALTHY,
+            described(BAD, 0.0, ("base", "cup", False)),
+            *steadily(BAD, 0.0, 3.0, ("base", "cup")),
+        ],
+        "no sample of 'cup' for 17",
+    ),
+    "disconnected": (
+        [*HEALTHY, *steadily(BAD, 0.0, 20.0, ("odom", "cup"))],
+        "'odom' and 1 frame below it are a separate tree",
+    ),
+}
+
+
+def findings(tmp_path: Path, items: Iterable[Item]) -> dict[str, Finding]:
+    with RecordingReader(write(tmp_path / "run.mcap", items)) as reader:
+        seen = examine_recorded(
+            RecordedFrames(reader),
+            NodeSettings("doctor"),
+            reader.start_ns,
+            reader.end_ns,
+            is_complete=reader.is_complete,
+        )
+    return {name: check(seen) for name, check in RECORDED_CHECKS.items()}
+
+
+def test_a_healthy_recording_has_no_finding(tmp_path: Path) -> None:
+    """All checks are fine, or do not apply."""
+    verdicts = {name: each.verdict for name, each in findings(tmp_path, HEALTHY).items()}
+    assert set(verdicts.values()) <= {"ok", "skipped"}, verdicts
+    assert verdicts["gaps"] == verdicts["complete"] == "ok"
+
+
+@pytest.mark.parametrize("name", TROUBLE)
+def test_a_check_finds_its_trouble_and_when_it_was(tmp_path: Path, name: str) -> None:
+    """The evidence names the frame or stream, and for what passes the time as --at takes it."""
+    items, text = TROUBLE[name]
+    finding = findings(tmp_path, items)[name]
+    assert finding.verdict in ("warn", "fail")
+    assert text in " ".join(finding.evidence)
+    assert finding.remedy

@@ -1,0 +1,299 @@
+"""The frames at a moment of a recording: as a listener had them then."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.builders import x_of
+from tests.recordings import (
+    LATE_NS,
+    at,
+    described,
+    gone,
+    node,
+    publisher,
+    sent,
+    statics,
+    steadily,
+    write,
+)
+from tfbus import Fleet
+from tfbus.frames.document import as_map
+from tfbus.frames.recorded import RecordedFrames
+from tfbus.frames.state import state
+from tfbus.recording.items import EventItem, TopicItem
+from tfbus.recording.reader import RecordingReader
+
+SIM, ARM = publisher("sim"), publisher("arm")
+SIM_ROWS = (("world", "base", False), ("base", "laser", True))
+
+
+def states(frames: RecordedFrames) -> dict[str, str]:
+    tree = frames.tree()
+    return {name: state(tree, frame) for name, frame in tree.frames.items()}
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> RecordingReader:
+    """40 s: sim sends base at 10 Hz with a pause from 15 to 18 s, and laser once; arm is gone at
+    12 s; another publisher of base is there from 20 to 26 s; late comes at 30 s.
+    """
+    bad, late = publisher("bad", 20.0), publisher("late", 30.0)
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, *SIM_ROWS),
+        statics(SIM, 0.001, ("base", "laser", 0.2)),
+        steadily(SIM, 0.0, 40.0, ("world", "base"), pause=(15.0, 18.0)),
+        described(ARM, 0.0, ("base", "arm", False)),
+        steadily(ARM, 0.0, 12.0, ("base", "arm")),
+        gone(ARM, 12.0),
+        described(bad, 20.0, ("odom", "base", False)),
+        steadily(bad, 20.05, 26.0, ("odom", "base")),
+        gone(bad, 26.0),
+        described(late, 30.0, ("base", "late", False)),
+        steadily(late, 30.0, 40.0, ("base", "late")),
+    )
+    with RecordingReader(path) as reader:
+        yield reader
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        (1.0, {"world": "root", "base": "dynamic", "laser": "static", "arm": "dynamic"}),
+        (14.0, {"world": "root", "base": "dynamic", "laser": "static", "arm": "gone"}),
+        (16.5, {"world": "root", "base": "stale", "laser": "static", "arm": "gone"}),
+    ],
+)
+def test_states_are_those_of_then(
+    recording: RecordingReader, seconds: float, expected: dict[str, str]
+) -> None:
+    """A frame is dynamic, stale or gone as it was at the moment, not as it became."""
+    frames = RecordedFrames(recording)
+    frames.seek(at(seconds))
+    assert states(frames) == expected
+
+
+def test_a_conflict_is_one_while_both_publishers_are_there(recording: RecordingReader) -> None:
+    """It begins with the second publisher, and ends when that is gone."""
+    frames = RecordedFrames(recording)
+    conflicts = {}
+    for seconds in (19.0, 22.0, 27.0):
+        frames.seek(at(seconds))
+        conflicts[seconds] = frames.tree().conflicts
+    assert conflicts == {19.0: frozenset(), 22.0: {"base"}, 27.0: frozenset()}
+
+
+def test_a_frame_that_has_long_been_gone_is_still_shown(recording: RecordingReader) -> None:
+    """Its last samples are looked for before the cache's time."""
+    frames = RecordedFrames(recording)
+    frames.seek(recording.end_ns)
+    assert states(frames)["arm"] == "gone"
+    assert frames.buffer.frame("arm").newest_ns == at(11.9)
+
+
+def test_ages_and_delays_are_by_the_log_times(recording: RecordingReader) -> None:
+    """An age is that at the moment, whenever the recording is looked at."""
+    frames = RecordedFrames(recording)
+    frames.seek(at(10.05))
+    tree = frames.tree()
+    assert tree.age_s(tree.frames["base"]) == pytest.approx(0.05)
+    assert tree.streams["sim"].delay_s == pytest.approx(LATE_NS / 1e9)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 13.0, 17.0, 23.0, 30.02])
+def test_to_go_on_to_a_moment_is_to_seek_it(recording: RecordingReader, seconds: float) -> None:
+    """Frames and their states are the same, whether all before was gone through or not."""
+    sought, played = RecordedFrames(recording), RecordedFrames(recording)
+    sought.seek(at(seconds))
+    played.seek(recording.start_ns)
+    played.advance(at(seconds))
+    assert states(sought) == states(played)
+    assert [frame["newest_ns"] for frame in as_map(sought.tree())["frames"]] == [
+        frame["newest_ns"] for frame in as_map(played.tree())["frames"]
+    ]
+
+
+def test_to_go_back_is_to_seek(recording: RecordingReader) -> None:
+    """An earlier moment knows nothing of what came later."""
+    frames = RecordedFrames(recording)
+    frames.seek(recording.end_ns)
+    frames.advance(at(5.0))
+    assert "late" not in frames.buffer.frames()
+    assert states(frames)["arm"] == "dynamic"
+
+
+def test_a_restart_voids_the_samples_before_it(tmp_path: Path) -> None:
+    """As on a bus, samples of an earlier epoch are no more, and late ones of it do not count."""
+    before, after = publisher("sim", -1.0), publisher("sim", 5.0)
+    path = write(
+        tmp_path / "run.mcap",
+        described(before, 0.0, ("world", "base", False)),
+        steadily(before, 0.0, 5.0, ("world", "base")),
+        described(after, 5.0, ("world", "base", False)),
+        steadily(after, 5.0, 6.0, ("world", "base")),
+        sent(before, 5.5, ("world", "base", 99.0), stamp_ns=at(5.55)),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(reader.end_ns)
+    assert frames.buffer.frame("base").oldest_ns == at(5.0)
+    assert frames.streams()[0].outdated == 1
+    assert frames.streams()[0].epoch_ns == at(5.0)
+
+
+def test_a_frame_that_is_no_longer_listed_is_removed(tmp_path: Path) -> None:
+    """A description without a frame removes it, from then on."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, ("world", "base", False), ("base", "cup", False)),
+        steadily(SIM, 0.0, 2.0, ("world", "base"), ("base", "cup")),
+        described(SIM, 2.0, ("world", "base", False)),
+        steadily(SIM, 2.0, 3.0, ("world", "base")),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(1.9))
+        assert "base" in states(frames) and states(frames)["cup"] == "dynamic"
+        frames.advance(reader.end_ns)
+        assert frames.buffer.frame("base").children == ()
+
+
+def test_the_last_static_set_before_the_moment_holds(tmp_path: Path) -> None:
+    """Static transforms are those in force then, however long ago they came."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, ("world", "mark", True)),
+        statics(SIM, 0.0, ("world", "mark", 1.0), seq=0),
+        statics(SIM, 50.0, ("world", "mark", 2.0), seq=1),
+        steadily(ARM, 0.0, 100.0, ("world", "arm"), rate_hz=2.0),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        found = []
+        for seconds in (49.0, 51.0, 99.0):
+            frames.seek(at(seconds))
+            found.append(x_of(frames.buffer, source="mark"))
+    assert found == [1.0, 2.0, 2.0]
+
+
+def test_a_namespace_sees_its_own_streams_and_a_fleet_all(tmp_path: Path) -> None:
+    """Names are as a listener there has them, and a hint says where others are."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, ("map", "base", False)),
+        steadily(SIM, 0.0, 1.0, ("map", "base")),
+        *(
+            each
+            for name in ("robot7/sim", "robot8/sim")
+            for each in (
+                described(publisher(name), 0.0, ("map", "wheel", False)),
+                steadily(publisher(name), 0.0, 1.0, ("map", "wheel")),
+            )
+        ),
+    )
+    with RecordingReader(path) as reader:
+        seen = {}
+        for name, options in {
+            "": {},
+            "robot7": {"namespace": "robot7"},
+            "fleet": {"fleet": Fleet(["map"])},
+        }.items():
+            frames = RecordedFrames(reader, **options)
+            frames.seek(reader.end_ns)
+            seen[name] = (sorted(frames.buffer.frames()), [each.name for each in frames.streams()])
+        hint = RecordedFrames(reader).hint("wheel")
+    assert seen[""] == (["base", "map"], ["sim"])
+    assert seen["robot7"] == (["map", "wheel"], ["sim"])
+    assert seen["fleet"] == (
+        ["base", "map", "robot7/wheel", "robot8/wheel"],
+        ["robot7/sim", "robot8/sim", "sim"],
+    )
+    assert "--namespace robot7" in hint
+
+
+def test_the_only_namespace_is_looked_at(tmp_path: Path) -> None:
+    """A recording of one robot in a namespace needs no --namespace."""
+    robot = publisher("robot7/sim")
+    path = write(
+        tmp_path / "run.mcap",
+        described(robot, 0.0, ("map", "base", False)),
+        steadily(robot, 0.0, 1.0, ("map", "base")),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(reader.end_ns)
+    assert states(frames) == {"map": "root", "base": "dynamic"}
+
+
+def test_without_descriptions_a_stream_lists_what_it_sends(tmp_path: Path) -> None:
+    """An imported recording has no tokens: its streams are there, and can be in conflict."""
+    path = write(
+        tmp_path / "run.mcap",
+        steadily(SIM, 0.0, 2.0, ("world", "base")),
+        steadily(ARM, 0.0, 2.0, ("world", "base")),
+        statics(SIM, 0.0, ("base", "laser", 0.2)),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(reader.end_ns)
+    assert states(frames) == {"world": "root", "base": "conflict", "laser": "static"}
+    assert [stream.alive for stream in frames.streams()] == [True, True]
+
+
+def test_ages_are_by_a_recorded_clock_that_all_follow(tmp_path: Path) -> None:
+    """Under simulated time an age is the difference to the clock's last message."""
+    clock = "clock"
+    path = write(
+        tmp_path / "run.mcap",
+        node("/clock", publishes={clock: "Clock"}),
+        node("/sim", subscribes={clock: "Clock"}, streams=["sim"]),
+        described(SIM, 0.0, ("world", "base", False)),
+        [
+            sent(SIM, number / 10, ("world", "base", 0.0), stamp_ns=number * 10**8)
+            for number in range(50)
+        ],
+        [
+            TopicItem(
+                at(number / 10),
+                clock,
+                "Clock",
+                {"stamp_ns": number * 10**8, "rate": 1.0, "paused": False},
+            )
+            for number in range(50)
+        ],
+    )
+    with RecordingReader(path) as reader:
+        frames, system = RecordedFrames(reader), RecordedFrames(reader, sim_time=False)
+        frames.seek(at(3.05))
+        system.seek(at(3.05))
+    assert frames.now_ns() == 3 * 10**9
+    tree = frames.tree()
+    assert tree.is_simulated and tree.age_s(tree.frames["base"]) == 0.0
+    assert system.now_ns() == at(3.05)
+    assert [problem.kind for problem in system.tree().problems()] == ["clock"]
+
+
+def test_a_pause_of_the_recorder_is_known(tmp_path: Path) -> None:
+    """Between "paused" and "resumed" nothing was recorded."""
+    path = write(
+        tmp_path / "run.mcap",
+        steadily(SIM, 0.0, 10.0, ("world", "base"), pause=(3.0, 6.0)),
+        EventItem(at(3.0), "paused"),
+        EventItem(at(6.0), "resumed"),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        paused = []
+        for seconds in (2.0, 4.0, 7.0):
+            frames.seek(at(seconds))
+            paused.append(frames.is_paused)
+    assert paused == [False, True, False]
+
+
+def test_a_hint_says_when_a_frame_comes(recording: RecordingReader) -> None:
+    """A frame that comes later is named with the time that --at takes."""
+    frames = RecordedFrames(recording)
+    frames.seek(at(3.0))
+    assert frames.hint("late") == "'late' comes at +30.000s of the recording"
+    assert frames.hint("base") == ""

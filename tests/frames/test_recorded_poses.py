@@ -1,0 +1,113 @@
+"""Poses of a recording: at its samples, at a rate, at a moment."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import at, described, publisher, statics, steadily, write
+from tfbus import NodeSettings, Recording
+from tfbus.command.moment import parse_moment
+from tfbus.command.recordings import BagChoice
+from tfbus.errors import TfbusError
+from tfbus.frames.recorded_poses import recorded_track, recorded_transform, recorded_transforms
+
+SETTINGS = NodeSettings("echo")
+SIM, ARM = publisher("sim"), publisher("arm")
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> BagChoice:
+    """10 s: base at 10 Hz moves by 1 m/s, arm at 5 Hz in it too, tool is fixed to arm, late comes
+    at 6 s.
+    """
+    late = publisher("late")
+    return BagChoice(
+        (
+            write(
+                tmp_path / "run.mcap",
+                described(SIM, 0.0, ("world", "base", False)),
+                steadily(SIM, 0.0, 10.0, ("world", "base")),
+                described(ARM, 0.0, ("base", "arm", False), ("arm", "tool", True)),
+                steadily(ARM, 0.0, 10.0, ("base", "arm"), rate_hz=5.0),
+                statics(ARM, 0.0, ("arm", "tool", 0.5)),
+                described(late, 6.0, ("base", "late", False)),
+                steadily(late, 6.0, 10.0, ("base", "late")),
+            ),
+        )
+    )
+
+
+def poses(bag: BagChoice, source: str, rate_hz: float | None = None) -> dict[float, float]:
+    """The x of the source in the world, by seconds from the beginning."""
+    found = recorded_transforms(bag, SETTINGS, None, "world", source, rate_hz)
+    return {(each.stamp_ns - at(0.0)) / 1e9: round(each.transform.x, 6) for each in found}
+
+
+def test_a_pose_comes_for_each_sample_of_the_source(bag: BagChoice) -> None:
+    """Those of the first dynamic frame on the way, interpolated between samples of the others."""
+    found = poses(bag, "tool")
+    assert list(found) == [pytest.approx(number / 5) for number in range(50)]
+    assert found[4.2] == pytest.approx(8.9)
+
+
+def test_a_rate_samples_the_span(bag: BagChoice) -> None:
+    """The first pose is at the beginning of the span."""
+    span = replace(bag, begin=parse_moment("+2.005s"), end=parse_moment("+4.1s"))
+    assert list(poses(span, "base", 4.0)) == [
+        pytest.approx(2.005 + number / 4, abs=0.006) for number in range(8)
+    ]
+
+
+def test_a_span_has_what_came_in_it(bag: BagChoice) -> None:
+    """Samples that came before or after the span are left out."""
+    span = replace(bag, begin=parse_moment("+2.05s"), end=parse_moment("+3.05s"))
+    assert list(poses(span, "base")) == [pytest.approx(2.1 + number / 10) for number in range(10)]
+
+
+def test_a_static_pose_comes_once(bag: BagChoice) -> None:
+    """A path without a dynamic edge has one pose."""
+    found = recorded_transforms(bag, SETTINGS, None, "arm", "tool")
+    assert [(each.stamp_ns, each.transform.x) for each in found] == [(0, 0.5)]
+
+
+def test_a_moment_is_interpolated_between_what_came_before_and_after(bag: BagChoice) -> None:
+    """A lookup at a moment is by its stamp, with all that was recorded."""
+    moment = replace(bag, at=parse_moment("+4.25s"))
+    found = recorded_transform(moment, SETTINGS, None, "world", "tool")
+    assert found.stamp_ns == pytest.approx(at(4.255), abs=10_000_000)
+    seconds = (found.stamp_ns - at(0.0)) / 1e9
+    assert found.transform.x == pytest.approx(2 * seconds + 0.5)
+
+
+def test_a_fixed_frame_spans_from_the_moment_to_the_end(bag: BagChoice) -> None:
+    """Where the source was at the moment, seen from where the target is at the end."""
+    moment = replace(bag, at=parse_moment("+4s"))
+    found = recorded_transform(moment, SETTINGS, None, "base", "base", "world")
+    assert found.transform.x == pytest.approx(4.0 - 9.9, abs=0.01)
+
+
+def test_a_frame_that_comes_later_is_named_with_its_time(bag: BagChoice) -> None:
+    """So is one that does not come at all, with a near name."""
+    moment = replace(bag, at=parse_moment("+4s"))
+    with pytest.raises(TfbusError, match=r"'late' comes at \+6\.000s of the recording"):
+        recorded_transform(moment, SETTINGS, None, "world", "late")
+    with pytest.raises(TfbusError, match="did you mean 'tool'"):
+        list(recorded_transforms(bag, SETTINGS, None, "world", "tol"))
+
+
+def test_a_track_has_all_poses(bag: BagChoice) -> None:
+    """For a plot, as arrays."""
+    track = recorded_track(bag, SETTINGS, None, "world", "base")
+    assert len(track) == 100
+    assert track.poses.xyz[:, 0] == pytest.approx(track.seconds)
+
+
+def test_the_poses_are_those_of_the_recording(bag: BagChoice) -> None:
+    """The same stamps and poses, bit by bit, as tfbus.Recording gives."""
+    with Recording(*bag.paths) as recording:
+        path = recording.trajectory("world", "tool")
+    track = recorded_track(bag, SETTINGS, None, "world", "tool")
+    assert track.stamps_ns.tolist() == path.stamps_ns.tolist()
+    assert track.poses.xyz.tolist() == path.xyz.tolist()
+    assert track.poses.quat_xyzw.tolist() == path.quat_xyzw.tolist()

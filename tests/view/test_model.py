@@ -277,6 +277,9 @@ def test_the_headline_says_what_the_page_waits_for() -> None:
     assert "Waiting for transforms" in text.headline(Frames(), "", Playback())
     buffer = Buffer()
     send(buffer, "map", "base")
+    assert "by this moment of the recording. The first &lt;b&gt;." in text.headline(
+        Frames(), "", Playback(), empty=text.nothing_recorded("the first <b>")
+    )
     assert "no frame 'mop'" in text.headline(look(buffer, "mop"), "mop", Playback()).replace(
         "&#x27;", "'"
     )

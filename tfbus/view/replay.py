@@ -88,6 +88,10 @@ class Replay:
         """The frames at the cursor."""
         return self._frames.tree()
 
+    def hint(self) -> str:
+        """Where there are frames, while there are none at the cursor; "" if nowhere."""
+        return self._frames.hint()
+
     def now_ns(self) -> int:
         """The time of the cursor; by the simulated clock where the publishers followed that."""
         return self._frames.now_ns()

@@ -85,7 +85,9 @@ class Panel:
         self.newest_ns = now_ns if newest_ns is None else newest_ns
         playback = self._view.playback
         missing = len(placed.missing)
-        empty = text.NOTHING_RECORDED if self._replay else text.WAITING
+        empty = text.WAITING
+        if self._replay:
+            empty = text.nothing_recorded("" if len(frames) else self._replay.hint())
         headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty)
         if self._replay and self._replay.mistake:
             headline += text.mistakes([self._replay.mistake])

@@ -1,6 +1,7 @@
 """The bar below the scene that plays a recording: buttons, speed, a timeline with marks, keys."""
 
 import json
+import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -144,7 +145,8 @@ def _number(value: Any) -> float | None:
 
 def _line(timeline: Timeline) -> dict[str, Any]:
     start_ns = timeline.start_ns
-    shown = timeline.marks[:_MOST_MARKS]
+    # Of too many every second, or third, so that none of the parts of the timeline lacks them.
+    shown = timeline.marks[:: math.ceil(len(timeline.marks) / _MOST_MARKS) or 1]
     counts = Counter(mark.kind for mark in timeline.marks)
     has_dates = start_ns >= FIRST_DATE_NS
     return {

@@ -426,6 +426,9 @@ window.tfbusCursor = (given) => {
   // What was sent before the server had our last wish would let the cursor jump back.
   if (cursor && performance.now() < quietUntil && given.jumps === cursor.jumps) return;
   quietUntil = 0;
+  // What is on its way takes time: a cursor that runs as foreseen is not pushed back and forth.
+  if (cursor && given.plays && given.jumps === cursor.jumps
+    && Math.abs(given.at - now()) < 0.2 * given.speed) return;
   cursor = given;
   cursorAt = performance.now();
   draw();

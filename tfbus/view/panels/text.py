@@ -27,8 +27,6 @@ WAITING = (
     "example <code>tfbus launch turtle</code>."
 )
 
-NOTHING_RECORDED = "<b>No transforms</b> had come by this moment of the recording."
-
 _DIGITS = Numbers(precision=3)
 
 
@@ -68,6 +66,12 @@ def headline(
         ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""
         parts.append(f"<b>paused</b> at {clock_time(playback.stamp_ns, now_ns)}{ago}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def nothing_recorded(hint: str) -> str:
+    """What to say without a frame in a recording, as HTML; `hint` is where there are some."""
+    where = f" {escape(hint[:1].upper() + hint[1:])}." if hint else ""
+    return f"<b>No transforms</b> had come by this moment of the recording.{where}"
 
 
 def clock_time(stamp_ns: int, now_ns: int) -> str:

@@ -71,7 +71,8 @@ class LiveBridge(Requests):
         self._executor = Executor(f"{node.full_name} foxglove", node.log)
         self._buffer = ShownBuffer(_CACHE_S)
         self._buffer.on_rows = lambda rows, static: self._transforms.send(rows, static=static)
-        self._listener = TransformListener(self._buffer, node, fleet=fleet)
+        # With history, so that frames which seldom move are known at once, too.
+        self._listener = TransformListener(self._buffer, node, history_s=_CACHE_S, fleet=fleet)
         node.clock.add_jump_callback(self._on_jump_back)
         self._executor.submit("foxglove", self._look)
         self._executor.every(_LOOK_EVERY_S, self._look)

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.handles import Declaration
@@ -17,6 +17,7 @@ from tfbus.listen.clock_offset import ClockOffsets
 from tfbus.listen.conflicts import Conflicts
 from tfbus.listen.held import DisputedMessages
 from tfbus.listen.history import AskedHistory
+from tfbus.listen.info import StreamInfo, stream_info
 from tfbus.listen.interest import Everything, Interest, Reading
 from tfbus.listen.names import StreamNames
 from tfbus.listen.reception import (
@@ -36,9 +37,6 @@ from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import static_transforms_key_beside, stream_of
-
-if TYPE_CHECKING:
-    from tfbus.listen.info import StreamInfo
 
 # What a listener reads.
 Reads = Literal["everything", "needed"]
@@ -200,11 +198,8 @@ class TransformListener:
         """How many messages came on keys beyond the limit of 200,000."""
         return self._refusals.counts["dropped"]
 
-    def streams(self) -> "list[StreamInfo]":
+    def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
-        # Imported here, since most processes never ask: a process is to start soon.
-        from tfbus.listen.info import stream_info
-
         states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
         receptions = {name: it.reception for name, it in self._registry.streams().items()}
         infos = [

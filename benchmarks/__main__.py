@@ -1,7 +1,7 @@
 """Measure tfbus beside its peers, print the table, and write the page: `make bench`.
 
 The page is docs/reference/performance.md; `make bench ARGS="--only bus"` writes its part about
-the bus.
+the bus, and `--only recordings` that about recordings.
 """
 
 import argparse
@@ -23,13 +23,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
     parser.add_argument("--runs", type=int, default=9, help="of which the median counts (9)")
     parser.add_argument(
-        "--only", default="", metavar="WORD", help="rows that have this in them, or bus"
+        "--only", default="", metavar="WORD", help="rows that have this in them; bus; recordings"
     )
     parser.add_argument(
         "--docs", type=Path, default=DOCS, help="folder for performance.md and its plot"
     )
     arguments = parser.parse_args()
-    if arguments.only != "bus":
+    if arguments.only not in ("bus", "recordings"):
         _measure_buffer(arguments)
     if arguments.only in ("", "bus"):
         measured = measure_bus(min(arguments.runs, 5), _tell)
@@ -37,6 +37,20 @@ def main() -> None:
         part = bus_page.part(measured, machine.describe())
         print(part)
         parts.put_in(arguments.docs / "performance.md", bus_page.MARK, part)
+    if arguments.only in ("", "recordings"):
+        _measure_recordings(arguments)
+
+
+def _measure_recordings(arguments: argparse.Namespace) -> None:
+    """tfbus and numpy are imported only where recordings are measured."""
+    from benchmarks.recordings import page as recordings_page
+    from benchmarks.recordings.measure import measure as measure_recordings
+
+    place = machine.describe()
+    measured = measure_recordings(min(arguments.runs, 5), _tell)
+    part = recordings_page.part(measured, place)
+    print(part)
+    parts.put_in(arguments.docs / "performance.md", recordings_page.MARK, part)
 
 
 def _measure_buffer(arguments: argparse.Namespace) -> None:

@@ -1,0 +1,1 @@
+"""Measures recordings: writing, reading, and what recording and replaying a bus take."""

@@ -54,7 +54,7 @@ class Reader:
     def follow(self, block: Block) -> None:
         """Do what one block says."""
         recording = self._folder / RECORDING
-        if RECORDING in block.text and not recording.exists():
+        if RECORDING in block.text and "bag record" not in block.text and not recording.exists():
             write_robot(recording)
         text = block.text.replace(ROUTER_PORT, self._port)
         if block.rule == "file:":

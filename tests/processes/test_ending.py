@@ -128,7 +128,7 @@ class Prompt:
         os.close(self._keyboard)
 
 
-@pytest.mark.parametrize("module", ["click", "tfbus.bus.session"])
+@pytest.mark.parametrize("module", ["click", "tfbus.command.options"])
 @pytest.mark.parametrize("tool", ["frames", "doctor", "node list", "topic hz a", "static a b"])
 def test_what_is_interrupted_while_it_loads_ends_without_a_word(
     bus: Bus, tool: str, module: str

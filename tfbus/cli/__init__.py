@@ -65,7 +65,7 @@ NODES = {
     "simulator": "Simulate turtles to drive and to watch (turtlesim).",
     "static": "Publish static transforms.",
     "teleop": "Drive a turtle with the keyboard.",
-    "view": "Show all frames in a browser.",
+    "view": "Show all frames in a browser, of the bus or with --bag of a recording.",
 }
 
 

@@ -51,7 +51,7 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
             lambda: transforms_of(client, "turtle1")[-1].transform.x > start + 0.5,
         )
         eventually(lambda: client.published.get("/turtle1/pose") == ["/sim"])
-        assert client.published["/tf"] == ["/broadcaster1"]
+        eventually(lambda: client.published.get("/tf") == ["/broadcaster1"])
         client.send("getParameters", parameterNames=["/sim.background_r"], id="r")
         eventually(lambda: client.parameters.get("/sim.background_r") == 69)
         client.send(

@@ -173,6 +173,27 @@ def test_seek_back_says_so(quick: list[Playing]) -> None:
     eventually(lambda: run.taken[50:] == [40])
 
 
+def test_a_second_seek_back_is_one_too(
+    quick: list[Playing], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may come before the first one has begun, as of two keys one after the other."""
+    end = ReadAhead.__exit__
+
+    def end_late(ahead: ReadAhead, *error: Any) -> None:
+        end(ahead, *error)
+        if len(run.stage.begins) == 1:
+            run.player.seek(40 * S)
+
+    monkeypatch.setattr(ReadAhead, "__exit__", end_late)
+    run = Playing(numbered(100), paused=True)
+    quick.append(run)
+    run.player.step(50)
+    eventually(lambda: len(run.taken) == 50)
+    run.player.seek(40 * S)
+    eventually(lambda: len(run.stage.begins) == 3)
+    assert run.stage.begins[1][1:] == (40 * S, True)
+
+
 def test_a_seek_begins_with_what_is_in_force(quick: list[Playing]) -> None:
     """Static transforms in force at a moment come before what follows it."""
     static = TransformItem(0, SIM, Columns.of_transforms([at(1.0, "drone")]), static=True)

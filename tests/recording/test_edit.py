@@ -155,6 +155,26 @@ def test_two_recorders_of_one_bus_are_one(tmp_path: Path) -> None:
         assert told(joined([first, second])) == told(first.items())
 
 
+def test_an_equal_message_is_a_new_one_where_the_other_recording_has_ended(tmp_path: Path) -> None:
+    """A robot that repeats a command says it again, whatever a third recording has meanwhile."""
+
+    def commands(begin: int, end: int) -> list[Item]:
+        return [
+            TopicItem(moment(second), "cmd_vel", "", {"x": 1.0}) for second in range(begin, end)
+        ]
+
+    whole = [item for item in RUN if isinstance(item, TransformItem)]
+    readers = [
+        recorded(tmp_path / "a.mcap", commands(1, 5)),
+        recorded(tmp_path / "b.mcap", commands(5, 9)),
+        recorded(tmp_path / "c.mcap", whole),
+    ]
+    topics = [item for item in joined(readers) if isinstance(item, TopicItem)]
+    assert [item.log_ns for item in topics] == [moment(second) for second in range(1, 9)]
+    for reader in readers:
+        reader.close()
+
+
 def test_publishers_of_one_name_are_found(tmp_path: Path) -> None:
     """Two robots that each have a stream `sim` at the same time."""
     other = RecordedStream("sim", "/sim", epoch_ns=99)

@@ -247,13 +247,10 @@ class Player:
             items = self._source.items(at_ns, self._end_ns, self._selection)
             with ReadAhead(items, self._changed) as ahead:
                 self._begin(stage, state, at_ns, is_back)
-                next_ns = self._play(stage, ahead)
-            if next_ns is None:
+                jump = self._play(stage, ahead)
+            if jump is None:
                 return
-            with self._changed:
-                is_back = next_ns < self._position_ns() or self._is_at_end
-                self._is_at_end = False
-                at_ns = next_ns
+            at_ns, is_back = jump
 
     def _begin(self, stage: Stage, state: list[Item], at_ns: int, is_back: bool) -> None:
         with self._changed:
@@ -265,15 +262,18 @@ class Player:
             # That may have taken a moment.
             self._anchor(at_ns)
 
-    def _play(self, stage: Stage, ahead: ReadAhead) -> int | None:
-        """Play to the end of `ahead`; where to go on, None for nowhere."""
+    def _play(self, stage: Stage, ahead: ReadAhead) -> tuple[int, bool] | None:
+        """Play to the end of `ahead`: where to go on, and whether that is back; None to end."""
         while True:
             with self._changed:
                 if self._is_stopped:
                     return None
                 if self._seek_ns is not None:
                     next_ns, self._seek_ns = self._seek_ns, None
-                    return next_ns
+                    # Without the seek the position is what was played; another may come at once.
+                    is_back = next_ns < self._position_ns() or self._is_at_end
+                    self._is_at_end = False
+                    return next_ns, is_back
                 is_news, self._pace_is_news = self._pace_is_news, False
                 if not is_news and self._has_ended(ahead):
                     is_here, self._is_at_end = self._is_at_end, True
@@ -281,7 +281,8 @@ class Player:
                         return None
                     if self._at_end == "loop" and not self._is_paused:
                         self._loops += 1
-                        return self._start_ns
+                        self._is_at_end = False
+                        return self._start_ns, True
                     is_news = not (is_here and self._is_paused)
                     if not self._is_paused:
                         self._anchor(self._end_ns)

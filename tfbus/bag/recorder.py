@@ -218,7 +218,8 @@ class Recorder:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
         if raw.source in self._undescribed or raw.source.is_described():
             return False
-        if time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
+        # A clock that was set back ends the wait.
+        if 0 <= time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
             return True
         self._undescribed.add(raw.source)
         return False

@@ -192,25 +192,29 @@ class _Repeated:
             return False
         is_numbered = isinstance(item, TransformItem) and item.seq is not None
         apart_ns = _SAME_NUMBERED_NS if is_numbered else _SAME_CONTENT_NS
-        if not self._overlaps(item.log_ns, number, apart_ns if is_numbered else 0):
+        others = self._recording_at(item.log_ns, apart_ns if is_numbered else 0) - {number}
+        if not others:
             return False
         self._forget_before(item.log_ns - _SAME_NUMBERED_NS)
         digest = _digest(item)
         received = self._received.setdefault(digest, [])
         for log_ns, numbers in reversed(received):
-            if item.log_ns - log_ns <= apart_ns and number not in numbers:
+            # One that has ended cannot have had this message.
+            is_of_one = number not in numbers and not numbers.isdisjoint(others)
+            if item.log_ns - log_ns <= apart_ns and is_of_one:
                 numbers.add(number)
                 return True
         received.append((item.log_ns, {number}))
         self._in_order.append((item.log_ns, digest))
         return False
 
-    def _overlaps(self, log_ns: int, number: int, slack_ns: int) -> bool:
-        return any(
-            span.from_ns - slack_ns <= log_ns <= span.to_ns + slack_ns
-            for at, span in enumerate(self._spans)
-            if at != number
-        )
+    def _recording_at(self, log_ns: int, slack_ns: int) -> set[int]:
+        """The recordings that were made at this time, by their numbers."""
+        return {
+            number
+            for number, span in enumerate(self._spans)
+            if span.from_ns - slack_ns <= log_ns <= span.to_ns + slack_ns
+        }
 
     def _forget_before(self, log_ns: int) -> None:
         while self._in_order and self._in_order[0][0] < log_ns:

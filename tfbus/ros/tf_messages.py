@@ -91,6 +91,8 @@ def _like_first(
     first is not as others are written, or a stamp is none.
     """
     first = reader.read(messages[0])
+    if not first.count:
+        return None
     places = _places(first.frames, first.edges_bytes(), len(messages[0]))
     if places is None or messages[0][:HEADER_SIZE] != HEADER:
         return None
@@ -101,7 +103,7 @@ def _like_first(
     same = (words[:, is_fixed] == words[0, is_fixed]).all(axis=1)
     if not same.all():
         words = words[same]
-    if not first.count or words[:, stamp_at + 1].max() >= _SECOND_NS:
+    if words[:, stamp_at + 1].max() >= _SECOND_NS:
         return None
     edges = first.edges_bytes()
     if children is not None:

@@ -172,7 +172,7 @@ class Replay:
             case "dropped":
                 self._node.log.info(
                     "The recorder dropped %s here",
-                    counted(int(event.facts.get("messages", 0)), "message"),
+                    counted(event.dropped, "message"),
                 )
 
     def _describe(self, event: EventItem) -> None:

@@ -65,7 +65,7 @@ def examine_recorded(
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
     ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.look_again(frames, log_ns))
     for event in measure(frames, meter, ticks.before):
-        lost += _lost(event)
+        lost += event.dropped
         paused += event.kind == "paused"
         if event.kind in ("stream", "stream gone"):
             passing.look(frames, event.log_ns)
@@ -95,11 +95,6 @@ def examine_recorded(
 
 def _rejected(buffer: Buffer) -> dict[str, int]:
     return dict(buffer.rejected)
-
-
-def _lost(event: EventItem) -> int:
-    messages = event.facts.get("messages", 0)
-    return messages if event.kind == "dropped" and isinstance(messages, int) else 0
 
 
 class _Passing:

@@ -70,5 +70,11 @@ class EventItem:
     name: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def dropped(self) -> int:
+        """How many messages were not recorded; 0 of other events, and where a file says nonsense."""
+        messages = self.facts.get("messages") if self.kind == "dropped" else 0
+        return messages if isinstance(messages, int) else 0
+
 
 Item = TransformItem | TopicItem | EventItem

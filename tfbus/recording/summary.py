@@ -139,7 +139,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
         ),
         _nodes(reader.events),
         reader.events,
-        sum(_dropped(event) for event in reader.events),
+        sum(event.dropped for event in reader.events),
     )
 
 
@@ -226,8 +226,3 @@ def _nodes(events: Iterable[EventItem]) -> tuple[NodeFacts, ...]:
             host = found[event.name].host if event.name in found else ""
             found[event.name] = NodeFacts(event.name, host, True)
     return tuple(found[name] for name in sorted(found))
-
-
-def _dropped(event: EventItem) -> int:
-    count = event.facts.get("messages", 0) if event.kind == "dropped" else 0
-    return count if isinstance(count, int) else 0

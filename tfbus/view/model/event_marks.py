@@ -57,8 +57,7 @@ def _of_event(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
             yield _paused(sweep.paused_ns, at_ns)
             sweep.paused_ns = None
         case "dropped":
-            count = event.facts.get("messages")
-            lost = counted(count, "message") if isinstance(count, int) else "messages"
+            lost = counted(event.dropped, "message") if event.dropped else "messages"
             yield Mark("dropped", at_ns, at_ns, f"{lost} not recorded: the recorder was too slow")
 
 

@@ -9,7 +9,6 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import Problem, ProblemKind
 from tfbus.monitor.flow import Edge
 from tfbus.monitor.recorded import EdgeSamples, SpanMeter, Ticks, measure
-from tfbus.recording.items import EventItem
 
 # Problems that come and go, and are looked for at each change of a stream.
 _PASSING: tuple[ProblemKind, ...] = ("conflict", "loop", "gone")

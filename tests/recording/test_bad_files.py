@@ -14,8 +14,17 @@ from tests.builders import S, as_values, at, in_recording
 from tfbus import Recording
 from tfbus.errors import DecodeError, TransformException
 from tfbus.recording.items import EventItem, Item, TopicItem
+from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.records import MAGIC
+from tfbus.recording.records import (
+    FOOTER,
+    FOOTER_FIELDS,
+    MAGIC,
+    METADATA_INDEX,
+    PREFIX,
+    STATISTICS,
+    records_in,
+)
 from tfbus.recording.summary import summary_of
 from tfbus.recording.writer import RecordingWriter
 
@@ -215,3 +224,27 @@ def test_an_index_of_another_file_is_not_believed(tmp_path: Path) -> None:
     found = Recording(tmp_path / "b.mcap")
     assert found.is_complete
     assert found.lookup_transform("world", "turtle1", T0 + S) == expected
+
+
+def test_a_summary_that_names_a_record_twice_is_not_believed(tmp_path: Path) -> None:
+    """Each entry would be read and held: the file is read without its summary."""
+    data = whole(tmp_path / "a.mcap")
+    foot = len(data) - len(MAGIC) - PREFIX.size - FOOTER_FIELDS.size
+    start, offsets, _ = FOOTER_FIELDS.unpack_from(data, foot + PREFIX.size)
+    summary = []
+    for opcode, begin, end in records_in(data[start : offsets or foot]):
+        content = bytearray(data[start + begin : start + end])
+        if opcode == STATISTICS:
+            (count,) = struct.unpack_from("<I", content, 18)
+            struct.pack_into("<I", content, 18, count + 1)
+        summary.append(record(opcode, content))
+        if opcode == METADATA_INDEX and opcode not in [each[0] for each in summary[:-1]]:
+            summary.append(summary[-1])
+    spoilt = data[:start] + b"".join(summary)
+    (tmp_path / "b.mcap").write_bytes(
+        spoilt + record(FOOTER, FOOTER_FIELDS.pack(start, 0, 0)) + MAGIC
+    )
+    first, second = McapFile(tmp_path / "a.mcap"), McapFile(tmp_path / "b.mcap")
+    assert len(second.metadata) == len(first.metadata) > 0
+    first.close()
+    second.close()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
+from tfbus.wire.msgpack_items import too_many_items
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -184,7 +185,10 @@ def decode_index(data: bytes, offsets: Collection[int], channels: Collection[int
         size = zstandard.frame_content_size(data)
         if not 0 <= size <= _MOST_BYTES:
             raise DecodeError("the index is too large")
-        said = msgpack.unpackb(zstandard.ZstdDecompressor().decompress(data))
+        plain = zstandard.ZstdDecompressor().decompress(data)
+        if mistake := too_many_items(plain):
+            raise DecodeError(mistake)
+        said = msgpack.unpackb(plain)
         return _index_of(said, offsets, channels)
     except (
         zstandard.ZstdError,

@@ -220,6 +220,10 @@ class McapFile:
                 stated = Fields(content)
             else:
                 self._take_definition(opcode, content)
+        for offsets in ([offset for offset, _ in metadata], [each.offset for each in self.chunks]):
+            if len(set(offsets)) < len(offsets):
+                # Each entry would be read and held again.
+                raise DecodeError("its summary names a record twice")
         if stated is None:
             raise DecodeError("it has no statistics")
         self._check_statistics(stated, len(metadata))

@@ -21,7 +21,7 @@ from tfbus import Fleet
 from tfbus.frames.document import as_map
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.state import state
-from tfbus.recording.items import EventItem, TopicItem
+from tfbus.recording.items import EventItem, EventKind, TopicItem
 from tfbus.recording.reader import RecordingReader
 
 SIM, ARM = publisher("sim"), publisher("arm")
@@ -289,6 +289,23 @@ def test_a_pause_of_the_recorder_is_known(tmp_path: Path) -> None:
             frames.seek(at(seconds))
             paused.append(frames.is_paused)
     assert paused == [False, True, False]
+
+
+@pytest.mark.parametrize(("kinds", "missed"), [((), 20), (("paused", "resumed"), 0)])
+def test_what_came_in_a_pause_is_not_missing(
+    tmp_path: Path, kinds: tuple[EventKind, ...], missed: int
+) -> None:
+    """Messages are numbered: those between 1 s and 3 s are missing, unless it was paused."""
+    path = write(
+        tmp_path / "run.mcap",
+        [sent(SIM, n / 10, ("world", "base", 0.0), seq=n) for n in range(50) if not 10 <= n < 30],
+        [EventItem(at(seconds), kind) for seconds, kind in zip((1.0, 3.0), kinds, strict=False)],
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(4.9))
+        [stream] = frames.streams()
+    assert stream.missed == missed
 
 
 def test_a_hint_says_when_a_frame_comes(recording: RecordingReader) -> None:

@@ -40,15 +40,14 @@ def check_complete(seen: RecordedExamination) -> Finding:
         evidence.append(
             f"the recorder dropped {counted(seen.lost, 'message')}: its disk or host was too slow"
         )
-    if seen.paused:
-        evidence.append(f"it was paused {counted(seen.paused, 'time')}")
+    pauses = f", paused {counted(seen.paused, 'time')}" if seen.paused else ""
     return found(
         "warn",
         evidence,
         "tfbus bag recover writes a whole file of what is there"
         if not seen.is_complete
         else "record less (--exclude), or onto a faster disk",
-        f"{duration(seen.listened_s)}, whole",
+        f"{duration(seen.listened_s)}, whole{pauses}",
     )
 
 

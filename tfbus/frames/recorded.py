@@ -239,6 +239,8 @@ class RecordedFrames:
                 known.take_event(event, self._view.names(namespace))
         elif event.kind in ("paused", "resumed"):
             self.is_paused = event.kind == "paused"
+            for stream in self._streams.values():
+                stream.expect_any_number()
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
@@ -380,6 +382,10 @@ class _Stream:
         if reception is None:
             reception = self._keys[child] = DynamicReception(self.reception)
         return reception
+
+    def expect_any_number(self) -> None:
+        """The recorder was paused: what came meanwhile is not missing."""
+        self._keys.clear()
 
     def take_event(self, event: EventItem, names: FrameNames) -> None:
         """Its token came or was lost, or it has another description."""

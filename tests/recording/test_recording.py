@@ -296,3 +296,19 @@ def test_messages_of_a_topic(tmp_path: Path) -> None:
     assert [(log_ns, message.x) for log_ns, message in typed] == [(T0 + 1, 1.0), (T0 + 2, 2.0)]
     with pytest.raises(tfbus.LookupException, match="did you mean 'turtle1/pose'"):
         bag.messages("turtle/pose")
+
+
+def test_a_recording_that_is_closed_says_so(tmp_path: Path) -> None:
+    """What is still to be read of it cannot come."""
+    with tfbus.Recording(written(tmp_path / "run.mcap", robot(5))) as bag:
+        items = bag.items()
+        next(items)
+    with pytest.raises(tfbus.InvalidArgumentException, match=r"run\.mcap is closed"):
+        list(bag.items())
+
+
+def test_several_files_are_no_list(tmp_path: Path) -> None:
+    """The error says how they are given."""
+    path = written(tmp_path / "run.mcap", robot(1))
+    with pytest.raises(tfbus.InvalidArgumentException, match=r"Recording\(first, second\)"):
+        tfbus.Recording([path, path])  # type: ignore[arg-type]

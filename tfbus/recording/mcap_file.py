@@ -6,7 +6,7 @@ import zlib
 from collections import Counter
 from pathlib import Path
 
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.recording.records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -153,7 +153,11 @@ class McapFile:
         self.is_complete = False
 
     def _read(self, offset: int, length: int) -> bytes:
-        """These bytes of the file. Raises DecodeError where it ends before."""
+        """These bytes of the file. Raises DecodeError where it ends before, and
+        InvalidArgumentException where it is closed.
+        """
+        if self._file < 0:
+            raise InvalidArgumentException(f"{self._name} is closed: read it within its `with`")
         if offset < 0 or length < 0 or offset + length > self.size:
             raise DecodeError("a record lies beyond the end of the file")
         parts = []

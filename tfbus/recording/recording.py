@@ -82,6 +82,12 @@ class Recording:
     def __init__(self, *paths: str | os.PathLike[str]) -> None:
         if not paths:
             raise InvalidArgumentException("name at least one file of the recording")
+        for path in paths:
+            if not isinstance(path, str | os.PathLike):
+                raise InvalidArgumentException(
+                    f"path: expected the name of a file, got a {type(path).__name__}; several "
+                    "files are given one after the other: Recording(first, second)"
+                )
         self._reader = RecordingReader(*paths)
         self._lock = threading.RLock()
         self._known: Samples | None = None

@@ -120,6 +120,9 @@ class Recorder:
         self._pending: deque[Raw] = deque()
         # Sources whose messages wait no further.
         self._undescribed: set[Source] = set()
+        # Questions come from any thread, until the writing one has ended.
+        self._asking = threading.Lock()
+        self._has_ended = False
         self._asked: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._dropped_noted: Counter[str] = Counter()
         self._flushed_s = self._noted_s = self.began_s
@@ -194,8 +197,10 @@ class Recorder:
         except Exception as error:
             self._log.exception("Stopped recording")
             self._fail(error)
-        for _, answer in self._asked:
-            answer.set_exception(TfbusError(self.failure or "the recorder has ended"))
+        with self._asking:
+            self._has_ended = True
+            while self._asked:
+                self._asked.popleft()[1].set_exception(self._why_ended())
 
     def _record(self) -> None:
         is_closing = False
@@ -297,11 +302,16 @@ class Recorder:
 
     def _submit(self, job: Callable[[], object]) -> "Future[object]":
         answer: Future[object] = Future()
-        self._asked.append((job, answer))
+        with self._asking:
+            if self._has_ended:
+                answer.set_exception(self._why_ended())
+            else:
+                self._asked.append((job, answer))
         self._queue.wake()
-        if not self._thread.is_alive():
-            answer.set_exception(TfbusError(self.failure or "the recorder has ended"))
         return answer
+
+    def _why_ended(self) -> TfbusError:
+        return TfbusError(self.failure or "the recorder has ended")
 
     def _ask(self, job: Callable[[], object]) -> object:
         try:
@@ -316,6 +326,6 @@ class Recorder:
             answer.set_result(job())
         except TfbusError as error:
             answer.set_exception(error)
-        except OSError as error:
-            answer.set_exception(TfbusError(str(error.strerror or error)))
+        except Exception as error:
+            answer.set_exception(TfbusError(str(getattr(error, "strerror", None) or error)))
             raise

@@ -4,12 +4,16 @@ from dataclasses import replace
 
 from tfbus.recording.items import EventItem, Item, TransformItem
 
+# Streams come and go: as a listener remembers, at most this many that are gone are in force.
+MOST_GONE = 1000
+
 
 class BusState:
     """What is in force after the items that were taken.
 
     `statics` are the static transforms by the name of their stream, `streams` and `nodes` the
-    events that describe them; `gone` are the streams that have gone, whose frames are still shown.
+    events that describe them; `gone` are the streams that have gone, whose frames are still shown:
+    the last thousand.
     """
 
     def __init__(self) -> None:
@@ -54,11 +58,18 @@ class BusState:
                 self.streams[item.name] = item
                 self.gone.pop(item.name, None)
             case "stream gone":
+                self.gone.pop(item.name, None)
                 self.gone[item.name] = item
+                if len(self.gone) > MOST_GONE:
+                    self._forget(next(iter(self.gone)))
             case "node":
                 self.nodes[item.name] = item
             case "node gone":
                 self.nodes.pop(item.name, None)
+
+    def _forget(self, stream: str) -> None:
+        for known in (self.gone, self.streams, self.statics):
+            known.pop(stream, None)
 
 
 def _is_same(former: EventItem | None, item: EventItem) -> bool:

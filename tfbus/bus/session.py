@@ -168,10 +168,11 @@ class Session:
         # Zenoh's threads that return into an interpreter that shuts down abort the process. A
         # child of a fork has none of them, and nothing to close.
         if not forks.is_lost():
-            # From here on Ctrl-C ends the process at once, without a traceback.
+            # From here on a signal ends the process at once, without a traceback.
             with suppress(ValueError):  # this interpreter has no signals
-                if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
-                    signal.signal(signal.SIGINT, signal.SIG_DFL)
+                for number in (signal.SIGINT, signal.SIGTERM):
+                    if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                        signal.signal(number, signal.SIG_DFL)
             self.close()
 
     def _errors(self, doing: str) -> AbstractContextManager[None]:

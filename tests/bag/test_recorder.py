@@ -153,6 +153,14 @@ class TestAll:
         run.items()
         assert run.recorder.counts.lost == {"missing": 4}
 
+    def test_what_is_not_selected_is_not_missing(self, tmp_path: Path) -> None:
+        """Of frames that come in turns only one is recorded, and none is lost."""
+        run = Run(tmp_path, selection=Selection(frames=("turtle1",)))
+        for seq, child in enumerate(["turtle1", "turtle2"] * 5):
+            run.queue.put(DYNAMIC, payload([at(1.0, child)], seq=seq))
+        assert numbers(run.items()) == [0, 2, 4, 6, 8]
+        assert run.recorder.counts.lost == {}
+
     def test_a_pause_leaves_out_all_but_what_is_in_force(self, run: Run) -> None:
         """Statics that come in a pause are recorded; pause and resumption are events."""
         run.send()

@@ -13,8 +13,10 @@ from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item
 from tfbus.recording.state import BusState
 
-# Reads a message and selects; None where nothing of it is recorded.
+# Reads a message; None where it cannot be read.
 Read = Callable[[Raw], Item | None]
+# The part of an item that is recorded; None where that is nothing.
+Select = Callable[[Item], Item | None]
 # Writes an item, and counts it.
 Write = Callable[[Item], None]
 
@@ -43,10 +45,13 @@ class Keeping(Protocol):
 class InFiles:
     """Writes all messages, into one file after the other."""
 
-    def __init__(self, parts: PartsWritten, splits: Splits, read: Read, write: Write) -> None:
+    def __init__(
+        self, parts: PartsWritten, splits: Splits, read: Read, select: Select, write: Write
+    ) -> None:
         self._parts = parts
         self._splits = splits
         self._read = read
+        self._select = select
         self._write = write
         self._state = BusState()
         self._began_ns: int | None = None
@@ -54,10 +59,14 @@ class InFiles:
 
     def take(self, raw: Raw) -> EventItem | None:
         """Take a message; the event that it is."""
-        item = self._read(raw)
+        whole = self._read(raw)
+        if whole is None:
+            return None
+        # By their numbers, which those that are not selected have too.
+        self.missed.add(raw.source, whole)
+        item = self._select(whole)
         if item is None:
             return None
-        self.missed.add(raw.source, item)
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
         self._write(item)
@@ -87,12 +96,19 @@ class LastSeconds:
     """
 
     def __init__(
-        self, parts: PartsWritten, last_s: float, most_bytes: int, read: Read, write: Write
+        self,
+        parts: PartsWritten,
+        last_s: float,
+        most_bytes: int,
+        read: Read,
+        select: Select,
+        write: Write,
     ) -> None:
         self._parts = parts
         self._last_ns = int(last_s * 1e9)
         self._most_bytes = most_bytes
         self._read = read
+        self._select = select
         self._write = write
         self._state = BusState()
         self._kept: deque[Raw] = deque()
@@ -124,7 +140,7 @@ class LastSeconds:
             raise TfbusError("nothing has come since the last snapshot")
         path = self._parts.open(self._state.items(self._kept[0].log_ns))
         for raw in self._kept:
-            item = self._read(raw)
+            item = self._item(raw)
             if item is not None:
                 self._write(item)
                 self._note(raw, item)
@@ -137,9 +153,13 @@ class LastSeconds:
         raw = self._kept.popleft()
         self.bytes -= raw.size
         if raw.source.is_essential:
-            item = self._read(raw)
+            item = self._item(raw)
             if item is not None:
                 self._note(raw, item)
+
+    def _item(self, raw: Raw) -> Item | None:
+        whole = self._read(raw)
+        return None if whole is None else self._select(whole)
 
     def _note(self, raw: Raw, item: Item) -> None:
         if raw.source.is_essential:

@@ -132,11 +132,16 @@ class Recorder:
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(parts, splits, self._read, self._write)
+            self._keeping = files = InFiles(parts, splits, self._read, self._select, self._write)
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
-                parts, snapshots.last_s, snapshots.most_bytes, self._read, self._write
+                parts,
+                snapshots.last_s,
+                snapshots.most_bytes,
+                self._read,
+                self._select,
+                self._write,
             )
         # Not a daemon: the process ends when the file is whole.
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -239,13 +244,13 @@ class Recorder:
 
     def _read(self, raw: Raw) -> Item | None:
         try:
-            item: Item | None = raw.item()
+            return raw.item()
         except DecodeError as error:
             self._lose(UNREADABLE, raw.source, error)
             return None
-        if self._selection is not None and item is not None:
-            item = self._selection.taken_of(item)
-        return item
+
+    def _select(self, item: Item) -> Item | None:
+        return item if self._selection is None else self._selection.taken_of(item)
 
     def _write(self, item: Item) -> None:
         try:

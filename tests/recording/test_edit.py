@@ -214,6 +214,17 @@ def test_all_is_put_in_a_namespace() -> None:
     assert (first.name, first.facts["node"]) == ("fleet/sim", "/fleet/sim")
 
 
+def test_a_node_in_a_namespace_describes_itself_so() -> None:
+    """By its full name, also within its description."""
+    facts = {"name": "/sim", "streams": ["sim"], "publishes": {"pose": "Pose"}}
+    items = [EventItem(0, "node", "/sim", facts), EventItem(1, "node gone", "/sim")]
+    found = [item for item in in_namespace(iter(items), "robot7") if isinstance(item, EventItem)]
+    assert [(item.name, item.facts) for item in found] == [
+        ("/robot7/sim", {**facts, "name": "/robot7/sim"}),
+        ("/robot7/sim", {}),
+    ]
+
+
 def test_a_selection_of_a_part(tmp_path: Path) -> None:
     """One stream, also in what is in force at the beginning."""
     with recorded(tmp_path / "a.mcap", RUN) as reader:

@@ -65,10 +65,9 @@ class Teleop:
         at = client_id, channel_id
         with self._lock:
             driving = self._driving.pop(at, None)
-            is_moving = at in self._moving
+            if driving is not None and at in self._moving:
+                driving[0].publish(Twist())
             self._moving.discard(at)
-        if driving is not None and is_moving:
-            driving[0].publish(Twist())
 
     def send(self, client_id: int, channel_id: int, data: bytes) -> None:
         """Publish a message of a client; one that cannot be read is dropped."""
@@ -84,8 +83,10 @@ class Teleop:
             self._once.warning("teleop", "Dropped a message of Foxglove's: %s", error)
             return
         with self._lock:
-            (self._moving.discard if twist == Twist() else self._moving.add)(at)
-        publisher.publish(twist)
+            # Not after the stop of a client that has gone meanwhile.
+            if at in self._driving:
+                (self._moving.discard if twist == Twist() else self._moving.add)(at)
+                publisher.publish(twist)
 
 
 def _read_json(data: bytes) -> Twist:

@@ -120,7 +120,9 @@ def _event_in(event: EventItem, namespace: str) -> EventItem:
             facts["node"] = f"/{namespace}{facts['node']}"
         return replace(event, name=f"{namespace}/{event.name}", facts=facts)
     if event.kind in ("node", "node gone"):
-        return replace(event, name=f"/{namespace}/{event.name.removeprefix('/')}")
+        name = f"/{namespace}/{event.name.removeprefix('/')}"
+        # Its topics and streams are named within its namespace, as they were.
+        return replace(event, name=name, facts={**event.facts, "name": name} if event.facts else {})
     return event
 
 

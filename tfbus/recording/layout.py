@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, EventKind, RecordedStream, TopicItem
 from tfbus.wording import printable
 
@@ -169,11 +168,6 @@ def check_text(text: str) -> None:
         text.encode()
     except UnicodeEncodeError as error:
         raise InvalidArgumentException(f"{printable(text)!r} is not valid Unicode") from error
-
-
-def name_mistake(frames: tuple[str, ...]) -> str:
-    """What is wrong with the first of these frame names that is wrong; "" where none is."""
-    return next((mistake for mistake in map(mistake_in, frames) if mistake), "")
 
 
 def _bool_text(value: bool) -> str:

@@ -312,3 +312,30 @@ def test_several_files_are_no_list(tmp_path: Path) -> None:
     path = written(tmp_path / "run.mcap", robot(1))
     with pytest.raises(tfbus.InvalidArgumentException, match=r"Recording\(first, second\)"):
         tfbus.Recording([path, path])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("epoch_ns", [1, 2])
+def test_a_buffer_has_the_last_static_set_only(tmp_path: Path, epoch_ns: int) -> None:
+    """Each set replaces the one before, also that of a publisher that was started again."""
+    items = [
+        in_recording(
+            T0, [moved(T0, "base", "laser", 1), moved(T0, "base", "mast", 2)], static=True
+        ),
+        in_recording(T0 + S, [moved(T0, "base", "laser", 3)], static=True, epoch_ns=epoch_ns),
+    ]
+    with tfbus.Recording(written(tmp_path / "run.mcap", items)) as bag:
+        buffer = bag.buffer()
+    assert buffer.frames() == ["base", "laser"]
+    assert buffer.lookup_transform("base", "laser").transform.x == 3.0
+
+
+def test_a_static_set_of_a_new_epoch_voids_what_was_sent_before_it(tmp_path: Path) -> None:
+    """As on the bus: a publisher that was started again has sent nothing else so far."""
+    items = [
+        in_recording(T0, [moved(T0, "map", "base", 1)], seq=0),
+        in_recording(T0 + S, [moved(T0, "base", "laser", 3)], static=True, epoch_ns=2),
+    ]
+    with tfbus.Recording(written(tmp_path / "run.mcap", items)) as bag:
+        buffer = bag.buffer()
+    assert buffer.can_transform("base", "laser")
+    assert not buffer.can_transform("map", "base")

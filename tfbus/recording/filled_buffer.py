@@ -5,14 +5,17 @@ from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
 
 
 class FilledBuffer:
-    """A buffer that takes items: a larger epoch of a stream voids its earlier samples, frames that
-    a description leaves out are removed, and those of a publisher that is gone are marked.
+    """A buffer that takes items: a larger epoch of a stream voids its earlier samples, a static set
+    replaces the one before, frames that a description leaves out are removed, and those of a
+    publisher that is gone are marked.
     """
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
         self._epochs: dict[str, int] = {}
         self._gone: set[str] = set()
+        # The children of the last static set of a stream, and its epoch.
+        self._static: dict[str, tuple[int, frozenset[str]]] = {}
         # What the last description of a stream lists, and its epoch.
         self._listed: dict[str, tuple[int, frozenset[str]]] = {}
 
@@ -27,9 +30,26 @@ class FilledBuffer:
             self._take_description(item)
 
     def _take_transforms(self, item: TransformItem) -> None:
-        if not item.static and not self._counts(item.stream):
+        if not (self._counts_as_set(item) if item.static else self._counts(item.stream)):
             return
         self.buffer.set_transforms(item.rows, static=item.static, authority=item.stream.name)
+
+    def _counts_as_set(self, item: TransformItem) -> bool:
+        """Whether a static set is the last one; what it leaves out is removed.
+
+        A stream whose clock went back may keep the set of a former epoch.
+        """
+        name, epoch_ns = item.stream.name, item.stream.epoch_ns
+        last_ns, children = self._static.get(name, (epoch_ns, frozenset()))
+        if epoch_ns < last_ns and name not in self._gone:
+            return False
+        if epoch_ns > self._epochs.get(name, -1):
+            self._counts(item.stream)
+        now = item.rows.children()
+        if left_out := children - now:
+            self.buffer.remove_sent(left_out, name)
+        self._static[name] = epoch_ns, now
+        return True
 
     def _counts(self, stream: RecordedStream) -> bool:
         """Whether dynamic transforms of this epoch count; a new one voids what was before."""

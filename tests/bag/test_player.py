@@ -161,7 +161,7 @@ def test_seek_ahead_leaves_out_what_lies_between(quick: list[Playing]) -> None:
 
 
 def test_seek_back_says_so(quick: list[Playing]) -> None:
-    """After a seek back the same items come again, and the stage is told."""
+    """After a seek back the same items come again, and the stage knows it."""
     run = Playing(numbered(100), paused=True)
     quick.append(run)
     run.player.step(50)

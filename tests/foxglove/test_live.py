@@ -306,7 +306,7 @@ def test_other_messages_do_not_reach_the_bus(bus: Bus, client: Client) -> None:
 def test_garbage_harms_neither_the_bridge_nor_other_clients(
     sender: Node, bridge: LiveBridge, client: Client
 ) -> None:
-    """A client that sends nonsense is told so."""
+    """A client that sends nonsense gets an answer that says so."""
     sender.declare_parameter("speed", 1.5)
     with Client(bridge.front.port) as careless:
         for message in ("{", "[]", '{"op": "nonsense"}', b"\xff", b"\x01", b"", b"\x02" * 40):

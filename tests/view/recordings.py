@@ -16,7 +16,7 @@ SIM, LAMPS, TWIN = "sim", "lamps", "twin"
 
 
 def at(seconds: float) -> int:
-    """The log time so many seconds after the beginning."""
+    """The log time this many seconds after the beginning."""
     return START_NS + round(seconds * S)
 
 

@@ -38,7 +38,7 @@ class Gui:
         return SimpleNamespace(on_trigger=on_trigger)
 
     def told(self, number: int) -> Any:
-        """What the page's script is told by an element, as JSON."""
+        """What an element says to the page's script, as JSON."""
         script = html.unescape(re.findall(r'onerror="([^"]*)"', self.htmls[number].content)[0])
         return json.JSONDecoder().raw_decode(script, script.index("(") + 1)[0]
 

@@ -11,7 +11,7 @@ from tfbus.recording.selection import Selection
 # A recording whose stamps are further from its log times than this was made with simulated time.
 _OTHER_CLOCK_NS = 60_000_000_000
 
-# So many messages of transforms say so, of so many items.
+# This many messages of transforms, of this many items, say it.
 _MESSAGES, _ITEMS = 50, 2000
 
 

@@ -12,7 +12,7 @@ from tfbus.recording.items import EventItem, Item, TransformItem
 _MOST_ITEMS = 2000
 _MOST_BYTES = 64 * 2**20
 
-# With so many ready, reading gives way to playing after each item, for this long.
+# With this many ready, reading gives way to playing after each item, for this long.
 _ENOUGH_ITEMS = 100
 _GIVES_WAY_S = 0.0002
 

@@ -22,7 +22,7 @@ from tfbus.wire.transforms import TransformMessage, encode_transforms
 # How long a stream without a description keeps its messages, as a TransformBroadcaster does.
 _HISTORY_S = 10.0
 
-# What messages of the same frames have in common is kept for so many tables of frames.
+# What messages of the same frames have in common is kept for this many tables of frames.
 _MOST_TABLES = 1000
 
 

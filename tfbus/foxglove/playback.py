@@ -42,7 +42,7 @@ _S = 1_000_000_000
 # After a seek, topics show their last message of this time before, and frames where they were.
 _LOOK_BACK_S = 2.0
 
-# How often the time is told: as messages come, and where none does.
+# How often the time is sent: as messages come, and where none does.
 _TIME_APART_NS = 16_000_000
 _TIME_EVERY_S = 0.1
 

@@ -29,7 +29,7 @@ _BACKLOG = 1024
 # A client whose queue of errors is full is disconnected by the SDK, and any client can cause them.
 _MOST_SAID = 20
 
-# The SDK logs each message of a client that it cannot read, which the client is told as well: any
+# The SDK logs each message of a client that it cannot read, which the client learns as well: any
 # client could fill our log.
 logging.getLogger("foxglove").setLevel(logging.CRITICAL)
 

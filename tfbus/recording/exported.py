@@ -134,7 +134,7 @@ class _Table:
 
 
 def stamps_at_rate(first_ns: int, last_ns: int, rate_hz: float) -> NDArray[np.int64]:
-    """Stamps from the first on, at most to the last, so many a second; each rounded for itself."""
+    """Stamps from the first on, at most to the last, this many a second; each rounded."""
     count = int((last_ns - first_ns) * rate_hz / 1e9) + 1
     since: NDArray[np.int64] = np.round(np.arange(count) * (1e9 / rate_hz)).astype(np.int64)
     return first_ns + since[since <= last_ns - first_ns]

@@ -42,7 +42,7 @@ _RESTS_PER_LOOK = 8.0
 # The ball around a frame that a camera looks at, in lengths of its axes.
 _FOCUS = 4.0
 
-# A recording is seen from where all of it is in sight, unless that is so many times as far away.
+# A recording is seen from where all of it is in sight, unless that is this many times as far away.
 _FARTHEST = 8.0
 
 _BY_DEFAULT = ViewSettings()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
 
 # How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
-# in so many messages, and these at the least and at the most.
+# in this many messages, and these at the least and at the most.
 _MESSAGES_BEFORE = 2500
 _LEAST_BEFORE_S = 2.0
 _MOST_BEFORE_S = 30.0
@@ -221,7 +221,7 @@ class Replay:
             return True
 
     def _after_steps(self, steps: int) -> int:
-        """The time of the message so many messages after the cursor, or before."""
+        """The time of the message this many messages after the cursor, or before."""
         at_ns = self.playhead.cursor.at_ns
         for _ in range(abs(steps)):
             found = self._next_ns(at_ns) if steps > 0 else self._former_ns(at_ns)

@@ -20,7 +20,7 @@ from tfbus.wording import and_more, columns, counted, cut, duration, printable
 _S = 1_000_000_000
 _LABEL = 10
 
-# Where a longest gap began is told where it is longer than this number of mean periods.
+# Where a longest gap began is shown where it is longer than this number of mean periods.
 _NOTABLE_PERIODS = 2.0
 
 # Of the nodes at most this number is named.

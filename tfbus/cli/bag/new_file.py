@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# The bar moves so many times.
+# The bar moves this many times.
 _STEPS = 200
 
 _COMPRESSIONS = ("zstd", "lz4", "none")

@@ -140,7 +140,7 @@ class _Plan:
     "duration_s",
     type=POSITIVE,
     metavar="SECONDS",
-    help="End after so many recorded seconds.",
+    help="End after this many recorded seconds.",
 )
 @click.option(
     "--stamps",

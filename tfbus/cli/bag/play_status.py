@@ -31,7 +31,7 @@ def state_of(progress: Progress) -> str:
 
 
 def bar_text(progress: Progress, columns: int) -> str:
-    """The line in at most so many columns: `playing   12.3 / 60.0 s [===>      ] 1x`."""
+    """The line in at most this many columns: `playing   12.3 / 60.0 s [===>      ] 1x`."""
     all_s = f"{progress.duration_s:.1f}"
     head = f"{state_of(progress)} {progress.played_s:{len(all_s)}.1f} / {all_s} s"
     tail = [f"{progress.rate:g}x"]

@@ -103,7 +103,8 @@ class _Echo(click.Command):
     "moment",
     metavar="TIME",
     type=MomentType(),
-    help="The time to look up: seconds or ns since 1970, ISO 8601, or -3s from now.",
+    help="The time to look up: seconds or ns since 1970, ISO 8601, or -3s from now. With --bag: "
+    "3 is 3 s after its beginning, -3 is 3 s before its end.",
 )
 @click.option(
     "--fixed-frame",

@@ -183,7 +183,7 @@ def test_a_topic_is_exported(drive: Path) -> None:
         (("world", "base", "-o", "a.npz"), "npz has all transforms"),
         (("--rate", "5", "-o", "a.csv"), "--rate and --samples-of are for a pair of frames"),
         (("--topic", "pse", "-o", "a.csv"), "did you mean 'pose'?"),
-        (("--from", "5", "-o", "a.csv"), "write +5s for that long after its beginning"),
+        (("--from", "5000", "-o", "a.csv"), "--from: 5000s is outside of the recording"),
     ],
 )
 def test_a_mistake_is_named(drive: Path, arguments: tuple[str, ...], said: str) -> None:

@@ -82,10 +82,27 @@ def test_what_is_no_time_gets_a_sentence(text: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "ns"),
-    [("+3s", 103), ("+0s", 100), ("-3s", 197), ("-0s", 200), ("now", 200), ("150", 150)],
+    ("text", "s"),
+    [
+        ("3", 103),
+        ("+3s", 103),
+        ("3s", 103),
+        ("2min", 220),
+        ("0", 100),
+        ("-3", 197),
+        ("-3s", 197),
+        ("-0s", 200),
+        ("now", 200),
+        ("99999999", 100_000_099),
+        ("100000000", 100_000_000),
+        ("1670400305.0", 1_670_400_305),
+        ("1670400305000000000", 1_670_400_305),
+        ("1970-01-01T00:00:05Z", 5),
+    ],
 )
-def test_a_plus_counts_from_the_beginning_of_a_recording(text: str, ns: int) -> None:
-    """In a recording +3s is 3 s after its beginning, -3s 3 s before its end, now its end."""
+def test_a_number_counts_from_the_beginning_of_a_recording(text: str, s: int) -> None:
+    """3 is 3 s after its beginning, -3 is 3 s before its end, now its end; from 100,000,000 s on a
+    number is a time since 1970, as a date always is.
+    """
     second = 1_000_000_000
-    assert parse_moment(text).within(100 * second, 200 * second) == ns * second
+    assert parse_moment(text).within(100 * second, 200 * second) == s * second

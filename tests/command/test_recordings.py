@@ -40,9 +40,10 @@ def test_a_span_ends_with_the_recording(path: Path) -> None:
     ("moments", "text"),
     [
         ({"at": "+11s"}, "--at: \\+11s is outside of the recording, which is from"),
-        ({"at": "3"}, "write \\+3s for that long after its beginning"),
+        ({"at": "11"}, "--at: 11s is outside of .*: 3 is 3 s after its beginning, -3 is 3 s"),
+        ({"at": "1670400305.7"}, r"--at: 2022-12-\d\d .*\.700 is outside"),
         ({"at": "2020-01-01"}, "2020-01-01 00:00:00.000 is outside of the recording"),
-        ({"begin": "3"}, "--from: .* write \\+3s"),
+        ({"begin": "11"}, "--from: 11s is outside"),
         ({"begin": "2030-01-01"}, "--from: 2030-01-01"),
         ({"end": "2020-01-01"}, "--to: 2020-01-01"),
         ({"begin": "-1s", "end": "+1s"}, "must be before --to"),
@@ -54,6 +55,14 @@ def test_what_is_outside_is_an_error_that_says_what_is_inside(
     """It names the span of the recording, and the form that was meant."""
     with choice(path, **moments).opened() as bag, pytest.raises(click.UsageError, match=text):
         assert (bag.at_ns, bag.span) == ()
+
+
+def test_a_number_is_seconds_of_the_recording(path: Path) -> None:
+    """For --at, --from and --to: 3 is 3 s after its beginning, -3 is 3 s before its end."""
+    with choice(path, at="3", begin="2.5", end="-3").opened() as bag:
+        start_ns, end_ns = bag.reader.start_ns, bag.reader.end_ns
+        assert bag.at_ns == start_ns + 3_000_000_000
+        assert bag.span == (start_ns + 2_500_000_000, end_ns - 3_000_000_000)
 
 
 def test_a_file_that_is_none_is_an_error_in_one_sentence(tmp_path: Path) -> None:

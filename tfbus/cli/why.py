@@ -39,7 +39,8 @@ _LONGEST_BACK_S = 3600.0
     "moment",
     metavar="TIME",
     type=MomentType(),
-    help="Seconds or ns since 1970, ISO 8601, or -3s from now (default: the latest time).",
+    help="Seconds or ns since 1970, ISO 8601, or -3s from now (default: the latest time). With "
+    "--bag: 3 is 3 s after its beginning, -3 is 3 s before its end.",
 )
 @json_option("Print a JSON object.")
 @bag_option

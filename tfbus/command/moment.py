@@ -21,6 +21,10 @@ _FRACTION = re.compile(r"(?<=:\d\d)[.,](\d+)")
 _SECONDS_BELOW = 10**11
 _NANOSECONDS_FROM = 10**15
 
+# Of a recording, numbers below this count from its beginning: three years, so that those from here
+# on are times since 1970.
+_ABSOLUTE_FROM_NS = 10**8 * 10**9
+
 # The last stamp, and the most that can be added to now: 146 years.
 _LAST_NS = 2**63 - 1
 _FARTHEST_FROM_NOW_NS = 2**62
@@ -31,22 +35,31 @@ class Moment:
     """A time in nanoseconds: since the Unix epoch, or since now if `is_relative`.
 
     Of a recording, one with `has_plus` counts from the beginning, another relative one from the
-    end.
+    end. One that is absolute and `is_number` was written without a sign, and not as a date.
     """
 
     ns: int
     is_relative: bool = False
     has_plus: bool = field(default=False, compare=False)
+    is_number: bool = field(default=False, compare=False)
 
     def at(self, now_ns: int) -> int:
         """The moment in nanoseconds since the Unix epoch, if now is `now_ns`."""
         return now_ns + self.ns if self.is_relative else self.ns
 
+    @property
+    def is_from_beginning(self) -> bool:
+        """Whether it counts from the beginning of a recording."""
+        return self.has_plus or (self.is_number and self.ns < _ABSOLUTE_FROM_NS)
+
     def within(self, start_ns: int, end_ns: int) -> int:
-        """The moment in a recording from `start_ns` to `end_ns`: `+3s` is 3 s after its beginning,
-        `-3s` 3 s before its end. It may lie outside of it.
+        """The moment in a recording from `start_ns` to `end_ns`: `3` and `+3s` are 3 s after its
+        beginning, `-3s` is 3 s before its end. A number from 100,000,000 s on counts since 1970. It
+        may lie outside of the recording.
         """
-        return self.at(start_ns if self.has_plus else end_ns)
+        if self.is_from_beginning:
+            return start_ns + self.ns
+        return self.at(end_ns)
 
 
 def parse_moment(text: str) -> Moment:
@@ -71,7 +84,12 @@ def _counted(text: str, sign: str, digits: str, unit: str) -> Moment:
     if unit and unit not in _NS_PER_UNIT:
         raise ValueError(f"{text!r} has an unknown unit {unit!r}; use {', '.join(_NS_PER_UNIT)}")
     ns = int(Decimal(digits) * _NS_PER_UNIT[unit or _implied_unit(text, sign, digits)])
-    return Moment(-ns if sign == "-" else ns, is_relative=bool(sign), has_plus=sign == "+")
+    return Moment(
+        -ns if sign == "-" else ns,
+        is_relative=bool(sign),
+        has_plus=sign == "+",
+        is_number=not sign,
+    )
 
 
 def _implied_unit(text: str, sign: str, digits: str) -> str:

@@ -23,13 +23,14 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _S = 1_000_000_000
 
-# What a plain number of seconds, meant as a time since the beginning, is at most: ten years.
-_EARLY_NS = 315_360_000 * _S
-
 _MOMENTS = {
-    "at": ("The moment to show; +3s is 3 s after its beginning, -3s before its end.", "--at"),
-    "begin": ("Begin at this moment, as +3s, -3s or a date and time.", "--from"),
-    "end": ("End at this moment.", "--to"),
+    "at": ("The moment to show: 3 is 3 s after its beginning, -3 is 3 s before its end.", "--at"),
+    "begin": (
+        "Begin at this moment: 3 is 3 s after its beginning, -3 is 3 s before its end; or a date "
+        "and time, or seconds since 1970.",
+        "--from",
+    ),
+    "end": ("End at this moment, written as that of --from.", "--to"),
 }
 
 
@@ -69,11 +70,10 @@ class OpenBag:
         at_ns = moment.within(start_ns, end_ns)
         if start_ns <= at_ns <= end_ns:
             return at_ns
-        if not moment.is_relative and 0 <= at_ns < _EARLY_NS:
-            hint = f"write +{at_ns / _S:g}s for that long after its beginning"
-        else:
-            hint = "+3s is 3 s after its beginning, -3s is 3 s before its end"
-        raise click.UsageError(f"{option}: {_outside(moment, at_ns)} {self._extent()}: {hint}")
+        raise click.UsageError(
+            f"{option}: {_outside(moment, at_ns)} {self._extent()}: "
+            "3 is 3 s after its beginning, -3 is 3 s before its end"
+        )
 
     def _extent(self) -> str:
         start_ns, end_ns = self.reader.start_ns, self.reader.end_ns
@@ -88,7 +88,7 @@ class OpenBag:
         from_ns, to_ns = start_ns, end_ns
         if begin is not None:
             from_ns = begin.within(start_ns, end_ns)
-            if from_ns > end_ns or (not begin.is_relative and from_ns < _EARLY_NS):
+            if from_ns > end_ns:
                 self.moment(begin, "--from")
         if end is not None:
             to_ns = end.within(start_ns, end_ns)
@@ -103,8 +103,8 @@ class OpenBag:
 
 
 def _outside(moment: Moment, at_ns: int) -> str:
-    if moment.is_relative:
-        return f"{moment.ns / _S:+g}s is outside of"
+    if moment.is_relative or moment.is_from_beginning:
+        return f"{moment.ns / _S:{'+' if moment.is_relative else ''}g}s is outside of"
     return f"{wall(at_ns)} is outside of"
 
 

@@ -14,8 +14,8 @@ from tfbus.recording.writer import Compression
 
 
 @click.command(
-    epilog="Examples: tfbus bag cut drive.mcap --from +60s --to +90s -o minute.mcap; "
-    "tfbus bag cut drive.mcap --range +0s +10s --range -10s -0s -o ends.mcap"
+    epilog="Examples: tfbus bag cut drive.mcap --from 60 --to 90 -o minute.mcap; "
+    "tfbus bag cut drive.mcap --range 0 10 --range -10 -0 -o ends.mcap"
 )
 @recordings_argument
 @click.option(
@@ -43,9 +43,9 @@ def command(
 ) -> None:
     """Write a part of a recording into a new one.
 
-    Times are those at which messages were received: +3s is 3 s after the beginning, -3s is 3 s
-    before the end, or a date and time. The new recording begins with what is in force then: static
-    transforms, streams and nodes.
+    Times are those at which messages were received: 3 is 3 s after the beginning, -3 is 3 s before
+    the end; or a date and time, or seconds since 1970. The new recording begins with what is in
+    force then: static transforms, streams and nodes.
     """
     if ranges and (begin is not None or end is not None):
         raise click.UsageError("--range and --from or --to are mutually exclusive")

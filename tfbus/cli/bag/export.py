@@ -69,8 +69,16 @@ _FORMAT_OF = {f".{form}": form for form in _FORMATS}
     metavar="FRAME",
     help="A pose at each sample of this frame (default: of SOURCE).",
 )
-@click.option("--from", "begin", type=MomentType(), metavar="TIME", help="Begin here.")
-@click.option("--to", "end", type=MomentType(), metavar="TIME", help="End here.")
+@click.option(
+    "--from",
+    "begin",
+    type=MomentType(),
+    metavar="TIME",
+    help="Begin here: 3 is 3 s after the beginning, -3 is 3 s before the end.",
+)
+@click.option(
+    "--to", "end", type=MomentType(), metavar="TIME", help="End here, written as that of --from."
+)
 @click.option("--force", is_flag=True, help="Replace the file if it exists.")
 def command(
     recording: Path,

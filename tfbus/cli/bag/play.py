@@ -36,26 +36,8 @@ _LOG_EVERY_S = 10.0
 # How often the time is published, as ros2 bag does.
 _CLOCK_HZ = 40.0
 
-# A plain number up to here is a time after the beginning: ten years.
-_EARLY_NS = 315_360_000 * 10**9
-
 # With that, threads take turns often enough for the player to be on time.
 _SWITCH_INTERVAL_S = 0.0005
-
-
-class _InRecording(MomentType):
-    """A moment of a recording: `10` and `+10s` after its beginning, `-10s` before its end, or a
-    date and time.
-    """
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Moment:
-        """The moment; a usage error for another text."""
-        moment = super().convert(value, param, ctx)
-        if not moment.is_relative and moment.ns < _EARLY_NS:
-            return Moment(moment.ns, is_relative=True, has_plus=True)
-        return moment
 
 
 class _Play(click.Command):
@@ -122,15 +104,15 @@ class _Plan:
 @click.option(
     "--start",
     "--start-offset",
-    type=_InRecording(),
+    type=MomentType(),
     metavar="TIME",
-    help="Start at this moment: 10 is 10 s after the beginning, -10s before the end; or a date "
-    "and time.",
+    help="Start at this moment: 10 is 10 s after the beginning, -10 is 10 s before the end; or a "
+    "date and time, or seconds since 1970.",
 )
 @click.option(
     "--until",
     "--playback-until-sec",
-    type=_InRecording(),
+    type=MomentType(),
     metavar="TIME",
     help="End at this moment, written as that of --start.",
 )

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +94,7 @@ class Played:
         node: Node | None = None,
         at_end: Any = "wait",
         selection: Selection | None = None,
+        lasting: Sequence[str] = (),
         **given: Any,
     ) -> None:
         with RecordingWriter(path) as writer:
@@ -101,7 +103,7 @@ class Played:
         self.node = node or bus.node("player")
         self._reader = RecordingReader(path)
         chosen = {} if selection is None else {"selection": selection}
-        self.player = Player(self._reader, paused=True, at_end=at_end, **chosen)
+        self.player = Player(self._reader, paused=True, at_end=at_end, lasting=lasting, **chosen)
         self.replay = Replay(
             self.node, self._reader, lambda: self.player.progress, **chosen, **given
         )
@@ -496,6 +498,27 @@ def test_a_recorded_clock_is_the_clock(played: Any, follower: Node) -> None:
     eventually(lambda: follower.now_ns() == 5 * S)
     run.player.step()
     eventually(lambda: follower.now_ns() == 9 * S)
+
+
+def test_after_a_seek_a_recorded_clock_shows_what_it_showed_there(
+    played: Any, follower: Node, receiver: Node
+) -> None:
+    """At once, also while it is paused, and nothing of the time before the jump comes after it."""
+    clocks: list[Clock] = []
+    receiver.create_subscription(Clock, "clock", clocks.append)
+    items = [moving(n / 10, 1.0) for n in range(90)]
+    items += [
+        TopicItem(BEGAN_NS + s * S, "clock", "Clock", {"stamp_ns": (5 + s) * S}) for s in (0, 2, 8)
+    ]
+    items.sort(key=lambda item: item.log_ns)
+    run = played(items, stamps="recorded", clock_hz=40.0, lasting=["clock"])
+    eventually(lambda: follower.now_ns() == 5 * S)
+    run.player.seek(BEGAN_NS + 85 * S // 10)
+    eventually(lambda: follower.now_ns() == 13 * S)
+    run.player.seek(BEGAN_NS + 3 * S)
+    eventually(lambda: follower.now_ns() == 7 * S)
+    eventually(lambda: clocks[-1].stamp_ns == 7 * S)
+    assert [each for each, _ in groupby(clock.stamp_ns // S for clock in clocks)] == [5, 13, 7]
 
 
 def test_stamps_of_a_simulated_time_are_moved_from_it(played: Any, buffer: Buffer) -> None:

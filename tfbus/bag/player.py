@@ -12,7 +12,8 @@ from typing import Literal, Protocol
 
 from tfbus.bag.read_ahead import ReadAhead
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.items import EventItem, Item
+from tfbus.recording.former import last_item
+from tfbus.recording.items import EventItem, Item, TopicItem
 from tfbus.recording.selection import ALL, Selection
 
 SLOWEST, FASTEST = 1e-3, 1e4
@@ -130,6 +131,9 @@ class Stage(Protocol):
 class Player:
     """Plays what a recording has of `selection` from `start_ns` to `end_ns`, log times in ns.
 
+    Where it begins or is sought to, the last message so far on each of the topics `lasting` belongs
+    to the state, as static transforms do: it holds until the next, as a simulated time does.
+
     Its methods may be called from any thread, before and while it runs. Raises
     InvalidArgumentException for a rate that is not between 0.001 and 10,000, or where nothing lies
     between start and end.
@@ -145,6 +149,7 @@ class Player:
         rate: float = 1.0,
         paused: bool = False,
         at_end: AtEnd = "stop",
+        lasting: Sequence[str] = (),
         real_ns: Callable[[], int] = time.monotonic_ns,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -158,6 +163,7 @@ class Player:
                 f"{(source.end_ns - source.start_ns) / 1e9:.3f} s"
             )
         self._at_end: AtEnd = at_end
+        self._lasting = lasting
         self._real_ns, self._wall_ns = real_ns, wall_ns
         # Guards all that follows; notified at each change that `run` waits for.
         self._changed = threading.Condition()
@@ -243,7 +249,7 @@ class Player:
         """Play to the end, or until `stop`. Raises what reading the recording raises."""
         at_ns, is_back = self._start_ns, False
         while True:
-            state = self._source.state_at(at_ns, self._selection).items(at_ns)
+            state = [*self._state_at(at_ns)]
             items = self._source.items(at_ns, self._end_ns, self._selection)
             with ReadAhead(items, self._changed) as ahead:
                 self._begin(stage, state, at_ns, is_back)
@@ -251,6 +257,20 @@ class Player:
             if jump is None:
                 return
             at_ns, is_back = jump
+
+    def _state_at(self, at_ns: int) -> Iterator[Item]:
+        for topic in self._lasting:
+            of_topic = Selection(topics=(topic,))
+            item = last_item(
+                self._source,
+                self._source.start_ns,
+                at_ns,
+                of_topic,
+                lambda item: isinstance(item, TopicItem),
+            )
+            if item is not None:
+                yield item
+        yield from self._source.state_at(at_ns, self._selection).items(at_ns)
 
     def _begin(self, stage: Stage, state: list[Item], at_ns: int, is_back: bool) -> None:
         with self._changed:

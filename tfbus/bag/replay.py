@@ -114,7 +114,7 @@ class Replay:
             self._statics.clear()
         if self._clock is not None:
             # First, so that followers do not take what comes for the past, or forget it.
-            self._clock.follow()
+            self._clock.begin(state)
         gone = {
             item.name
             for item in state
@@ -122,7 +122,8 @@ class Replay:
         }
         stay_gone = set() if is_new_run else {name for name in gone if not self._is_there(name)}
         for item in state:
-            if _stream_of(item) not in stay_gone:
+            # A message here is one of the clock.
+            if not isinstance(item, TopicItem) and _stream_of(item) not in stay_gone:
                 self.take(item, pace)
         if is_back:
             there = {_stream_of(item) for item in state}

@@ -1,13 +1,13 @@
 """The simulated time while a recording is replayed: what nodes with simulated time follow."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from tfbus.bag.player import Progress
 from tfbus.errors import DecodeError
 from tfbus.messages import Clock
 from tfbus.node.node import Node
-from tfbus.recording.items import TopicItem
+from tfbus.recording.items import Item, TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.wire.codec import from_map
 from tfbus.wire.keys import CLOCK_TOPIC
@@ -42,27 +42,42 @@ class ReplayedClock:
         self._progress = progress
         self._ahead_ns = ahead_ns
         self._recorded_topic = recorded_topic
-        # What the recorded clock said last.
+        # What the recorded clock said last; None where it has not said anything yet.
         self._recorded: Clock | None = None
         # Held while the time is read and published: it never goes back but by a jump.
         self._lock = threading.Lock()
         if not recorded_topic:
             node.create_timer(1.0 / rate_hz, self._tick)
 
+    def begin(self, state: Iterable[Item]) -> None:
+        """Publish the time at a moment where this is in force, as after a jump."""
+        said = [clock for item in state if (clock := self._clock_of(item)) is not None]
+        with self._lock:
+            self._recorded = said[-1] if said else None
+            self._publish(self._progress())
+
     def follow(self) -> None:
-        """Publish the time, as after a jump, or where it stands still from now on."""
+        """Publish the time, where it stands still from now on, or goes at another rate."""
         with self._lock:
             self._publish(self._progress())
 
     def take(self, item: TopicItem) -> None:
         """Take a message of the recorded clock."""
-        if item.topic != self._recorded_topic:
+        said = self._clock_of(item)
+        if said is None:
             return
+        with self._lock:
+            self._recorded = said
+            self._publish(self._progress())
+
+    def _clock_of(self, item: Item) -> Clock | None:
+        """What the recorded clock says in an item; None in others, and where it cannot be read."""
+        if not isinstance(item, TopicItem) or item.topic != self._recorded_topic:
+            return None
         try:
-            self._recorded = from_map(Clock, item.values)
+            return from_map(Clock, item.values)
         except DecodeError:
-            return
-        self.follow()
+            return None
 
     def _tick(self) -> None:
         with self._lock:

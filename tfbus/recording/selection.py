@@ -16,7 +16,7 @@ class Selection:
     `robot7/tf` for those of a namespace. `streams` are names of streams: given, only those.
     `frames` are child frames: given, only their transforms. `regex` and `exclude` are regular
     expressions, found anywhere in the name of a topic or stream. Names are full, as a session
-    without a namespace has them.
+    without a namespace has them. The topics `always` are taken in any case.
     """
 
     topics: tuple[str, ...] = ()
@@ -24,6 +24,7 @@ class Selection:
     frames: tuple[str, ...] = ()
     regex: str = ""
     exclude: str = ""
+    always: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for option in ("regex", "exclude"):
@@ -41,6 +42,8 @@ class Selection:
 
     def takes_topic(self, topic: str) -> bool:
         """Whether it takes the messages of a topic."""
+        if topic in self.always:
+            return True
         if self.topics:
             return topic in self.topics and self._matches(topic)
         if (self.streams or self.frames) and not self.regex:

@@ -11,6 +11,7 @@ from tfbus.errors import DecodeError
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.snapshot import FrameTree
 from tfbus.listen.info import StreamInfo
+from tfbus.recording.former import last_item
 from tfbus.recording.items import Item, TransformItem
 from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
@@ -35,8 +36,6 @@ _SKIP_S = 3.0
 
 # A machine that sleeps lets the recording wait.
 _MOST_STEP_S = 0.25
-
-_FIRST_SPAN_NS = 200_000_000
 
 
 class Replay:
@@ -235,14 +234,9 @@ class Replay:
         return next((item.log_ns for item in items if _moves(item)), None)
 
     def _former_ns(self, at_ns: int) -> int | None:
-        span_ns, until_ns, start_ns = _FIRST_SPAN_NS, at_ns - 1, self.playhead.start_ns
-        while until_ns >= start_ns:
-            from_ns = max(until_ns - span_ns, start_ns)
-            found = [item.log_ns for item in self._reader.items(from_ns, until_ns) if _moves(item)]
-            if found:
-                return found[-1]
-            until_ns, span_ns = from_ns - 1, 4 * span_ns
-        return None
+        start_ns = self.playhead.start_ns
+        found = last_item(self._reader, start_ns, at_ns - 1, is_wanted=_moves)
+        return None if found is None else found.log_ns
 
 
 def _moves(item: Item) -> bool:

@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -349,18 +349,22 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
     from tfbus.bag.player import Player
     from tfbus.bag.player_services import serve
     from tfbus.bag.replay import Replay
+    from tfbus.bag.replayed_clock import clock_topic_of
     from tfbus.cli.bag.play_status import PlayLine, end_text
     from tfbus.node.node import Node
 
     start_ns, end_ns = _span(reader, plan)
+    clocks = tuple(filter(None, (plan.clock_hz and clock_topic_of(reader),)))
+    selection = replace(plan.selection, always=clocks)
     player = Player(
         reader,
-        selection=plan.selection,
+        selection=selection,
         start_ns=start_ns,
         end_ns=end_ns,
         rate=plan.rate,
         paused=plan.is_paused,
         at_end=plan.at_end,
+        lasting=clocks,
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
     line = PlayLine()
@@ -371,7 +375,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
             node,
             reader,
             lambda: player.progress,
-            selection=plan.selection,
+            selection=selection,
             names=plan.names,
             stamps=plan.stamps,
             clock_hz=plan.clock_hz,

@@ -166,7 +166,8 @@ class PlayProgress:
     class Response:
         """It plays from `start_ns` to `end_ns` and is at `log_ns`, log times in ns.
 
-        `sent` messages were played, and it began again `loops` times.
+        `sent` messages were played. `loops` is which round of a loop it is, from 1; 0 where it does
+        not loop.
         """
 
         log_ns: int

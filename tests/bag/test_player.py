@@ -229,7 +229,17 @@ def test_a_loop_begins_again(quick: list[Playing]) -> None:
     eventually(lambda: len(run.taken) >= 7)
     assert run.taken[:7] == [0, 1, 2, 0, 1, 2, 0]
     assert [begin[1:] for begin in run.stage.begins[:3]] == [(0, False), (0, True), (0, True)]
-    assert run.player.progress.loops >= 2
+    assert run.player.progress.loops >= 3
+
+
+def test_the_first_round_of_a_loop_is_1(quick: list[Playing]) -> None:
+    """Without a loop there is no round."""
+    rounds = []
+    for at_end in ("loop", "stop"):
+        run = Playing(numbered(3), at_end=at_end, paused=True)
+        quick.append(run)
+        rounds.append(run.player.progress.loops)
+    assert rounds == [1, 0]
 
 
 def test_it_can_wait_at_the_end(quick: list[Playing]) -> None:

@@ -171,7 +171,7 @@ def test_the_bar_fits_its_line() -> None:
 def test_the_bar_says_what_is_special() -> None:
     """A pause, a loop, and a machine that is too slow."""
     text = bar_text(progress(is_paused=True, loops=2, late_ns=3 * S), 79)
-    assert text.startswith("paused ") and text.endswith("1x  loop 3  3 s behind")
+    assert text.startswith("paused ") and text.endswith("1x  loop 2  3 s behind")
 
 
 def test_log_and_end_are_sentences() -> None:

@@ -60,8 +60,8 @@ class Pace:
 class Progress:
     """How far a recording is played. Times are log times in ns.
 
-    It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played, and it
-    began again `loops` times. `late_ns` is by how much it is behind in all, where the machine is
+    It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played. `loops` is
+    which round of a loop it is, from 1; 0 where it does not loop. `late_ns` is by how much it is behind in all, where the machine is
     too slow for the rate.
     """
 
@@ -174,7 +174,8 @@ class Player:
         self._steps = 0
         # It has come no further than here: the item that is next, or that was last.
         self._reached_ns = self._start_ns
-        self._sent = self._loops = self._late_ns = 0
+        self._sent = self._late_ns = 0
+        self._loops = 1 if at_end == "loop" else 0
 
     # What others ask of it
 

@@ -36,7 +36,7 @@ def bar_text(progress: Progress, columns: int) -> str:
     head = f"{state_of(progress)} {progress.played_s:{len(all_s)}.1f} / {all_s} s"
     tail = [f"{progress.rate:g}x"]
     if progress.loops:
-        tail.append(f"loop {progress.loops + 1}")
+        tail.append(f"loop {progress.loops}")
     if progress.late_ns > _LATE_NS:
         tail.append(f"{progress.late_ns / 1e9:.0f} s behind")
     room = columns - len(head) - len("  ".join(tail)) - 4
@@ -55,7 +55,7 @@ def _bar(progress: Progress, columns: int) -> str:
 def log_text(progress: Progress) -> str:
     """The line of the log that says every now and then how far it is."""
     state = "Paused at" if progress.is_paused else "At"
-    again = f", loop {progress.loops + 1}" if progress.loops else ""
+    again = f", loop {progress.loops}" if progress.loops else ""
     return (
         f"{state} {progress.played_s:.1f} of {progress.duration_s:.1f} s, "
         f"rate {progress.rate:g}{again}"

@@ -37,7 +37,7 @@ class Heard:
     def __init__(self) -> None:
         self.taken: list[int] = []
         self.at_s: list[float] = []
-        self.walls_ns: list[int] = []
+        self.due_ns: list[int] = []
         self.begins: list[tuple[list[Item], int, bool]] = []
         self.news: list[Progress] = []
 
@@ -49,7 +49,7 @@ class Heard:
         """Note the number in the item, and when it came."""
         assert isinstance(item, TopicItem)
         self.at_s.append(time.monotonic())
-        self.walls_ns.append(pace.wall_at(item.log_ns))
+        self.due_ns.append(pace.real_at(item.log_ns))
         self.taken.append(item.values["value"])
 
     def follow(self, progress: Progress) -> None:
@@ -292,7 +292,7 @@ def test_a_slow_stage_delays_what_follows() -> None:
     player.run(stage)
     assert stage.taken == [0, 1, 2, 3, 4]
     assert player.progress.late_ns == 5 * S - 4 * MS
-    assert stage.walls_ns == [0, S, 2 * S, 3 * S, 4 * S]
+    assert stage.due_ns == [0, S, 2 * S, 3 * S, 4 * S]
 
 
 def test_a_rate_without_a_meaning_is_refused() -> None:
@@ -309,16 +309,16 @@ def test_an_empty_span_is_refused() -> None:
 
 
 def test_at_rate_one_times_are_moved_by_one_number() -> None:
-    """The system's time of a moment is exact to the nanosecond, years apart."""
-    pace = Pace(log_ns=1_700_000_000_123_456_789, real_ns=5, wall_ns=1_800_000_000_000_000_001)
-    assert pace.wall_at(1_700_000_000_123_456_789 + 3) - pace.wall_ns == 3
-    assert pace.wall_at(0) == 1_800_000_000_000_000_001 - 1_700_000_000_123_456_789
+    """The time of a moment is exact to the nanosecond, years apart."""
+    pace = Pace(log_ns=1_700_000_000_123_456_789, real_ns=5, wall_ns=7)
+    assert pace.real_at(1_700_000_000_123_456_789 + 3) == 8
+    assert pace.real_at(0) == 5 - 1_700_000_000_123_456_789
 
 
 def test_at_another_rate_times_between_are_scaled() -> None:
     """At rate 4 four recorded seconds take one."""
     pace = Pace(log_ns=100 * S, real_ns=0, wall_ns=1000 * S, rate=4.0)
-    assert pace.wall_at(104 * S) == 1001 * S
+    assert pace.real_at(104 * S) == S
     assert pace.log_at(S) == 104 * S
 
 

@@ -1,6 +1,7 @@
 """`tfbus bag play` as people type it."""
 
 import re
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,13 @@ def test_in_a_terminal_it_has_a_bar(bus: Bus, run_mcap: Path) -> None:
     """One line with state, time, bar and rate, written again and again."""
     shown = bus.run_in_terminal("bag", "play", str(run_mcap), "--loop", until="loop 2")
     assert re.search(r"playing\x1b\[0m +\d\.\d / 2\.0 s \[=*>? *\] 1x  loop 2", shown)
+
+
+def test_a_terminal_that_goes_away_ends_it_as_ctrl_c_does(bus: Bus, run_mcap: Path) -> None:
+    """So its streams are taken back, whose frames would be stale otherwise."""
+    player = bus.start("bag", "play", str(run_mcap), "--loop")
+    player.wait_for_line("Playing")
+    assert player.stop(signal.SIGHUP) == 0
 
 
 def test_without_a_file_it_says_how() -> None:

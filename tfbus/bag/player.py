@@ -44,16 +44,9 @@ class Pace:
 
     def real_at(self, log_ns: int) -> int:
         """The time of the monotonic clock at a time in the recording."""
-        return self.real_ns + self._real_since(log_ns)
-
-    def wall_at(self, log_ns: int) -> int:
-        """The time of the system's clock at a time in the recording, in ns since the Unix epoch."""
-        return self.wall_ns + self._real_since(log_ns)
-
-    def _real_since(self, log_ns: int) -> int:
         past_ns = log_ns - self.log_ns
         # Without rounding where there is nothing to round.
-        return past_ns if self.rate == 1.0 else round(past_ns / self.rate)
+        return self.real_ns + (past_ns if self.rate == 1.0 else round(past_ns / self.rate))
 
 
 @dataclass(frozen=True)
@@ -61,8 +54,8 @@ class Progress:
     """How far a recording is played. Times are log times in ns.
 
     It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played. `loops` is
-    which round of a loop it is, from 1; 0 where it does not loop. `late_ns` is by how much it is behind in all, where the machine is
-    too slow for the rate.
+    which round of a loop it is, from 1; 0 where it does not loop. `late_ns` is by how much it is
+    behind in all, where the machine is too slow for the rate.
     """
 
     start_ns: int

@@ -1,14 +1,12 @@
 """Runs a recorder on the bus: shows how it goes, follows keys, serves."""
 
-import os
 import shlex
-import signal
 import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from tfbus.bag.capture import Capture
@@ -27,9 +25,8 @@ from tfbus.cli.bag.record_status import (
     status_parts,
     summary,
 )
+from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, print_lines, warn
-from tfbus.command.keyboard import KeyReader
-from tfbus.command.terminal import NoTerminalError, RawTerminal
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.errors import ServiceError
 from tfbus.messages import Empty
@@ -48,8 +45,6 @@ _SILENT_S = 3.0
 
 # With the 5 ms of Python, 20,000 messages a second came slower than they were sent.
 _SWITCH_S = 1e-4
-
-_STANDARD_INPUT = 0
 
 _KEYS = {False: "space pauses, s begins a new file, q ends", True: "s writes a snapshot, q ends"}
 
@@ -187,7 +182,7 @@ def _go_on(
     shows = is_terminal()
     logged_s = began_s = recorder.began_s
     was_silent = False
-    with _keys(plan.has_keys and shows) as read_keys:
+    with typed_keys(_LOOK_EVERY_S, wanted=plan.has_keys and shows) as read_keys:
         node.ready(f"{what}{f'; {_KEYS[bool(plan.snapshot_s)]}' if read_keys else ''}")
         while node.ok and recorder.is_running:
             if read_keys is None:
@@ -240,61 +235,6 @@ def _warn_of_silence(node: Node, recorder: Recorder, plan: Plan) -> None:
         node.log.warning(
             "Nothing to record so far: %s", hint or "is a broadcaster running, on this network?"
         )
-
-
-@contextmanager
-def _keys(wanted: bool) -> Iterator[Callable[[], list[str]] | None]:
-    """Inside the `with`, a function that returns the keys typed within 0.5 s; None without a
-    terminal of its own.
-    """
-    if not wanted or not _is_own_terminal():
-        # nohup has it ignored.
-        with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():
-            yield None
-        return
-    reader = KeyReader()
-    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up():
-
-        def read() -> list[str]:
-            try:
-                data = terminal.read(_LOOK_EVERY_S)
-            except NoTerminalError:
-                return ["q"]
-            return reader.feed(data) if data else reader.flush()
-
-        yield read
-
-
-def _is_own_terminal() -> bool:
-    """Whether standard input is a terminal whose foreground job this is: reading from the
-    background would stop the process.
-    """
-    with suppress(OSError):
-        return os.isatty(_STANDARD_INPUT) and os.tcgetpgrp(_STANDARD_INPUT) == os.getpgrp()
-    return False
-
-
-@contextmanager
-def _hanging_up() -> Iterator[None]:
-    """Inside the `with`, a terminal that goes away (ssh, a closed window) ends the recording as
-    Ctrl-C does, so that its file is whole.
-    """
-
-    def end(number: int, frame: object) -> None:
-        _print_nothing_further()
-        raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGHUP, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGHUP, previous)
-
-
-def _print_nothing_further() -> None:
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(nothing, stream)
 
 
 def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:

@@ -1,8 +1,9 @@
-"""The keys that are typed while a tool of `tfbus bag` works."""
+"""The keys that are typed while a tool of `tfbus bag` works, and its terminal that goes away."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 
 from tfbus.command.keyboard import KeyReader
 from tfbus.command.terminal import NoTerminalError, RawTerminal
@@ -15,15 +16,18 @@ QUIT = "q"
 
 @contextmanager
 def typed_keys(within_s: float, *, wanted: bool = True) -> Iterator[Callable[[], list[str]] | None]:
-    """Inside the `with`, a function that returns the keys typed within this time.
+    """Inside the `with`, a function that returns the keys typed within this time; None where keys
+    are not `wanted`, or there is no terminal to read them from.
 
-    None where keys are not `wanted`, or there is no terminal to read them from.
+    A terminal that goes away (ssh, a closed window) ends the `with` as Ctrl-C does, so that what
+    is written is whole, except where nohup has it ignored.
     """
     if not wanted or not _is_own_terminal():
-        yield None
+        with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():
+            yield None
         return
     reader = KeyReader()
-    with RawTerminal(_STANDARD_INPUT) as terminal:
+    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up():
 
         def read() -> list[str]:
             try:
@@ -42,3 +46,22 @@ def _is_own_terminal() -> bool:
     with suppress(OSError):
         return os.isatty(_STANDARD_INPUT) and os.tcgetpgrp(_STANDARD_INPUT) == os.getpgrp()
     return False
+
+
+@contextmanager
+def _hanging_up() -> Iterator[None]:
+    def end(number: int, frame: object) -> None:
+        _print_nothing_further()
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGHUP, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+def _print_nothing_further() -> None:
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nothing, stream)

@@ -8,13 +8,17 @@ from types import TracebackType
 
 from tfbus.recording.items import EventItem, Item, TransformItem
 
-# At most this many items are kept ready, and about this much memory.
+# At most this many items are kept ready, and about this much memory. Then reading waits until half
+# of it is played.
 _MOST_ITEMS = 2000
 _MOST_BYTES = 64 * 2**20
 
-# With this many ready, reading gives way to playing after each item, for this long.
+# With this many ready, reading gives way to playing for this long each time it has read so much. To
+# do so after each item would cost more than to read it.
 _ENOUGH_ITEMS = 100
 _GIVES_WAY_S = 0.0002
+_AT_ONCE = 16
+_BYTES_AT_ONCE = 2**20
 
 # What Python's objects of an item take, about, and the columns of one transform.
 _ITEM_BYTES = 1000
@@ -34,7 +38,7 @@ class ReadAhead:
         self._has_room = threading.Condition(threading.Lock())
         self._ready: deque[Item] = deque()
         self._bytes = 0
-        self._is_read = self._is_closed = False
+        self._is_read = self._is_closed = self._waits_for_room = False
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._read, name="read ahead", daemon=True)
 
@@ -71,38 +75,53 @@ class ReadAhead:
         item = self._ready.popleft()
         with self._has_room:
             self._bytes -= _size(item)
-            self._has_room.notify()
+            if self._waits_for_room and (self._is_half_empty or not self._ready):
+                self._has_room.notify()
         return item
 
     def _read(self) -> None:
+        batch: list[Item] = []
+        size = 0
         try:
             for item in self._items:
-                if not self._wait_for_room(item):
+                batch.append(item)
+                size += _size(item)
+                is_enough = len(self._ready) > _ENOUGH_ITEMS
+                if is_enough and len(batch) < _AT_ONCE and size < _BYTES_AT_ONCE:
+                    continue
+                if not self._add(batch, size):
                     return
-                with self._changed:
-                    self._ready.append(item)
-                    ready = len(self._ready)
-                    if ready == 1:
-                        self._changed.notify_all()
-                if ready > _ENOUGH_ITEMS:
+                batch, size = [], 0
+                if is_enough:
                     time.sleep(_GIVES_WAY_S)
         except Exception as error:  # raised again where the items are taken
             self._error = error
+        self._add(batch, size)
         with self._changed:
             self._is_read = True
             self._changed.notify_all()
 
-    def _wait_for_room(self, item: Item) -> bool:
-        """Wait until an item may be added; False where no further one is wanted."""
-        size = _size(item)
+    def _add(self, batch: list[Item], size: int) -> bool:
+        """Add items once there is room; False where no further ones are wanted."""
         with self._has_room:
-            while self._ready and not self._is_closed and self._is_full(size):
-                self._has_room.wait()
+            if len(self._ready) >= _MOST_ITEMS or self._bytes + size > _MOST_BYTES:
+                self._waits_for_room = True
+                while self._ready and not self._is_closed and not self._is_half_empty:
+                    self._has_room.wait()
+                self._waits_for_room = False
             self._bytes += size
-            return not self._is_closed
+            if self._is_closed:
+                return False
+        with self._changed:
+            was_empty = not self._ready
+            self._ready.extend(batch)
+            if was_empty:
+                self._changed.notify_all()
+        return True
 
-    def _is_full(self, size: int) -> bool:
-        return len(self._ready) >= _MOST_ITEMS or self._bytes + size > _MOST_BYTES
+    @property
+    def _is_half_empty(self) -> bool:
+        return len(self._ready) <= _MOST_ITEMS // 2 and self._bytes <= _MOST_BYTES // 2
 
 
 def _size(item: Item) -> int:

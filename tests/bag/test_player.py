@@ -339,3 +339,43 @@ def test_reading_ahead_stops_where_memory_is_used() -> None:
         with changed:
             assert ahead.take().log_ns == 0
         assert len(read) <= 6
+
+
+def test_reading_ahead_goes_on_when_half_is_played() -> None:
+    """Not for each item, which would wake its thread as often as one is played."""
+    read: list[int] = []
+
+    def items() -> Iterator[Item]:
+        for number in range(10_000):
+            read.append(number)
+            yield topic(number, number)
+
+    changed = threading.Condition()
+    with ReadAhead(items(), changed) as ahead:
+        eventually(lambda: len(read) >= 2000)
+        with changed:
+            assert [ahead.take().log_ns for _ in range(900)] == [*range(900)]
+        assert len(read) <= 2016
+        with changed:
+            assert [ahead.take().log_ns for _ in range(200)] == [*range(900, 1100)]
+        eventually(lambda: len(read) >= 3000)
+
+
+def test_what_was_read_before_a_mistake_is_played() -> None:
+    """Then the mistake is raised."""
+
+    def items() -> Iterator[Item]:
+        for number in range(1000):
+            yield topic(number, number)
+        raise DecodeError("damaged")
+
+    changed = threading.Condition()
+    taken = []
+    with ReadAhead(items(), changed) as ahead, changed:
+        with pytest.raises(DecodeError, match="damaged"):
+            while not ahead.is_at_end:
+                if ahead.first() is None:
+                    assert changed.wait(20.0)
+                else:
+                    taken.append(ahead.take().log_ns)
+    assert taken == [*range(1000)]

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,7 @@ class Played:
         at_end: Any = "wait",
         selection: Selection | None = None,
         lasting: Sequence[str] = (),
+        look_back_s: float = 0.0,
         **given: Any,
     ) -> None:
         with RecordingWriter(path) as writer:
@@ -103,7 +105,14 @@ class Played:
         self.node = node or bus.node("player")
         self._reader = RecordingReader(path)
         chosen = {} if selection is None else {"selection": selection}
-        self.player = Player(self._reader, paused=True, at_end=at_end, lasting=lasting, **chosen)
+        self.player = Player(
+            self._reader,
+            paused=True,
+            at_end=at_end,
+            lasting=lasting,
+            look_back_s=look_back_s,
+            **chosen,
+        )
         self.replay = Replay(
             self.node, self._reader, lambda: self.player.progress, **chosen, **given
         )
@@ -403,6 +412,63 @@ def test_a_seek_ahead_has_what_is_in_force_there(played: Any, buffer: Buffer) ->
     run.player.seek(BEGAN_NS + 6 * S)
     eventually(lambda: x_of(buffer, source="drone") == 6.0)
     eventually(lambda: x_of(buffer, source="camera") == 7.0)
+
+
+def test_after_a_seek_frames_are_where_they_were(
+    played: Any, buffer: Buffer, states: dict[str, Any]
+) -> None:
+    """Also while it is paused, by their last messages before; not those of a former epoch, of
+    frames that were removed, or that came too long before.
+    """
+    later = replace(SIM, epoch_ns=BEGAN_NS + 3 * S)
+    items = [
+        described(0, ("turtle1", False), ("drone", False), ("lamp", False), ("old", False)),
+        moving(1, 7.0, "old"),
+        moving(2.9, 8.0, "lamp"),
+        moving(2.9, 1.0, "turtle1"),
+        described(3, ("turtle1", False), ("drone", False), stream=later),
+        *(moving(3 + s / 10, float(s), "turtle1", later) for s in range(10)),
+        moving(3.5, 5.0, "drone", later),
+        moving(9, 9.0, "turtle1", later),
+    ]
+    run = played(items, stamps="recorded", look_back_s=2.0)
+    eventually(lambda: all(stream.heard for stream in run.replay._streams.values()))
+    run.player.seek(BEGAN_NS + 4 * S)
+    eventually(lambda: x_of(buffer) == 9.0 and x_of(buffer, source="drone") == 5.0)
+    assert buffer.frame("turtle1").newest_ns == BEGAN_NS + 39 * S // 10
+    assert not {"lamp", "old"} & set(buffer.frames())
+    run.player.seek(BEGAN_NS + 295 * S // 100)
+    eventually(lambda: x_of(buffer) == 1.0 and x_of(buffer, source="old") == 7.0)
+
+
+def test_with_stamps_of_now_frames_are_there_now_after_a_seek(
+    played: Any, buffer: Buffer, receiver: Node
+) -> None:
+    """Their own stamps may lie among those that were sent before."""
+    run = played([*(moving(s / 10, float(s)) for s in range(90))], look_back_s=2.0)
+    eventually(lambda: all(stream.heard for stream in run.replay._streams.values()))
+    before_ns = receiver.now_ns()
+    run.player.seek(BEGAN_NS + 55 * S // 10)
+    eventually(lambda: x_of(buffer) == 54.0)
+    assert buffer.frame("turtle1").newest_ns >= before_ns
+
+
+def test_a_stream_that_left_before_a_seek_is_gone_after_it(played: Any, buffer: Buffer) -> None:
+    """Its frames are where they were when it left."""
+    other = RecordedStream("other", "/other", epoch_ns=BEGAN_NS)
+    items = [
+        described(0, ("turtle1", False)),
+        described(0, ("drone", False), stream=other),
+        moving(1, 1.0),
+        moving(1, 2.0, "drone", stream=other),
+        gone(1.5, stream=other),
+        moving(5, 3.0),
+    ]
+    run = played(items, stamps="recorded", look_back_s=2.0)
+    eventually(lambda: all(stream.heard for stream in run.replay._streams.values()))
+    run.player.seek(BEGAN_NS + 2 * S)
+    eventually(lambda: x_of(buffer, source="drone") == 2.0 and buffer.frame("drone").gone)
+    assert x_of(buffer) == 1.0
 
 
 def test_a_loop_goes_on_with_stamps_of_now(played: Any, buffer: Buffer, receiver: Node) -> None:

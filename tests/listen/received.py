@@ -14,12 +14,13 @@ class Received:
     def __init__(self) -> None:
         self.buffer = Buffer()
         self.time_s = 0.0
+        self.now_ns = 9 * S
         self.taken_over: list[tuple[str, int]] = []
         self.stream = StreamReception(
             "sim",
             self.buffer,
             logging.getLogger("test"),
-            lambda: 9 * S,
+            lambda: self.now_ns,
             TransformReader(),
             on_takeover=lambda name, epoch_ns: self.taken_over.append((name, epoch_ns)),
             now_s=lambda: self.time_s,

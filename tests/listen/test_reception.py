@@ -30,6 +30,16 @@ def test_messages_are_counted(received: Received) -> None:
     assert stream.counts.last_delay_s == 0.0
 
 
+def test_delays_need_a_time(received: Received) -> None:
+    """What comes before a simulated time is known is not late by the years since 1970."""
+    received.now_ns = 0
+    received.send(at(1, "robot", 8 * S))
+    assert received.stream.counts.delay_s is None
+    received.now_ns = 9 * S
+    received.send(at(1, "robot", 8 * S))
+    assert received.stream.counts.delay_s == 1.0
+
+
 def test_a_new_epoch_has_delays_of_its_own(received: Received) -> None:
     """A restarted publisher may be on a host with another clock."""
     received.send(at(1, "robot", 8 * S))

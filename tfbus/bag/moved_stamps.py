@@ -1,12 +1,19 @@
 """Moves the stamps of a recording to the time of now."""
 
 from itertools import islice
+from typing import TYPE_CHECKING
 
-from tfbus.bag.player import Pace, Source
-from tfbus.core import lazy_numpy as np
+from tfbus.bag.in_force import Source
+from tfbus.bag.player import Pace
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import TransformItem
 from tfbus.recording.selection import Selection
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+else:
+    from tfbus.core import lazy_numpy as np
 
 # A recording whose stamps are further from its log times than this was made with simulated time.
 _OTHER_CLOCK_NS = 60_000_000_000
@@ -44,4 +51,13 @@ def moved(rows: Columns, pace: Pace, ahead_ns: int) -> Columns:
     else:
         since = np.rint((stamps - origin_ns) / pace.rate)
         stamps = since.astype(np.int64) + pace.wall_ns
+    return _stamped(rows, stamps)
+
+
+def moved_to(rows: Columns, stamp_ns: int) -> Columns:
+    """The rows with this stamp."""
+    return _stamped(rows, np.full(rows.count, stamp_ns, np.int64))
+
+
+def _stamped(rows: Columns, stamps: "NDArray[np.int64]") -> Columns:
     return Columns.of_bytes(rows.frames, rows.edges_bytes(), stamps.tobytes(), rows.poses_bytes())

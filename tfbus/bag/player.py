@@ -6,14 +6,14 @@ viewer, a test. Any other thread may pause it, seek, and so on.
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from tfbus.bag.in_force import Source, in_force
 from tfbus.bag.read_ahead import ReadAhead
 from tfbus.errors import InvalidArgumentException
-from tfbus.recording.former import last_item
-from tfbus.recording.items import EventItem, Item, TopicItem
+from tfbus.recording.items import EventItem, Item
 from tfbus.recording.selection import ALL, Selection
 
 SLOWEST, FASTEST = 1e-3, 1e4
@@ -79,33 +79,6 @@ class Progress:
         return (self.end_ns - self.start_ns) / 1e9
 
 
-class State(Protocol):
-    """What is in force at a moment of a recording."""
-
-    def items(self, log_ns: int) -> list[Item]:
-        """The events and static sets that stand for it."""
-
-
-class Source(Protocol):
-    """What a player reads: a RecordingReader."""
-
-    @property
-    def start_ns(self) -> int:
-        """The log time of the first item."""
-
-    @property
-    def end_ns(self) -> int:
-        """The log time of the last item."""
-
-    def items(
-        self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
-    ) -> Iterator[Item]:
-        """The items of a span in the order of their log times."""
-
-    def state_at(self, log_ns: int, selection: Selection = ALL) -> State:
-        """What is in force at a log time."""
-
-
 class Stage(Protocol):
     """Where a recording is played. All calls come from the thread of `Player.run`."""
 
@@ -125,7 +98,8 @@ class Player:
     """Plays what a recording has of `selection` from `start_ns` to `end_ns`, log times in ns.
 
     Where it begins or is sought to, the last message so far on each of the topics `lasting` belongs
-    to the state, as static transforms do: it holds until the next, as a simulated time does.
+    to the state, as static transforms do: it holds until the next, as a simulated time does. The
+    last dynamic transforms of `look_back_s` before that belong to it, too, with their log times.
 
     Its methods may be called from any thread, before and while it runs. Raises
     InvalidArgumentException for a rate that is not between 0.001 and 10,000, or where nothing lies
@@ -143,6 +117,7 @@ class Player:
         paused: bool = False,
         at_end: AtEnd = "stop",
         lasting: Sequence[str] = (),
+        look_back_s: float = 0.0,
         real_ns: Callable[[], int] = time.monotonic_ns,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -157,6 +132,7 @@ class Player:
             )
         self._at_end: AtEnd = at_end
         self._lasting = lasting
+        self._look_back_ns = round(look_back_s * 1e9)
         self._real_ns, self._wall_ns = real_ns, wall_ns
         # Guards all that follows; notified at each change that `run` waits for.
         self._changed = threading.Condition()
@@ -243,7 +219,9 @@ class Player:
         """Play to the end, or until `stop`. Raises what reading the recording raises."""
         at_ns, is_back = self._start_ns, False
         while True:
-            state = [*self._state_at(at_ns)]
+            state = in_force(
+                self._source, at_ns, self._selection, self._lasting, self._look_back_ns
+            )
             items = self._source.items(at_ns, self._end_ns, self._selection)
             with ReadAhead(items, self._changed) as ahead:
                 self._begin(stage, state, at_ns, is_back)
@@ -251,20 +229,6 @@ class Player:
             if jump is None:
                 return
             at_ns, is_back = jump
-
-    def _state_at(self, at_ns: int) -> Iterator[Item]:
-        for topic in self._lasting:
-            of_topic = Selection(topics=(topic,))
-            item = last_item(
-                self._source,
-                self._source.start_ns,
-                at_ns,
-                of_topic,
-                lambda item: isinstance(item, TopicItem),
-            )
-            if item is not None:
-                yield item
-        yield from self._source.state_at(at_ns, self._selection).items(at_ns)
 
     def _begin(self, stage: Stage, state: list[Item], at_ns: int, is_back: bool) -> None:
         with self._changed:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from tfbus.bag.moved_stamps import moved, stamps_ahead_ns
+from tfbus.bag.moved_stamps import moved, moved_to, stamps_ahead_ns
 from tfbus.bag.player import Pace, Progress
 from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
 from tfbus.bag.replayed_names import ReplayedNames
@@ -156,7 +156,10 @@ class Replay:
             if self._statics.get(name) == recorded:
                 return
             self._statics[name] = recorded
-        if self._stamps == "now":
+        if self._stamps == "now" and item.log_ns < pace.log_ns:
+            # Where it was when playing begins here; its own stamp may be one that was used.
+            rows = moved_to(rows, pace.wall_ns)
+        elif self._stamps == "now":
             rows = moved(rows, pace, self._ahead_ns)
         try:
             (stream.send_static if item.static else stream.send)(rows, epoch_ns)

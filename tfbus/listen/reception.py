@@ -529,8 +529,9 @@ class DynamicReception:
             counts.last_heard_ns = heard_ns
             if message.seq is not None:
                 self._count_missed(epoch_ns, message.seq)
-            if stamp_ns is not None:
-                counts.add_delay((stream.now_ns() - stamp_ns) / 1e9)
+            # 0 while a simulated time is not known.
+            if stamp_ns is not None and (now_ns := stream.now_ns()):
+                counts.add_delay((now_ns - stamp_ns) / 1e9)
             grows = counts.transforms >= stream.grows_at
         if grows:
             stream.grows_at = counts.transforms + _GROWS_AFTER

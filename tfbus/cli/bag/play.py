@@ -37,6 +37,9 @@ _LOG_EVERY_S = 10.0
 # How often the time is published, as ros2 bag does.
 _CLOCK_HZ = 40.0
 
+# After a seek, frames are where they were last within this time.
+_LOOK_BACK_S = 2.0
+
 # With that, threads take turns often enough for the player to be on time.
 _SWITCH_INTERVAL_S = 0.0001
 
@@ -366,6 +369,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
         paused=plan.is_paused,
         at_end=plan.at_end,
         lasting=clocks,
+        look_back_s=_LOOK_BACK_S,
     )
     line = PlayLine()
     error: Exception | None = None

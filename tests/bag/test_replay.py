@@ -12,6 +12,7 @@ import msgpack
 import pytest
 
 from tests.builders import S, at, x_of
+from tests.fakes import Clock as FakeClock
 from tests.fakes import InAThread, Lines
 from tests.live_bus import Bus, eventually
 from tfbus import (
@@ -21,6 +22,7 @@ from tfbus import (
     TransformBroadcaster,
     TransformListener,
 )
+from tfbus.bag.played_time import PlayedTime
 from tfbus.bag.player import Player
 from tfbus.bag.player_services import serve
 from tfbus.bag.replay import Replay
@@ -469,6 +471,21 @@ def test_a_stream_that_left_before_a_seek_is_gone_after_it(played: Any, buffer: 
     run.player.seek(BEGAN_NS + 2 * S)
     eventually(lambda: x_of(buffer, source="drone") == 2.0 and buffer.frame("drone").gone)
     assert x_of(buffer) == 1.0
+
+
+def test_a_pause_takes_no_time() -> None:
+    """What was sent before it is kept as long as if there were none."""
+    clock = FakeClock()
+    played = PlayedTime(clock)
+    clock.now_ns = 5
+    assert played() == 5
+    for is_paused in (True, True):
+        played.stand(is_paused)
+        clock.now_ns += 100
+        assert played() == 5
+    played.stand(False)
+    clock.now_ns += 1
+    assert played() == 6
 
 
 def test_a_loop_goes_on_with_stamps_of_now(played: Any, buffer: Buffer, receiver: Node) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Literal
 
 from tfbus.bag.moved_stamps import moved, moved_to, stamps_ahead_ns
+from tfbus.bag.played_time import PlayedTime
 from tfbus.bag.player import Pace, Progress
 from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
 from tfbus.bag.replayed_names import ReplayedNames
@@ -70,6 +71,9 @@ class Replay:
             )
         # How far what is recorded lies in the past; None before it begins.
         self._past_ns: int | None = None
+        # A paused recording keeps what it has sent for listeners that come late.
+        self._played = PlayedTime()
+        self._played.stand(progress().is_paused)
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
@@ -141,6 +145,7 @@ class Replay:
 
     def follow(self, progress: Progress) -> None:
         """The clock stands still, or goes at another rate."""
+        self._played.stand(progress.is_paused)
         if self._clock is not None:
             self._clock.follow()
 
@@ -234,7 +239,9 @@ class Replay:
             split=recorded.split,
         )
         key = self._names.stream_key(recorded)
-        return ReplayedStream(new_name, key, description, self._node, is_described=bool(first))
+        return ReplayedStream(
+            new_name, key, description, self._node, is_described=bool(first), time_ns=self._played
+        )
 
     # Topics
 

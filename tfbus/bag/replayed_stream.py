@@ -1,6 +1,7 @@
 """A recorded stream, on the bus again."""
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -31,7 +32,7 @@ class ReplayedStream:
 
     Where it `is_described`, descriptions come by `describe`, and `description` only says how it
     sends: split or not, and for how long it keeps messages. Otherwise `description` is sent with
-    the frames that were sent so far. Used by one thread at a time.
+    the frames that were sent so far. Messages are kept by `time_ns`. Used by one thread at a time.
     """
 
     def __init__(
@@ -42,6 +43,7 @@ class ReplayedStream:
         node: Node,
         *,
         is_described: bool,
+        time_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.name = name
         self._key = key
@@ -54,7 +56,7 @@ class ReplayedStream:
         if not is_described:
             description = replace(description, history_s=_HISTORY_S)
         self._description = description
-        self._history = SentHistory(description.history_s)
+        self._history = SentHistory(description.history_s, clock_ns=time_ns)
         node.session.queryable(keys.expression, self._on_query, long=True)
         self._tables: dict[tuple[tuple[str, ...], bytes], Sequence[RowsOfKey]] = {}
         self._life: _Life | None = None

@@ -358,7 +358,7 @@ def _play(settings: NodeSettings, reader: "RecordingReader", plan: _Plan) -> Non
     from tfbus.node.node import Node
 
     start_ns, end_ns = _span(reader, plan)
-    clocks = tuple(filter(None, (plan.clock_hz and clock_topic_of(reader),)))
+    clocks = () if plan.clock_hz is None else tuple(filter(None, (clock_topic_of(reader),)))
     selection = replace(plan.selection, always=clocks)
     player = Player(
         reader,

@@ -13,6 +13,7 @@ import click
 
 from tfbus import (
     Buffer,
+    Fleet,
     Node,
     NodeSettings,
     Number,
@@ -20,6 +21,7 @@ from tfbus import (
     SystemClock,
     TfbusError,
     TransformListener,
+    fleet_options,
     node_options,
 )
 from tfbus.command import BagChoice, OutputFile, bag_options, install_command
@@ -110,9 +112,11 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     help="The picture's width and height in pixels (default 1280x800).",
 )
 @bag_options("at", "begin", "end")
+@fleet_options
 @node_options("view")
 def main(
     settings: NodeSettings,
+    fleet: Fleet | None,
     bag: BagChoice | None,
     host: str,
     port: int,
@@ -144,14 +148,14 @@ def main(
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"), title)
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, bag, serving, robot, shot)
+        _show_recording(settings, fleet, bag, serving, robot, shot)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
         return
     with _join(settings) as node:
         buffer = Buffer(history_s)
-        with TransformListener(buffer, node) as listener:
+        with TransformListener(buffer, node, fleet=fleet) as listener:
             page = Page(node, buffer, listener, serving, robot, (TurtleGuest(node),))
             if not is_local(host):
                 node.log.warning("%s", _warning(page, "see the frames and drive the turtles"))
@@ -173,6 +177,7 @@ def main(
 
 def _show_recording(
     settings: NodeSettings,
+    fleet: Fleet | None,
     bag: BagChoice,
     serving: "Serving",
     robot: Sequence[Any],
@@ -193,6 +198,7 @@ def _show_recording(
             start_ns=start_ns,
             end_ns=end_ns,
             namespace=settings.namespace,
+            fleet=fleet,
         )
         with replay.until_signal():
             page = Page(replay, replay.buffer, replay, serving, robot, replay=replay)

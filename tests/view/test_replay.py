@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.recordings import publisher, sent, write
 from tests.view.recordings import at, record
 from tfbus.frames.state import state
 from tfbus.view.model.playhead import Cursor
@@ -13,6 +14,7 @@ pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 
 from tfbus.recording.reader import RecordingReader
 from tfbus.view.replay import Replay
+from tfbus.wire.fleet import Fleet
 
 
 @pytest.fixture
@@ -165,3 +167,22 @@ def test_damage_holds_the_cursor_and_is_said(path: Path, caplog: pytest.LogCaptu
         replay.playhead.seek(at(11.0), plays=False)
         replay.move(1.0, is_watched=True)
         assert (replay.mistake, shown(replay)) == ("", ("dynamic", 11.0))
+
+
+def test_a_fleet_has_the_frames_of_all_robots(tmp_path: Path) -> None:
+    """With their namespaces in front; without it no frames of several robots are mixed."""
+    items = []
+    for name in ("robot7/sim", "robot8/sim"):
+        items += [sent(publisher(name), s / 10, ("world", "base", 1.0)) for s in range(20)]
+    items.sort(key=lambda item: item.log_ns)
+    path = write(tmp_path / "fleet.mcap", items)
+    for fleet, frames in (
+        (
+            Fleet(),
+            {f"{robot}/{frame}" for robot in ("robot7", "robot8") for frame in ("world", "base")},
+        ),
+        (None, set()),
+    ):
+        with RecordingReader(path) as reader:
+            replay = Replay(reader, cursor=Cursor(reader.end_ns), fleet=fleet)
+            assert set(replay.buffer.frames()) == frames

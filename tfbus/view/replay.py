@@ -17,6 +17,7 @@ from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
 from tfbus.view.model.playhead import Cursor, Playhead
 from tfbus.view.recorded_marks import known_timeline, whole_timeline
+from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
@@ -43,7 +44,8 @@ class Replay:
 
     `move` is for the page's thread; the playhead is for any. The timeline has what the file says at
     once, and after `measure` what is only found by reading it, as gaps. `samples` are then the
-    transforms at some moments, for a camera that sees where frames will be. `mistake` says why the
+    transforms at some moments, for a camera that sees where frames will be. With a `fleet` the
+    frames of robots in namespaces below are there, too. `mistake` says why the
     recording cannot be read at the cursor, "" if it can.
     """
 
@@ -55,12 +57,14 @@ class Replay:
         start_ns: int | None = None,
         end_ns: int | None = None,
         namespace: str = "",
+        fleet: Fleet | None = None,
     ) -> None:
         self.log = logging.getLogger("tfbus.view")
         self.mistake = ""
         self.samples: tuple[Buffer, ...] = ()
         self._reader = reader
         self._namespace = namespace
+        self._fleet = fleet
         start_ns = reader.start_ns if start_ns is None else start_ns
         end_ns = reader.end_ns if end_ns is None else end_ns
         self.timeline = known_timeline(reader, start_ns, end_ns)
@@ -138,7 +142,7 @@ class Replay:
             self.timeline = found or self.timeline
 
     def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
-        frames = RecordedFrames(reader, namespace=self._namespace, cache_time_s=_SAMPLE_S)
+        frames = self._frames_of(reader, _SAMPLE_S)
         start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
         for part in range(_SAMPLES):
             if not self._ended.is_set():
@@ -190,11 +194,14 @@ class Replay:
         return True
 
     def _restart(self) -> None:
-        self._frames = RecordedFrames(
-            self._reader, namespace=self._namespace, cache_time_s=self._before_s
-        )
+        self._frames = self._frames_of(self._reader, self._before_s)
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None
+
+    def _frames_of(self, reader: "RecordingReader", cache_time_s: float) -> RecordedFrames:
+        return RecordedFrames(
+            reader, namespace=self._namespace, fleet=self._fleet, cache_time_s=cache_time_s
+        )
 
     def _read_to(self, at_ns: int) -> None:
         # Kept from one picture to the next: to begin again costs a chunk each time.

@@ -19,6 +19,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from tfbus.runtime.addresses import address_of, is_local
+from tfbus.view.framed import connecting_in_frames
 
 
 def machine_names(host: str) -> frozenset[str]:
@@ -102,6 +103,6 @@ def _check(
     reason = refusal(request.headers, names)
     if not reason:
         answer: Response | None = then(connection, request)
-        return answer
+        return None if answer is None else connecting_in_frames(answer)
     status = HTTPStatus.FORBIDDEN
     return Response(status.value, status.phrase, Headers(), f"{reason}\n".encode())

@@ -138,6 +138,26 @@ class TestWhat:
         assert process.stop() == 0
         assert children(items_of(path)) == wanted
 
+    @pytest.mark.parametrize(
+        ("options", "wanted"),
+        [
+            (["--topics", "tf"], {"base"}),
+            (["--topics", "/tf_static"], {"laser"}),
+            (["--exclude-topics", "tf_static"], {"base"}),
+        ],
+    )
+    def test_dynamic_or_static_transforms_alone(
+        self, bus: Bus, path: Path, options: list[str], wanted: set[str]
+    ) -> None:
+        """The topics are those of ROS: tf for dynamic, tf_static for static ones."""
+        process = recording(bus, path, *options)
+        robot = bus.node("robot")
+        send_static(robot, "base", "laser")
+        keep_sending(robot, "odom", "base")
+        eventually_in(path, lambda items: children(items) >= wanted)
+        process.stop()
+        assert children(items_of(path)) == wanted
+
     def test_a_fleet(self, bus: Bus, path: Path) -> None:
         """All namespaces below are recorded, by the names that they have from outside."""
         robot = bus.node("base", namespace="robot7")
@@ -265,7 +285,8 @@ class TestMistakes:
             (["-o", "nowhere/run"], "there is no folder 'nowhere' to record into"),
             (["--max-size", "5 apples"], "'5 apples' is not a size: write a number of bytes"),
             (["--max-duration", "0"], "must be more than 0, not 0"),
-            (["--regex", "("], "regex '(' is no regular expression"),
+            (["--regex", "("], "'--regex': '(' is no regular expression"),
+            (["--exclude", "["], "'--exclude' / '--exclude-regex': '[' is no regular expression"),
             (["--on", "gone"], "--on writes a snapshot: give --snapshot SECONDS too"),
             (["--snapshot", "5", "--on", "late map"], "'late map' is no condition"),
             (["--snapshot", "5", "--max-size", "1GB"], "each snapshot is a file of its own"),

@@ -111,11 +111,14 @@ class Capture:
     # Transforms
 
     def _subscribe(self, dynamic: str, static: str) -> list[Declaration]:
+        """Subscribe to keys of dynamic and static transforms; "" for none."""
         session = self._node.session
-        return [
-            declare_retained_subscriber(session, static, self._on_static),
-            session.subscriber(dynamic, self._on_transforms),
-        ]
+        declared: list[Declaration] = []
+        if static:
+            declared.append(declare_retained_subscriber(session, static, self._on_static))
+        if dynamic:
+            declared.append(session.subscriber(dynamic, self._on_transforms))
+        return declared
 
     def _on_transforms(self, key: str, payload: bytes) -> None:
         source = self._sources.get(key) or self.source(key)
@@ -141,7 +144,7 @@ class Capture:
             self._once.warning(
                 "name", "Did not record a stream: its name %r cannot be shown", name[:300]
             )
-        elif self._selection.takes_stream(self.names.full(name)):
+        elif self._selection.takes_transforms(self.names.full(name), static=static):
             source = TransformSource(
                 self.names.full(name),
                 self.names.namespace(namespace_of(key)),
@@ -175,8 +178,10 @@ class Capture:
 
     def _subscribe_stream(self, name: str, key: str) -> None:
         if name not in self._subscribed:
+            takes = partial(self._selection.takes_transforms, name)
             self._subscribed[name] = self._subscribe(
-                f"{transforms_key_beside(key)}/**", static_transforms_key_beside(key)
+                f"{transforms_key_beside(key)}/**" if takes(static=False) else "",
+                static_transforms_key_beside(key) if takes(static=True) else "",
             )
 
     def _forget_gone(self) -> None:

@@ -5,10 +5,10 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.command.extras import install_command
 from tfbus.command.options import bus_options
-from tfbus.command.several import Several
-from tfbus.command.types import POSITIVE, FrameName, Size, TopicName
+from tfbus.command.types import POSITIVE, Size, TopicName
 from tfbus.errors import TfbusError
 
 
@@ -18,47 +18,7 @@ from tfbus.errors import TfbusError
     "--topics turtle1/pose tf; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )
 @click.argument("more_topics", metavar="[TOPIC]...", type=TopicName(), nargs=-1)
-@click.option(
-    "--topics",
-    cls=Several,
-    multiple=True,
-    type=TopicName(),
-    metavar="NAME...",
-    help="Record these topics only; tf stands for all transforms.",
-)
-@click.option(
-    "--streams",
-    cls=Several,
-    multiple=True,
-    metavar="NAME...",
-    help="Record transforms of these streams only.",
-)
-@click.option(
-    "--frames",
-    cls=Several,
-    multiple=True,
-    type=FrameName(),
-    metavar="NAME...",
-    help="Record transforms of these child frames only.",
-)
-@click.option(
-    "-e",
-    "--regex",
-    default="",
-    metavar="REGEX",
-    help="Record topics and streams in whose names this is found.",
-)
-@click.option(
-    "-x",
-    "--exclude",
-    "--exclude-regex",
-    default="",
-    metavar="REGEX",
-    help="Omit topics and streams in whose names this is found.",
-)
-@click.option(
-    "--exclude-topics", cls=Several, multiple=True, metavar="NAME...", help="Omit these topics."
-)
+@selecting("Record")
 @click.option("-a", "--all", is_flag=True, hidden=True, help="Record everything, the default.")
 @click.option(
     "--fleet", is_flag=True, help="Record the namespaces below too: all robots of a fleet."
@@ -143,12 +103,7 @@ from tfbus.errors import TfbusError
 def command(
     settings: NodeSettings,
     more_topics: tuple[str, ...],
-    topics: tuple[str, ...],
-    streams: tuple[str, ...],
-    frames: tuple[str, ...],
-    regex: str,
-    exclude: str,
-    exclude_topics: tuple[str, ...],
+    asked: Asked,
     all: bool,
     fleet: bool,
     output: str | None,
@@ -189,21 +144,14 @@ def command(
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Splits
     from tfbus.bag.trigger import Condition
-    from tfbus.cli.bag.record_plan import Plan, excluding, free_path, selection
+    from tfbus.cli.bag.record_plan import Plan, checked, free_path
     from tfbus.cli.bag.record_run import record
 
     try:
         settings = settings.renamed(node_name)
         plan = Plan(
             path=free_path(output),
-            selection=selection(
-                settings.namespace,
-                (*topics, *more_topics),
-                streams,
-                frames,
-                regex,
-                excluding(settings.namespace, exclude, exclude_topics),
-            ),
+            selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,
             splits=Splits(max_bytes, max_s),
             compression=compression,

@@ -1,6 +1,5 @@
 """What `tfbus bag record` is asked for on its command line."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,29 +57,9 @@ def free_path(output: str | None) -> Path:
     return path
 
 
-def selection(
-    namespace: str,
-    topics: tuple[str, ...],
-    streams: tuple[str, ...],
-    frames: tuple[str, ...],
-    regex: str,
-    exclude: str,
-) -> Selection:
-    """The selection of names that are relative to a namespace, or absolute."""
-    topics = tuple(_full(topic, namespace) for topic in topics)
-    for topic in topics:
+def checked(selection: Selection) -> Selection:
+    """The selection. Raises InvalidNameError for a topic that no node can have."""
+    for topic in selection.topics:
         if not is_of_transforms(topic):
             check_no_transforms(topic)
-    names = tuple(_full(stream, namespace) for stream in streams)
-    return Selection(topics, names, frames, regex, exclude)
-
-
-def _full(name: str, namespace: str) -> str:
-    """A name as a session without a namespace has it."""
-    return name[1:] if name.startswith("/") else "/".join(filter(None, (namespace, name)))
-
-
-def excluding(namespace: str, exclude: str, topics: tuple[str, ...]) -> str:
-    """A regular expression that is found in what another one is, and in these topics."""
-    names = [f"^{re.escape(_full(topic, namespace))}$" for topic in topics]
-    return "|".join([*filter(None, (exclude,)), *names])
+    return selection

@@ -2,8 +2,9 @@
 
 import errno
 import logging
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -332,10 +333,49 @@ class TestFailures:
             assert reader.is_complete
 
 
+class TestMemory:
+    def test_what_waits_for_its_description_counts(self, tmp_path: Path) -> None:
+        """However long messages wait, the queue takes no more of them than it has room for."""
+        run = Run(tmp_path, past=a_past(is_complete=lambda: closing.is_set()))
+        closing = threading.Event()
+        run.queue._most_bytes = 5_000
+
+        def is_full() -> bool:
+            run.send()
+            return run.queue.dropped["transforms"] > 20
+
+        eventually(is_full)
+        assert sum(raw.size for raw in list(run.recorder._pending)) <= 5_000
+        sent, dropped = run.seq, run.queue.dropped["transforms"]
+        closing.set()
+        assert len(numbers(run.items())) == sent - dropped
+        assert run.recorder.counts.lost == {"transforms": dropped}
+
+    def test_what_publishers_hold_is_taken_up_to_the_limit(self, tmp_path: Path) -> None:
+        """Beyond it messages are counted, and said."""
+        past = a_past(is_complete=lambda: True)
+        for seq in range(10):
+            past._keep("tf/sim", payload([at(stamp_ns=S + seq)], seq=seq))
+        assert 0 < past.dropped < 10 and len(past._kept) == 10 - past.dropped
+        lines = Lines(LOG)
+        run = Run(tmp_path, past=past, source=lambda key: DYNAMIC)
+        eventually(lambda: run.recorder.counts.messages == 10 - past.dropped)
+        run.items()
+        assert run.recorder.counts.lost == {"history": past.dropped}
+        assert f"Dropped {past.dropped} messages that publishers held" in lines.lines[0]
+
+
+def a_past(is_complete: Callable[[], bool]) -> Past:
+    """One that asks nothing."""
+    past = Past(Any, Any, 1_500)  # type: ignore[arg-type]
+    past.is_complete = is_complete  # type: ignore[method-assign]
+    return past
+
+
 class TestPast:
     def before(self, kept: list[tuple[bytes, int]], live: list[Raw]) -> list[Raw]:
         past = Past.__new__(Past)
-        past.__dict__.update(_lock=__import__("threading").Lock())
+        past.__dict__.update(_lock=threading.Lock())
         past._kept = [("tf/sim", data, came_ns) for data, came_ns in kept]
         return past.before(live, lambda key: DYNAMIC)
 

@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from weakref import WeakSet
 
 from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
 from tfbus.bag.missed import MissedMessages
@@ -21,6 +22,7 @@ from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import counted
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
 _LOOK_EVERY_S = 0.25
@@ -37,7 +39,7 @@ _DROPPED_EVERY_S = 1.0
 # A service, or a key, waits at most this long for the thread.
 _ANSWER_WITHIN_S = 60.0
 
-UNREADABLE, REFUSED, MISSING = "unreadable", "refused", "missing"
+UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "history"
 
 
 @dataclass
@@ -45,8 +47,9 @@ class Counts:
     """What was recorded, and what was not.
 
     `topics` and `streams` count messages by name, `lost` messages by what became of them: the kinds
-    that the queue dropped, "unreadable", "refused" by the format of the file, and "missing": those
-    of dynamic transforms that never came.
+    that the queue dropped, "unreadable", "refused" by the format of the file, "missing": those of
+    dynamic transforms that never came, and "history": those held from before for which there was no
+    room.
     """
 
     messages: int = 0
@@ -119,7 +122,7 @@ class Recorder:
         self._on_file = on_file
         self._pending: deque[Raw] = deque()
         # Sources whose messages wait no further.
-        self._undescribed: set[Source] = set()
+        self._undescribed: WeakSet[Source] = WeakSet()
         # Questions come from any thread, until the writing one has ended.
         self._asking = threading.Lock()
         self._has_ended = False
@@ -209,24 +212,37 @@ class Recorder:
 
     def _record(self) -> None:
         is_closing = False
+        held_bytes = 0
         while not is_closing:
             is_closing = self._closing.is_set()
-            self._pending.extend(self._queue.take(0.0 if is_closing else _LOOK_EVERY_S))
+            came = self._queue.take(0.0 if is_closing else _LOOK_EVERY_S, held_bytes)
+            self._pending.extend(came)
             if self._past is not None:
                 if not is_closing and not self._past.is_complete():
+                    held_bytes += sum(raw.size for raw in came)
                     continue
                 self._pending = deque(self._past.before(self._pending, self._source))
+                self._note_history(self._past.dropped)
                 self._past = None
             while self._pending and (is_closing or not self._waits(self._pending[0])):
                 self._take(self._pending.popleft())
+            held_bytes = sum(raw.size for raw in self._pending)
             while self._asked:
                 self._answer(*self._asked.popleft())
             self._do_regularly(is_closing)
         self._parts.close()
 
+    def _note_history(self, dropped: int) -> None:
+        if dropped:
+            self.counts.lost[HISTORY] = dropped
+            self._log.warning(
+                "Dropped %s that publishers held from before: there is no more room for them",
+                counted(dropped, "message"),
+            )
+
     def _waits(self, raw: Raw) -> bool:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
-        if raw.source in self._undescribed or raw.source.is_described():
+        if raw.source.is_described() or raw.source in self._undescribed:
             return False
         # A clock that was set back ends the wait.
         if 0 <= time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:

@@ -95,7 +95,7 @@ def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> 
     if plan.with_history:
         executor = Executor("history", node.log)
         stack.callback(executor.close)
-        past = Past(node.session, executor)
+        past = Past(node.session, executor, plan.most_bytes)
     capture = Capture(
         node,
         queue,

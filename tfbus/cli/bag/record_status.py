@@ -186,6 +186,7 @@ _LOST = {
     "topics": "messages of topics (dropped: too slow)",
     "events": "events (dropped: too slow)",
     "missing": "messages of transforms that never arrived (dropped on the way)",
+    "history": "messages that publishers held from before (dropped: no room)",
     "too large": "larger than the limits",
     "unreadable": "that could not be read",
     "refused": "that the file cannot hold",

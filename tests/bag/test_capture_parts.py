@@ -200,6 +200,8 @@ class TestNames:
         assert path_of_recording(str(tmp_path / "run")) == tmp_path / "run.mcap"
         assert path_of_recording(str(tmp_path / "v1.2")) == tmp_path / "v1.2.mcap"
         assert path_of_recording("run.mcap") == Path("run.mcap")
+        new = path_of_recording(f"{tmp_path}/new/")
+        assert new.parent == tmp_path / "new" and new.name.startswith("tfbus_20")
         inside = path_of_recording(str(tmp_path))
         assert inside.parent == tmp_path and inside.name.startswith("tfbus_20")
 

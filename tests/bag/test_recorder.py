@@ -48,7 +48,9 @@ class Run:
     def __init__(self, folder: Path, **given: Any) -> None:
         self.queue = RawQueue(10_000_000)
         opening = given.pop("open_writer", RecordingWriter)
-        self.parts = PartsWritten(folder / "run.mcap", opening)
+        self.parts = PartsWritten(
+            folder / "run.mcap", opening, most_files=given.pop("most_files", None)
+        )
         given = {"selection": ALL, **given}
         self.recorder = Recorder(self.queue, self.parts, LOG, **given)
         self.seq = 0
@@ -185,9 +187,11 @@ class TestSplits:
         run.queue.put(STATIC, payload([at(2.0, "mast")]))
         run.send()
         eventually(lambda: run.recorder.counts.messages == 2)
-        path = run.recorder.split()
+        written = run.recorder.split()
         run.send()
         run.items()
+        path = run.parts.paths[-1]
+        assert (written.path, written.size) == (run.parts.paths[0], written.path.stat().st_size)
         assert path.name == "run_1.mcap"
         assert numbers(read(run.parts.paths[0])) == [0]
         second = read(path)
@@ -202,6 +206,33 @@ class TestSplits:
         assert numbers(run.items()) == list(range(100))
         assert len(run.parts.paths) > 2
 
+    def test_what_is_in_force_may_be_larger_than_a_file(self, tmp_path: Path) -> None:
+        """Then not each message gets a file of its own."""
+        run = Run(tmp_path, splits=Splits(most_bytes=3_000))
+        statics = [at(1.0, f"{number * 7919:x}") for number in range(500)]
+        run.queue.put(STATIC, payload(statics))
+        run.send(100)
+        assert numbers(run.items()) == list(range(100))
+        assert len(run.parts.paths) < 20
+
+    def test_only_the_last_files_stay(self, tmp_path: Path) -> None:
+        """The oldest are deleted, and counted."""
+        run = Run(tmp_path, splits=Splits(most_bytes=3_000), most_files=2)
+        run.send(100)
+        kept = numbers(run.items())
+        assert sorted(tmp_path.iterdir()) == sorted(run.parts.paths)
+        assert [part.path for part in run.parts.written] == run.parts.paths
+        assert len(run.parts.paths) == 2 and run.parts.deleted > 0
+        assert kept == list(range(100))[-len(kept) :]
+
+    def test_a_file_tells_how_long_it_is(self, run: Run) -> None:
+        """From the first message to the last."""
+        times = iter((5 * S, 6 * S, 9 * S))
+        run.queue._clock_ns = lambda: next(times)
+        run.send(3)
+        eventually(lambda: run.recorder.counts.messages == 3)
+        assert run.recorder.split().seconds == 4.0
+
     def test_files_end_after_their_time(self, tmp_path: Path) -> None:
         """The time is that between messages."""
         run = Run(tmp_path, splits=Splits(most_s=1e-9))
@@ -213,7 +244,8 @@ class TestSplits:
         """A part never takes the place of a file that is there."""
         taken = run.parts.paths[0].with_name("run_1.mcap")
         taken.write_text("mine")
-        assert run.recorder.split().name == "run_2.mcap"
+        run.recorder.split()
+        assert run.parts.paths[-1].name == "run_2.mcap"
         assert taken.read_text() == "mine"
 
 
@@ -227,10 +259,10 @@ class TestSnapshots:
         run.send(3)
         eventually(lambda: run.recorder.received == 3)
         assert not list(tmp_path.iterdir())
-        assert numbers(read(run.recorder.split())) == [0, 1, 2]
+        assert numbers(read(run.recorder.split().path)) == [0, 1, 2]
         run.send()
         eventually(lambda: run.recorder.received == 4)
-        assert numbers(read(run.recorder.split())) == [3]
+        assert numbers(read(run.recorder.split().path)) == [3]
         run.recorder.close()
 
     def test_older_messages_are_forgotten_but_what_is_in_force_stays(self, tmp_path: Path) -> None:
@@ -244,7 +276,7 @@ class TestSnapshots:
         run.queue._clock_ns = lambda: clock_ns
         run.send()
         eventually(lambda: run.recorder.received == 3)
-        items = read(run.recorder.split())
+        items = read(run.recorder.split().path)
         run.recorder.close()
         assert numbers(items) == [1]
         assert kinds(items) == ["stream"]
@@ -255,7 +287,7 @@ class TestSnapshots:
         run = Run(tmp_path, snapshots=Snapshots(60.0, 2_000, Triggers(())))
         run.send(50)
         eventually(lambda: run.recorder.received == 50)
-        kept = numbers(read(run.recorder.split()))
+        kept = numbers(read(run.recorder.split().path))
         run.recorder.close()
         assert 1 <= len(kept) < 20 and kept[-1] == 49
         assert run.recorder.window is not None and run.recorder.window.short_s is not None
@@ -266,7 +298,7 @@ class TestSnapshots:
         run = Run(
             tmp_path,
             snapshots=self.snapshots(60.0, Condition("gone", "turtle1")),
-            on_file=lambda path, why: wrote.append(why),
+            on_file=lambda path, written, why: wrote.append(why),
         )
         run.queue.put(EVENTS, THERE)
         run.send(2)

@@ -13,7 +13,7 @@ from weakref import WeakSet
 
 from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
 from tfbus.bag.missed import MissedMessages
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.parts_written import PartsWritten, WrittenPart
 from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import Raw, RawQueue, Source
 from tfbus.bag.sources import EVENTS
@@ -87,8 +87,9 @@ class Recorder:
     """Writes what comes into a queue, on a thread of its own, until `close()`.
 
     With `snapshots` only the last seconds are kept, and written when asked. `past` is what is
-    waited for first, and `source` gives what messages of a key are. `on_file(path, why)` is called
-    for each further file.
+    waited for first, and `source` gives what messages of a key are. `on_file(path, written, why)`
+    is called for each further file that is asked for: it goes on in the file `path`, or has written
+    that, and `written` is whole.
 
     Where a file cannot be written, `failure` says why, and nothing further is recorded.
     """
@@ -104,7 +105,7 @@ class Recorder:
         snapshots: Snapshots | None = None,
         past: Past | None = None,
         source: SourceOf = lambda key: None,
-        on_file: Callable[[Path, str], object] = lambda path, why: None,
+        on_file: Callable[[Path, WrittenPart, str], object] = lambda path, written, why: None,
     ) -> None:
         self.counts = Counts()
         self.failure = ""
@@ -179,11 +180,13 @@ class Recorder:
             self._queue.is_paused = False
             self._queue.put(EVENTS, EventItem(0, "resumed"))
 
-    def split(self) -> Path:
-        """Go on in a new file, or write a snapshot; its path. Raises TfbusError where it cannot."""
-        path = self._ask(lambda: self._split("asked"))
-        assert isinstance(path, Path)
-        return path
+    def split(self) -> WrittenPart:
+        """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
+        where it cannot.
+        """
+        written = self._ask(lambda: self._split("asked"))
+        assert isinstance(written, WrittenPart)
+        return written
 
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
@@ -282,10 +285,11 @@ class Recorder:
         name = getattr(named, "name", "") or getattr(named, "topic", "")
         self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
-    def _split(self, why: str) -> Path:
+    def _split(self, why: str) -> WrittenPart:
         path = self._keeping.split(time.time_ns())
-        self._on_file(path, why)
-        return path
+        written = self._parts.written[-1]
+        self._on_file(path, written, why)
+        return written
 
     def _do_regularly(self, is_closing: bool) -> None:
         now_s = time.monotonic()

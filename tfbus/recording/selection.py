@@ -89,9 +89,14 @@ class Selection:
         return replace(item, rows=rows) if rows.count or item.static else None
 
     def _matches(self, name: str) -> bool:
-        if self.exclude and re.search(self.exclude, name):
+        if self.exclude and _is_found(self.exclude, name):
             return False
-        return not self.regex or re.search(self.regex, name) is not None
+        return not self.regex or _is_found(self.regex, name)
+
+
+def _is_found(regex: str, name: str) -> bool:
+    """Whether it is found in a name, which ROS writes with a slash before it."""
+    return any(re.search(regex, each) for each in (name, f"/{name}"))
 
 
 def is_of_transforms(topic: str) -> bool:

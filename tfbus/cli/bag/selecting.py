@@ -28,6 +28,11 @@ class Asked:
     exclude: str
     exclude_topics: tuple[str, ...]
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it says what is meant; otherwise everything is, or all but what is excluded."""
+        return bool(self.topics or self.streams or self.frames or self.regex)
+
     def selection(self, namespace: str = "", more_topics: Iterable[str] = ()) -> "Selection":
         """The selection that this is in a namespace, with more topics."""
         from tfbus.recording.selection import Selection  # numpy, which `--help` does not need

@@ -158,6 +158,8 @@ class TestWhat:
         eventually_in(path, lambda items: children(items) >= wanted)
         process.stop()
         assert children(items_of(path)) == wanted
+        is_said = "Static transforms are left out" in "\n".join(process.err)
+        assert is_said == (options == ["--topics", "tf"])
 
     def test_a_folder_is_made_for_the_file(self, bus: Bus, path: Path) -> None:
         """With -o folder/ its name is that of the time; what was noted is shown."""

@@ -46,7 +46,8 @@ def test_a_pause_and_losses_show() -> None:
 def test_what_a_snapshot_would_have() -> None:
     """Where nothing is written, the line says what is held."""
     held = Look(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
-    assert status_parts(held, RATES, 60.0)[2:4] == ["last 30 s: 86.3 kB", "2 snapshots"]
+    parts = status_parts(held, RATES, 60.0)
+    assert (parts[0], *parts[2:4]) == ("hold 0:01:00", "last 30 s: 86.3 kB", "2 snapshots")
     assert "the last 30 s held, 86.3 kB" in log_text(held, RATES)
 
 

@@ -94,6 +94,14 @@ class Selection:
         return not self.regex or _is_found(self.regex, name)
 
 
+def lacks_statics(selection: Selection) -> bool:
+    """Whether its topics are such that it takes dynamic transforms and no static ones: lookups
+    through static frames fail then.
+    """
+    kinds = {topic.rpartition("/")[2] for topic in selection.topics}
+    return _DYNAMIC in kinds and _STATIC not in kinds
+
+
 def _is_found(regex: str, name: str) -> bool:
     """Whether it is found in a name, which ROS writes with a slash before it."""
     return any(re.search(regex, each) for each in (name, f"/{name}"))

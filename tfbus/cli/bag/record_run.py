@@ -36,7 +36,7 @@ from tfbus.errors import ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
 from tfbus.recording.layout import CUSTOM
-from tfbus.recording.selection import is_of_transforms
+from tfbus.recording.selection import is_of_transforms, lacks_statics
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
@@ -201,6 +201,8 @@ def _go_on(
         if plan.snapshot_s
         else f"Recording to {plan.path}"
     )
+    if lacks_statics(plan.selection):
+        node.log.info("Static transforms are left out: --topics tf tf_static has them too")
     rating = Rating()
     shows = is_terminal()
     logged_s = began_s = recorder.began_s

@@ -81,7 +81,7 @@ def clock_text(seconds: float) -> str:
 
 def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
     """The parts of the status line."""
-    state = "paused" if look.is_paused else "rec"
+    state = "paused" if look.is_paused else "rec" if look.held is None else "hold"
     parts = [f"{state} {clock_text(running_s)}", f"{rates.messages:.0f} msg/s"]
     if look.held is None:
         parts.append(f"{rates.transforms:.0f} tf/s")
@@ -176,7 +176,7 @@ def summary(
         lines.append(f"  {printable(str(part.path))}  {length_text(part)}")
     if len(shown) < len(parts):
         lines.insert(3, f"  … {len(parts) - len(shown)} more")
-    sent = f"{transforms} transforms in {counted(streams.total(), 'message')}"
+    sent = f"{counted(transforms, 'transform')} in {counted(streams.total(), 'message')}"
     lines.append(f"{_rows('stream', streams)}: {sent}" if streams else "No transforms")
     if topics:
         lines.append(f"{_rows('topic', topics)}: {counted(topics.total(), 'message')}")

@@ -309,6 +309,16 @@ class TestSnapshots:
         assert numbers(items) == [0, 1]
         assert kinds(items)[-1] == "stream gone"
 
+    def test_only_the_last_snapshots_stay(self, tmp_path: Path) -> None:
+        """The oldest is deleted for each further one."""
+        run = Run(tmp_path, snapshots=self.snapshots(), most_files=2)
+        for count in range(1, 5):
+            run.send()
+            eventually(lambda count=count: run.recorder.received == count)  # type: ignore[misc]
+            run.recorder.split()
+        assert numbers(run.items()) == [2, 3]
+        assert sorted(tmp_path.iterdir()) == run.parts.paths
+
     def test_nothing_makes_no_file(self, tmp_path: Path) -> None:
         """Asked for before anything came, it says so."""
         run = Run(tmp_path, snapshots=self.snapshots())

@@ -309,7 +309,7 @@ class TestMistakes:
             (["--max-size", "1"], "must be at least 100 kB, not 1 B"),
             (["--max-duration", "0"], "must be at least 1, not 0"),
             (["--max-cache-size", "1kB"], "must be at least 1 MB, not 1 kB"),
-            (["--max-files", "3"], "give --max-size or --max-duration"),
+            (["--max-files", "3"], "give --max-size, --max-duration or --snapshot"),
             (["-a", "--topics", "pose"], "-a records everything: leave it out"),
             (["-a", "pose"], "-a records everything: leave it out"),
             (["--custom-data", "driver"], "'driver' is not of the form KEY=VALUE"),

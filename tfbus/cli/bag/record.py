@@ -24,7 +24,7 @@ _LEAST_CACHE_BYTES = 1_000_000
     cls=Answering,
     hints=OF_RECORD,
     epilog="Examples: tfbus bag record; tfbus bag record -o run --max-size 500MB; tfbus bag record "
-    "--topics turtle1/pose tf; tfbus bag record --snapshot 30 --on 'gone base_link'",
+    "--topics turtle1/pose tf tf_static; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )
 @click.argument("more_topics", metavar="[TOPIC]...", type=TopicName(), nargs=-1)
 @selecting("Record")
@@ -70,7 +70,7 @@ _LEAST_CACHE_BYTES = 1_000_000
     "most_files",
     type=click.IntRange(min=1),
     metavar="N",
-    help="With those, keep the last N files, and delete older ones of this recording.",
+    help="Keep the last N files or snapshots, and delete older ones of this recording.",
 )
 @click.option(
     "--compression",
@@ -167,9 +167,9 @@ def command(
             "-a records everything: leave it out, or leave out --topics, --streams, --frames and "
             "--regex"
         )
-    if most_files is not None and not (max_bytes or max_s):
+    if most_files is not None and not (max_bytes or max_s or snapshot_s):
         raise click.UsageError(
-            "--max-files keeps the last files: give --max-size or --max-duration"
+            "--max-files keeps the last files: give --max-size, --max-duration or --snapshot"
         )
     if snapshot_s is None and conditions:
         raise click.UsageError("--on writes a snapshot: give --snapshot SECONDS too")
@@ -193,7 +193,6 @@ def command(
     try:
         settings = settings.renamed(node_name)
         plan = Plan(
-            path=free_path(output),
             selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,
             splits=Splits(max_bytes, max_s),
@@ -206,6 +205,7 @@ def command(
             has_keys=not no_keys,
             most_files=most_files,
             custom_data=pairs_of(custom_data),
+            path=free_path(output),  # the last, as it may make a folder
         )
     except TfbusError as error:
         raise click.UsageError(str(error)) from error

@@ -71,6 +71,7 @@ MESSAGES = [
     "PlayProgress",
     "Pose",
     "RotateAbsolute",
+    "SaveRecording",
     "Seek",
     "SetClock",
     "SetPen",

@@ -179,6 +179,24 @@ class PlayProgress:
         loops: int
 
 
+class SaveRecording:
+    """Has a recorder end its file and go on in a new one, or write a snapshot."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """No values."""
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """The file that is whole now, by its path on the recorder's host; how many seconds it is
+        long, from the first message to the last, and its size in bytes.
+        """
+
+        file: str
+        seconds: float
+        size: int
+
+
 class Field:
     """What the turtles' field looks like, for programs that show it."""
 

@@ -60,6 +60,29 @@ class TestQueue:
         queue.put(source(static=True), bytes(100))
         assert queue.dropped == {"statics": 1}
 
+    def test_descriptions_count_by_what_they_say(self) -> None:
+        """A large description finds no room where a small one does."""
+        queue = RawQueue(2_000)
+        queue.put(EVENTS, streams("small", "turtle1"))
+        queue.put(EVENTS, streams("large", *(f"frame{number}" for number in range(1_000))))
+        assert queue.dropped == {"events": 1}
+        assert [raw.payload.name for raw in queue.take(0)] == ["small"]
+
+    def test_what_its_taker_still_holds_counts(self) -> None:
+        """Until it says that less of it waits."""
+        size = OVERHEAD_BYTES + 100
+        queue = RawQueue(2 * size)
+        queue.put(source(), bytes(100))
+        queue.take(0)
+        queue.take(0, held_bytes=size)
+        for _ in range(2):
+            queue.put(source(), bytes(100))
+        assert queue.dropped == {"transforms": 1}
+        queue.take(0)
+        queue.take(0)
+        queue.put(source(), bytes(100))
+        assert queue.dropped == {"transforms": 1}
+
     def test_while_paused_only_what_is_in_force_is_taken(self) -> None:
         """A pause leaves out dynamic transforms and topics, and counts nothing as dropped."""
         queue = RawQueue(10_000)
@@ -177,6 +200,8 @@ class TestNames:
         assert path_of_recording(str(tmp_path / "run")) == tmp_path / "run.mcap"
         assert path_of_recording(str(tmp_path / "v1.2")) == tmp_path / "v1.2.mcap"
         assert path_of_recording("run.mcap") == Path("run.mcap")
+        new = path_of_recording(f"{tmp_path}/new/")
+        assert new.parent == tmp_path / "new" and new.name.startswith("tfbus_20")
         inside = path_of_recording(str(tmp_path))
         assert inside.parent == tmp_path and inside.name.startswith("tfbus_20")
 

@@ -2,8 +2,9 @@
 
 import errno
 import logging
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,9 @@ class Run:
     def __init__(self, folder: Path, **given: Any) -> None:
         self.queue = RawQueue(10_000_000)
         opening = given.pop("open_writer", RecordingWriter)
-        self.parts = PartsWritten(folder / "run.mcap", opening)
+        self.parts = PartsWritten(
+            folder / "run.mcap", opening, most_files=given.pop("most_files", None)
+        )
         given = {"selection": ALL, **given}
         self.recorder = Recorder(self.queue, self.parts, LOG, **given)
         self.seq = 0
@@ -184,9 +187,11 @@ class TestSplits:
         run.queue.put(STATIC, payload([at(2.0, "mast")]))
         run.send()
         eventually(lambda: run.recorder.counts.messages == 2)
-        path = run.recorder.split()
+        written = run.recorder.split()
         run.send()
         run.items()
+        path = run.parts.paths[-1]
+        assert (written.path, written.size) == (run.parts.paths[0], written.path.stat().st_size)
         assert path.name == "run_1.mcap"
         assert numbers(read(run.parts.paths[0])) == [0]
         second = read(path)
@@ -201,6 +206,33 @@ class TestSplits:
         assert numbers(run.items()) == list(range(100))
         assert len(run.parts.paths) > 2
 
+    def test_what_is_in_force_may_be_larger_than_a_file(self, tmp_path: Path) -> None:
+        """Then not each message gets a file of its own."""
+        run = Run(tmp_path, splits=Splits(most_bytes=3_000))
+        statics = [at(1.0, f"{number * 7919:x}") for number in range(500)]
+        run.queue.put(STATIC, payload(statics))
+        run.send(100)
+        assert numbers(run.items()) == list(range(100))
+        assert len(run.parts.paths) < 20
+
+    def test_only_the_last_files_stay(self, tmp_path: Path) -> None:
+        """The oldest are deleted, and counted."""
+        run = Run(tmp_path, splits=Splits(most_bytes=3_000), most_files=2)
+        run.send(100)
+        kept = numbers(run.items())
+        assert sorted(tmp_path.iterdir()) == sorted(run.parts.paths)
+        assert [part.path for part in run.parts.written] == run.parts.paths
+        assert len(run.parts.paths) == 2 and run.parts.deleted > 0
+        assert kept == list(range(100))[-len(kept) :]
+
+    def test_a_file_tells_how_long_it_is(self, run: Run) -> None:
+        """From the first message to the last."""
+        times = iter((5 * S, 6 * S, 9 * S))
+        run.queue._clock_ns = lambda: next(times)
+        run.send(3)
+        eventually(lambda: run.recorder.counts.messages == 3)
+        assert run.recorder.split().seconds == 4.0
+
     def test_files_end_after_their_time(self, tmp_path: Path) -> None:
         """The time is that between messages."""
         run = Run(tmp_path, splits=Splits(most_s=1e-9))
@@ -212,7 +244,8 @@ class TestSplits:
         """A part never takes the place of a file that is there."""
         taken = run.parts.paths[0].with_name("run_1.mcap")
         taken.write_text("mine")
-        assert run.recorder.split().name == "run_2.mcap"
+        run.recorder.split()
+        assert run.parts.paths[-1].name == "run_2.mcap"
         assert taken.read_text() == "mine"
 
 
@@ -226,10 +259,10 @@ class TestSnapshots:
         run.send(3)
         eventually(lambda: run.recorder.received == 3)
         assert not list(tmp_path.iterdir())
-        assert numbers(read(run.recorder.split())) == [0, 1, 2]
+        assert numbers(read(run.recorder.split().path)) == [0, 1, 2]
         run.send()
         eventually(lambda: run.recorder.received == 4)
-        assert numbers(read(run.recorder.split())) == [3]
+        assert numbers(read(run.recorder.split().path)) == [3]
         run.recorder.close()
 
     def test_older_messages_are_forgotten_but_what_is_in_force_stays(self, tmp_path: Path) -> None:
@@ -243,7 +276,7 @@ class TestSnapshots:
         run.queue._clock_ns = lambda: clock_ns
         run.send()
         eventually(lambda: run.recorder.received == 3)
-        items = read(run.recorder.split())
+        items = read(run.recorder.split().path)
         run.recorder.close()
         assert numbers(items) == [1]
         assert kinds(items) == ["stream"]
@@ -254,7 +287,7 @@ class TestSnapshots:
         run = Run(tmp_path, snapshots=Snapshots(60.0, 2_000, Triggers(())))
         run.send(50)
         eventually(lambda: run.recorder.received == 50)
-        kept = numbers(read(run.recorder.split()))
+        kept = numbers(read(run.recorder.split().path))
         run.recorder.close()
         assert 1 <= len(kept) < 20 and kept[-1] == 49
         assert run.recorder.window is not None and run.recorder.window.short_s is not None
@@ -265,7 +298,7 @@ class TestSnapshots:
         run = Run(
             tmp_path,
             snapshots=self.snapshots(60.0, Condition("gone", "turtle1")),
-            on_file=lambda path, why: wrote.append(why),
+            on_file=lambda path, written, why: wrote.append(why),
         )
         run.queue.put(EVENTS, THERE)
         run.send(2)
@@ -275,6 +308,16 @@ class TestSnapshots:
         assert wrote == ["stream 'sim' is gone, with turtle1"]
         assert numbers(items) == [0, 1]
         assert kinds(items)[-1] == "stream gone"
+
+    def test_only_the_last_snapshots_stay(self, tmp_path: Path) -> None:
+        """The oldest is deleted for each further one."""
+        run = Run(tmp_path, snapshots=self.snapshots(), most_files=2)
+        for count in range(1, 5):
+            run.send()
+            eventually(lambda count=count: run.recorder.received == count)  # type: ignore[misc]
+            run.recorder.split()
+        assert numbers(run.items()) == [2, 3]
+        assert sorted(tmp_path.iterdir()) == run.parts.paths
 
     def test_nothing_makes_no_file(self, tmp_path: Path) -> None:
         """Asked for before anything came, it says so."""
@@ -332,10 +375,49 @@ class TestFailures:
             assert reader.is_complete
 
 
+class TestMemory:
+    def test_what_waits_for_its_description_counts(self, tmp_path: Path) -> None:
+        """However long messages wait, the queue takes no more of them than it has room for."""
+        run = Run(tmp_path, past=a_past(is_complete=lambda: closing.is_set()))
+        closing = threading.Event()
+        run.queue._most_bytes = 5_000
+
+        def is_full() -> bool:
+            run.send()
+            return run.queue.dropped["transforms"] > 20
+
+        eventually(is_full)
+        assert sum(raw.size for raw in list(run.recorder._pending)) <= 5_000
+        sent, dropped = run.seq, run.queue.dropped["transforms"]
+        closing.set()
+        assert len(numbers(run.items())) == sent - dropped
+        assert run.recorder.counts.lost == {"transforms": dropped}
+
+    def test_what_publishers_hold_is_taken_up_to_the_limit(self, tmp_path: Path) -> None:
+        """Beyond it messages are counted, and said."""
+        past = a_past(is_complete=lambda: True)
+        for seq in range(10):
+            past._keep("tf/sim", payload([at(stamp_ns=S + seq)], seq=seq))
+        assert 0 < past.dropped < 10 and len(past._kept) == 10 - past.dropped
+        lines = Lines(LOG)
+        run = Run(tmp_path, past=past, source=lambda key: DYNAMIC)
+        eventually(lambda: run.recorder.counts.messages == 10 - past.dropped)
+        run.items()
+        assert run.recorder.counts.lost == {"history": past.dropped}
+        assert f"Dropped {past.dropped} messages that publishers held" in lines.lines[0]
+
+
+def a_past(is_complete: Callable[[], bool]) -> Past:
+    """One that asks nothing."""
+    past = Past(Any, Any, 1_500)  # type: ignore[arg-type]
+    past.is_complete = is_complete  # type: ignore[method-assign]
+    return past
+
+
 class TestPast:
     def before(self, kept: list[tuple[bytes, int]], live: list[Raw]) -> list[Raw]:
         past = Past.__new__(Past)
-        past.__dict__.update(_lock=__import__("threading").Lock())
+        past.__dict__.update(_lock=threading.Lock())
         past._kept = [("tf/sim", data, came_ns) for data, came_ns in kept]
         return past.before(live, lambda key: DYNAMIC)
 

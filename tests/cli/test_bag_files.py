@@ -96,6 +96,9 @@ def test_a_recording_is_filtered(drive: Path) -> None:
     assert wrote("filter", drive, "--frames", "laser", "-o", "a.mcap").endswith(
         "1 transform of 1 stream\n"
     )
+    assert wrote("filter", drive, "--topics", "tf_static", "-o", "s.mcap").endswith(
+        "1 transform of 1 stream\n"
+    )
     assert "1 topic" not in wrote("filter", drive, "--drop", "pose,laser", "-o", "b.mcap")
     wrong = run("filter", drive, "--topics", "/pos", "-o", "c.mcap")
     assert wrong.exit_code == 2

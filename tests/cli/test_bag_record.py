@@ -1,5 +1,6 @@
 """`tfbus bag record` on a live bus."""
 
+import json
 import os
 import signal
 import sys
@@ -17,7 +18,7 @@ from tests.builders import at
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, keep_sending, send_static
 from tfbus import Node, ServiceError, TransformBroadcaster
 from tfbus.cli import main
-from tfbus.messages import Empty, Pose
+from tfbus.messages import Empty, Pose, SaveRecording
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 
@@ -138,6 +139,42 @@ class TestWhat:
         assert process.stop() == 0
         assert children(items_of(path)) == wanted
 
+    @pytest.mark.parametrize(
+        ("options", "wanted"),
+        [
+            (["--topics", "tf"], {"base"}),
+            (["--topics", "/tf_static"], {"laser"}),
+            (["--exclude-topics", "tf_static"], {"base"}),
+        ],
+    )
+    def test_dynamic_or_static_transforms_alone(
+        self, bus: Bus, path: Path, options: list[str], wanted: set[str]
+    ) -> None:
+        """The topics are those of ROS: tf for dynamic, tf_static for static ones."""
+        process = recording(bus, path, *options)
+        robot = bus.node("robot")
+        send_static(robot, "base", "laser")
+        keep_sending(robot, "odom", "base")
+        eventually_in(path, lambda items: children(items) >= wanted)
+        process.stop()
+        assert children(items_of(path)) == wanted
+        is_said = "Static transforms are left out" in "\n".join(process.err)
+        assert is_said == (options == ["--topics", "tf"])
+
+    def test_a_folder_is_made_for_the_file(self, bus: Bus, path: Path) -> None:
+        """With -o folder/ its name is that of the time; what was noted is shown."""
+        folder = path.parent / "new" / "er"
+        process = bus.start(
+            "bag", "record", "-o", f"{folder}/", "--custom-data", "driver=Ada", "n=1"
+        )
+        process.wait_for_line("Recording to", within_s=2 * DEADLINE_S)
+        keep_sending(bus.node("robot"), "odom", "base")
+        [file] = folder.iterdir()
+        eventually_in(file, transforms)
+        assert process.stop() == 0
+        assert file.name.startswith("tfbus_20")
+        assert "driver=Ada, n=1" in bus.run("bag", "info", str(file)).stdout
+
     def test_a_fleet(self, bus: Bus, path: Path) -> None:
         """All namespaces below are recorded, by the names that they have from outside."""
         robot = bus.node("base", namespace="robot7")
@@ -200,7 +237,7 @@ def x_of(items: list[Item]) -> float:
 class TestServices:
     def call(self, bus: Bus, name: str) -> str:
         """What `tfbus service call recorder/NAME` says to stderr."""
-        return bus.run("service", "call", f"recorder/{name}", "Empty").stderr
+        return bus.run("service", "call", f"recorder/{name}").stderr
 
     def test_pause_resume_split_and_stop(self, bus: Bus, path: Path) -> None:
         """The services do as their names say."""
@@ -209,8 +246,9 @@ class TestServices:
         keep_publishing(client, "pose")
 
         def call(name: str) -> None:
-            client.create_client(Empty, f"recorder/{name}").call(
-                Empty.Request(), timeout_s=DEADLINE_S
+            kind = SaveRecording if name == "split" else Empty
+            client.create_client(kind, f"recorder/{name}").call(
+                kind.Request(), timeout_s=DEADLINE_S
             )
 
         call("resume")
@@ -220,23 +258,27 @@ class TestServices:
         eventually_in(second, topics)
         call("pause")
         assert "start it with --snapshot" in self.call(bus, "snapshot")
+        done = bus.run("call", "recorder/split")
+        whole = json.loads(done.stdout)
+        assert whole["file"] == str(second) and whole["size"] == second.stat().st_size
+        assert whole["seconds"] > 0.0
         call("stop")
         assert process.wait() == 0
         kinds = [kind for kind, _ in events(items_of(path, second)) if kind in PAUSES]
         assert kinds == ["paused", "resumed", "paused"]
-        assert "to 2 files" in "\n".join(process.out)
+        assert "to 3 files" in "\n".join(process.out)
 
     def test_snapshots_when_asked_and_when_a_frame_is_gone(self, bus: Bus, path: Path) -> None:
         """Each has what came since the one before, and the last the end of the publisher."""
         robot = bus.node("robot")
         keep_sending(robot, "odom", "base")
         process = recording(bus, path, "--snapshot", "60", "--on", "gone base")
-        snapshot = bus.node("client").create_client(Empty, "recorder/snapshot")
+        snapshot = bus.node("client").create_client(SaveRecording, "recorder/snapshot")
         assert not path.exists()
 
         def has_base() -> bool:
             with suppress(ServiceError):  # nothing has come
-                snapshot.call(Empty.Request(), timeout_s=DEADLINE_S)
+                snapshot.call(SaveRecording.Request(), timeout_s=DEADLINE_S)
             items = items_of(*path.parent.glob("*.mcap"))
             return ("stream", "robot") in events(items) and children(items) == {"base"}
 
@@ -264,8 +306,18 @@ class TestMistakes:
         [
             (["-o", "nowhere/run"], "there is no folder 'nowhere' to record into"),
             (["--max-size", "5 apples"], "'5 apples' is not a size: write a number of bytes"),
-            (["--max-duration", "0"], "must be more than 0, not 0"),
-            (["--regex", "("], "regex '(' is no regular expression"),
+            (["--max-size", "1"], "must be at least 100 kB, not 1 B"),
+            (["--max-duration", "0"], "must be at least 1, not 0"),
+            (["--max-cache-size", "1kB"], "must be at least 1 MB, not 1 kB"),
+            (["--max-files", "3"], "give --max-size, --max-duration or --snapshot"),
+            (["-a", "--topics", "pose"], "-a records everything: leave it out"),
+            (["-a", "pose"], "-a records everything: leave it out"),
+            (["--custom-data", "driver"], "'driver' is not of the form KEY=VALUE"),
+            (["--snapshot-mode"], "there is no option --snapshot-mode: use --snapshot SECONDS"),
+            (["-o", "run", "--use-sim-time"], "no option --use-sim-time: not needed: stamps are"),
+            (["--topicz", "pose"], "No such option"),
+            (["--regex", "("], "'--regex': '(' is no regular expression"),
+            (["--exclude", "["], "'--exclude' / '--exclude-regex': '[' is no regular expression"),
             (["--on", "gone"], "--on writes a snapshot: give --snapshot SECONDS too"),
             (["--snapshot", "5", "--on", "late map"], "'late map' is no condition"),
             (["--snapshot", "5", "--max-size", "1GB"], "each snapshot is a file of its own"),

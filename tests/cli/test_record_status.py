@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tfbus.bag.parts_written import WrittenPart
 from tfbus.cli.bag.record_status import (
     Look,
     Rates,
@@ -45,7 +46,8 @@ def test_a_pause_and_losses_show() -> None:
 def test_what_a_snapshot_would_have() -> None:
     """Where nothing is written, the line says what is held."""
     held = Look(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
-    assert status_parts(held, RATES, 60.0)[2:4] == ["last 30 s: 86.3 kB", "2 snapshots"]
+    parts = status_parts(held, RATES, 60.0)
+    assert (parts[0], *parts[2:4]) == ("hold 0:01:00", "last 30 s: 86.3 kB", "2 snapshots")
     assert "the last 30 s held, 86.3 kB" in log_text(held, RATES)
 
 
@@ -70,17 +72,15 @@ def test_hours_and_days_go_on() -> None:
     assert clock_text(90_061) == "25:01:01"
 
 
-def test_the_sum_fits_a_screen_and_names_what_is_missing(tmp_path: Path) -> None:
+def test_the_sum_fits_a_screen_and_names_what_is_missing() -> None:
     """Of many files the first and the last are named; what was lost is said in words."""
-    paths = [tmp_path / f"run_{number}.mcap" for number in range(40)]
-    for path in paths:
-        path.write_bytes(bytes(1_000))
+    parts = [WrittenPart(Path(f"run_{number}.mcap"), 1.625, 1_000) for number in range(40)]
     streams = Counter({f"stream{number}": 10 for number in range(30)})
     topics = Counter({"pose": 5})
     lost = Counter({"transforms": 3, "missing": 2})
-    lines = summary(paths, 65.0, 1200, streams, topics, lost)
+    lines = summary(parts, 1200, streams, topics, lost)
     assert len(lines) < 20
-    assert lines[0] == "Recorded 65.0 s to 40 files"
+    assert lines[:2] == ["Recorded 65.0 s to 40 files", "  run_0.mcap  1.6 s, 1 kB"]
     assert "30 streams (stream0, stream1" in "\n".join(lines) and "and 24 more" in "\n".join(lines)
     assert "1 topic (pose): 5 messages" in lines
     assert any(line.startswith("Not recorded: 3 messages of transforms") for line in lines)
@@ -89,6 +89,15 @@ def test_the_sum_fits_a_screen_and_names_what_is_missing(tmp_path: Path) -> None
 def test_without_a_snapshot_there_is_nothing_to_sum_up() -> None:
     """The end of a recorder that was never asked."""
     empty: Counter[str] = Counter()
-    assert summary([], 5.0, 0, empty, empty, empty) == [
-        "Recorded nothing: no snapshot was asked for"
+    assert summary([], 0, empty, empty, empty) == ["Recorded nothing: no snapshot was asked for"]
+
+
+def test_the_length_is_that_of_the_files() -> None:
+    """What a snapshot lacks, the time before it, does not count; nor do deleted files."""
+    empty: Counter[str] = Counter()
+    parts = [WrittenPart(Path("a.mcap"), 4.0, 2_000), WrittenPart(Path("b.mcap"), 0.0, 1_000)]
+    assert summary(parts, 0, empty, empty, empty, deleted=3)[:3] == [
+        "Recorded 4.0 s to 2 files, and deleted 3 older files",
+        "  a.mcap  4.0 s, 2 kB",
+        "  b.mcap  0 s, 1 kB",
     ]

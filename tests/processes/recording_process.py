@@ -22,18 +22,18 @@ from tfbus.wire.transforms import TransformReader
 class Telling(PartsWritten):
     """Prints after each flush how many messages were flushed."""
 
-    written = 0
+    messages = 0
 
     def write(self, item: object) -> None:
         """Write and count."""
         super().write(item)  # type: ignore[arg-type]
-        self.written += 1
+        self.messages += 1
 
     def flush(self) -> None:
         """Flush and print."""
-        written = self.written
+        messages = self.messages
         super().flush()
-        print(written, flush=True)
+        print(messages, flush=True)
 
 
 def main(path: Path) -> None:

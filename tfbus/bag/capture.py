@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from hashlib import blake2b
 from itertools import chain
 
 from tfbus.bag.node_roster import NodeRoster
@@ -35,8 +36,9 @@ from tfbus.wire.keys import (
 )
 from tfbus.wire.transforms import TransformReader
 
-# Keys and names come from the bus: at most as many are recorded.
+# Keys and names come from the bus: at most as many are recorded, and remembered as not recorded.
 MOST_KEYS = 200_000
+_MOST_REFUSED = 10_000
 _MOST_TOPICS = 10_000
 
 
@@ -68,13 +70,14 @@ class Capture:
         self._on_stream = on_stream
         self._once = LogOnce(node.log)
         self._reader = TransformReader()
-        self._sources: dict[str, TransformSource | None] = {}
+        self._sources: dict[str, TransformSource] = {}
+        # Keys whose messages are not recorded.
+        self._refused: set[str] = set()
         self._last_statics: dict[str, bytes] = {}
         self._states: dict[str, StreamState] = {}
         self._declarations: list[Declaration] = []
         # Of the streams that are subscribed to one by one, by their full names.
         self._subscribed: dict[str, list[Declaration]] = {}
-        self._nodes: dict[str, NodeDescription] = {}
         self._topics: dict[str, RawSubscription] = {}
         for topic in selection.topics:
             if not is_of_transforms(topic):
@@ -103,19 +106,29 @@ class Capture:
 
     def source(self, key: str, *, static: bool = False) -> TransformSource | None:
         """What the messages of a key of transforms are; None where they are not recorded."""
-        try:
-            return self._sources[key]
-        except KeyError:
-            return self._meet(key, static)
+        found = self._sources.get(key)
+        if found is not None or key in self._refused:
+            return found
+        source = self._meet(key, static)
+        if source is not None:
+            self._sources[key] = source
+            return source
+        if len(self._refused) >= _MOST_REFUSED:
+            self._refused.clear()
+        self._refused.add(key)
+        return None
 
     # Transforms
 
     def _subscribe(self, dynamic: str, static: str) -> list[Declaration]:
+        """Subscribe to keys of dynamic and static transforms; "" for none."""
         session = self._node.session
-        return [
-            declare_retained_subscriber(session, static, self._on_static),
-            session.subscriber(dynamic, self._on_transforms),
-        ]
+        declared: list[Declaration] = []
+        if static:
+            declared.append(declare_retained_subscriber(session, static, self._on_static))
+        if dynamic:
+            declared.append(session.subscriber(dynamic, self._on_transforms))
+        return declared
 
     def _on_transforms(self, key: str, payload: bytes) -> None:
         source = self._sources.get(key) or self.source(key)
@@ -125,32 +138,36 @@ class Capture:
     def _on_static(self, key: str, payload: bytes) -> None:
         source = self.source(key, static=True)
         # What is retained comes again when a link is back.
-        if source is not None and self._last_statics.get(key) != payload:
-            self._last_statics[key] = payload
+        if source is None:
+            return
+        digest = blake2b(payload, digest_size=16).digest()
+        if self._last_statics.get(key) != digest:
+            self._last_statics[key] = digest
             self._queue.put(source, payload)
 
     def _meet(self, key: str, static: bool) -> TransformSource | None:
+        name = stream_of(key)
+        if not name or not is_printable(name):
+            self._once.warning(
+                "name", "Did not record a stream: its name %r cannot be shown", name[:300]
+            )
+            return None
+        if not self._selection.takes_transforms(self.names.full(name), static=static):
+            return None
+        if len(self._sources) >= MOST_KEYS:
+            self._forget_undescribed()
         if len(self._sources) >= MOST_KEYS:
             self._once.warning(
                 "keys", "Did not record %r: transforms come on more than %d keys", key, MOST_KEYS
             )
             return None
-        name = stream_of(key)
-        source = None
-        if not name or not is_printable(name):
-            self._once.warning(
-                "name", "Did not record a stream: its name %r cannot be shown", name[:300]
-            )
-        elif self._selection.takes_stream(self.names.full(name)):
-            source = TransformSource(
-                self.names.full(name),
-                self.names.namespace(namespace_of(key)),
-                self.described,
-                self._reader,
-                static=static,
-            )
-        self._sources[key] = source
-        return source
+        return TransformSource(
+            self.names.full(name),
+            self.names.namespace(namespace_of(key)),
+            self.described,
+            self._reader,
+            static=static,
+        )
 
     # Streams
 
@@ -175,8 +192,10 @@ class Capture:
 
     def _subscribe_stream(self, name: str, key: str) -> None:
         if name not in self._subscribed:
+            takes = partial(self._selection.takes_transforms, name)
             self._subscribed[name] = self._subscribe(
-                f"{transforms_key_beside(key)}/**", static_transforms_key_beside(key)
+                f"{transforms_key_beside(key)}/**" if takes(static=False) else "",
+                static_transforms_key_beside(key) if takes(static=True) else "",
             )
 
     def _forget_gone(self) -> None:
@@ -186,8 +205,12 @@ class Capture:
             self.described.pop(name, None)
             for declaration in self._subscribed.pop(name, []):
                 declaration.close()
+        self._forget_undescribed()
+
+    def _forget_undescribed(self) -> None:
+        self._refused.clear()
         for key, source in list(self._sources.items()):
-            if source is not None and source.name not in self.described:
+            if source.name not in self.described:
                 self._sources.pop(key, None)
                 self._last_statics.pop(key, None)
 
@@ -204,10 +227,8 @@ class Capture:
 
     def _on_node(self, name: str, description: NodeDescription | None) -> None:
         if description is None:
-            self._nodes.pop(name, None)
             self._note("node gone", name)
             return
-        self._nodes[name] = description
         self._note("node", name, description)
         graph = graph_of([description], {}, self._node.namespace)
         for topic, info in graph.topics.items():
@@ -218,9 +239,9 @@ class Capture:
         type_name = next((end.type for end in (*info.publishers, *(info.subscribers or ()))), "")
         if not self._selection.takes_topic(name):
             return
-        if type_name or name not in self.types:
-            self.types[name] = type_name
         self._subscribe_topic(topic, name, type_name)
+        if name in self._topics and (type_name or name not in self.types):
+            self.types[name] = type_name
 
     def _subscribe_topic(self, topic: str, name: str, type_name: str) -> None:
         known = self._topics.get(name)

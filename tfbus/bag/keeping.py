@@ -55,6 +55,7 @@ class InFiles:
         self._write = write
         self._state = BusState()
         self._began_ns: int | None = None
+        self._began_bytes = 0
         self.missed = MissedMessages()
 
     def take(self, raw: Raw) -> EventItem | None:
@@ -77,13 +78,16 @@ class InFiles:
     def split(self, log_ns: int) -> Path:
         """Go on in a new file, which begins with what is in force."""
         self._began_ns = log_ns
-        return self._parts.open(self._state.items(log_ns))
+        path = self._parts.open(self._state.items(log_ns))
+        self._began_bytes = self._parts.part_bytes
+        return path
 
     def _is_full(self, log_ns: int) -> bool:
         if self._began_ns is None:
             self._began_ns = log_ns
         most_bytes, most_s = self._splits.most_bytes, self._splits.most_s
-        if most_bytes is not None and self._parts.part_bytes >= most_bytes:
+        # What is in force alone may be larger than a file should be.
+        if most_bytes and self._parts.part_bytes >= max(most_bytes, 2 * self._began_bytes):
             return True
         return most_s is not None and log_ns - self._began_ns >= most_s * 1e9
 

@@ -3,6 +3,9 @@
 from tfbus.bag.raw_queue import Source
 from tfbus.recording.items import EventItem, Item, TransformItem
 
+# Keys come from the bus: of at most as many the next number is known.
+_MOST_KEYS = 200_000
+
 
 class MissedMessages:
     """Counts the numbers that are missing between messages of dynamic transforms.
@@ -26,4 +29,6 @@ class MissedMessages:
             expected = self._next.get(source)
             if expected is not None and expected[0] == epoch_ns and seq > expected[1]:
                 self.count += seq - expected[1]
+            elif expected is None and len(self._next) >= _MOST_KEYS:
+                self._next.clear()
             self._next[source] = (epoch_ns, seq + 1)

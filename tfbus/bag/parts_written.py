@@ -6,6 +6,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.recording.items import Item
@@ -19,6 +20,15 @@ _LEFT_FREE_PART = 1 / 10
 
 # Writes the file of this path.
 OpenWriter = Callable[[Path], RecordingWriter]
+
+
+@dataclass(frozen=True)
+class WrittenPart:
+    """A file that is whole: its length is from its first item to its last, by log times."""
+
+    path: Path
+    seconds: float
+    size: int
 
 
 class DiskFullError(OSError):
@@ -37,9 +47,14 @@ def path_of_recording(given: str | None) -> Path:
     if not given:
         return Path(default_name())
     path = Path(given)
-    if given.endswith(os.sep) or path.is_dir():
+    if is_folder(given):
         return path / default_name()
     return path if path.suffix == ENDING else path.with_name(f"{path.name}{ENDING}")
+
+
+def is_folder(given: str) -> bool:
+    """Whether a path that is given for a recording is that of a folder, there or not."""
+    return given.endswith(os.sep) or Path(given).is_dir()
 
 
 def part_paths(first: Path) -> Iterator[Path]:
@@ -61,11 +76,19 @@ def existing_parts(first: Path) -> list[Path]:
 class PartsWritten:
     """Writes a recording, one file after the other; for one thread.
 
-    `open_writer(path)` opens a file. Raises OSError, and DiskFullError before a disk is full.
+    `open_writer(path)` opens a file. `paths` are all files, `written` those that have ended. With
+    `most_files` the oldest are deleted. Raises OSError, and DiskFullError before a disk is full.
     """
 
-    def __init__(self, first: Path, open_writer: OpenWriter) -> None:
+    def __init__(
+        self, first: Path, open_writer: OpenWriter, *, most_files: int | None = None
+    ) -> None:
         self.paths: list[Path] = []
+        self.written: list[WrittenPart] = []
+        self.deleted = 0
+        self._most_files = most_files
+        # The log times of the first and the last item of the file that is open.
+        self._span_ns: tuple[int, int] | None = None
         self._first = first
         self._open_writer = open_writer
         self._names = part_paths(first)
@@ -106,7 +129,8 @@ class PartsWritten:
         self.paths.append(path)
         _sync(path.parent)
         for item in items:
-            self._writer.write(item)
+            self.write(item)
+        self._delete_oldest()
         # From now on it is a recording, if a short one.
         self._writer.flush()
         return path
@@ -116,6 +140,11 @@ class PartsWritten:
         assert self._writer is not None
         self._writer.write(item)
         self._synced = False
+        log_ns = item.log_ns
+        if self._span_ns is None:
+            self._span_ns = log_ns, log_ns
+        elif log_ns > self._span_ns[1]:
+            self._span_ns = self._span_ns[0], log_ns
 
     def flush(self) -> None:
         """Have all that was written on the disk: it outlives a power cut."""
@@ -136,7 +165,18 @@ class PartsWritten:
             finally:
                 self._bytes_before += writer.size
                 self._flushed_bytes = 0
+                first_ns, last_ns = self._span_ns or (0, 0)
+                self._span_ns = None
+                self.written.append(
+                    WrittenPart(self.paths[-1], (last_ns - first_ns) / 1e9, writer.size)
+                )
             _sync(self.paths[-1])
+
+    def _delete_oldest(self) -> None:
+        while self._most_files is not None and len(self.paths) > self._most_files:
+            self.paths.pop(0).unlink(missing_ok=True)
+            self._bytes_before -= self.written.pop(0).size
+            self.deleted += 1
 
 
 def _sync(path: Path) -> None:

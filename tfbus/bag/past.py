@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 
-from tfbus.bag.raw_queue import Raw
+from tfbus.bag.raw_queue import OVERHEAD_BYTES, Raw
 from tfbus.bag.sources import TransformSource
 from tfbus.bus.ask_until import AskUntil, Pauses
 from tfbus.bus.query import Answer
@@ -27,9 +27,15 @@ SourceOf = Callable[[str], TransformSource | None]
 
 
 class Past:
-    """Asks the streams that are met first for what they hold, until `is_complete`."""
+    """Asks the streams that are met first for what they hold, until `is_complete`.
 
-    def __init__(self, session: Session, executor: Executor) -> None:
+    At most `most_bytes` of that are taken; `dropped` counts the messages beyond.
+    """
+
+    def __init__(self, session: Session, executor: Executor, most_bytes: int) -> None:
+        self.dropped = 0
+        self._most_bytes = most_bytes
+        self._bytes = 0
         self._session = session
         self._executor = executor
         self._lock = threading.Lock()
@@ -91,6 +97,15 @@ class Past:
             for raw, stamp_ns in messages:
                 yield raw._replace(log_ns=min(stamp_ns + delay_ns, latest_ns))
 
+    def _keep(self, key: str, payload: bytes) -> None:
+        with self._lock:
+            size = OVERHEAD_BYTES + len(payload)
+            if self._bytes + size > self._most_bytes:
+                self.dropped += 1
+            else:
+                self._bytes += size
+                self._kept.append((key, payload, time.time_ns()))
+
     def _asking(self, key: str) -> AskUntil:
         is_answered = False
 
@@ -101,8 +116,7 @@ class Past:
             nonlocal is_answered
             if answer.refusal is None:
                 is_answered = True
-                with self._lock:
-                    self._kept.append((answer.key, answer.payload, time.time_ns()))
+                self._keep(answer.key, answer.payload)
 
         def on_over() -> None:
             with self._lock:

@@ -6,10 +6,14 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-from tfbus.recording.items import Item
+from tfbus.recording.items import EventItem, Item
+from tfbus.wire.codec import encode_map
 
 # What Python's objects of a message take, besides its payload.
 OVERHEAD_BYTES = 200
+
+# What the objects of a description take, for a byte of its encoding.
+_BYTES_OF_OBJECTS = 5
 
 # The thread that writes wakes at once where this much of the room is taken.
 _MUCH = 1 / 16
@@ -44,7 +48,7 @@ class Raw(NamedTuple):
     @property
     def size(self) -> int:
         """The memory that it takes, in bytes."""
-        return OVERHEAD_BYTES + (len(self.payload) if isinstance(self.payload, bytes) else 0)
+        return _size(self.payload)
 
     def item(self) -> Item:
         """The message, read. Raises DecodeError."""
@@ -55,7 +59,7 @@ class RawQueue:
     """Takes messages from any thread, at most `most_bytes` of them; one thread takes them out.
 
     Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
-    again. What was taken out counts until the next `take`.
+    again. What was taken out counts until the next `take`, and what its taker holds then longer.
     """
 
     def __init__(self, most_bytes: int, clock_ns: Callable[[], int] = time.time_ns) -> None:
@@ -75,7 +79,7 @@ class RawQueue:
         is_essential = source.is_essential
         if self.is_paused and not is_essential:
             return
-        size = OVERHEAD_BYTES + (len(payload) if payload.__class__ is bytes else 0)
+        size = _size(payload)
         with self._lock:
             taken = self._bytes + size
             if taken + self._taken_bytes > self._most_bytes * (2 if is_essential else 1):
@@ -90,11 +94,23 @@ class RawQueue:
         """End the wait of `take`."""
         self._wakes.set()
 
-    def take(self, wait_s: float) -> list[Raw]:
-        """All that waits, in the order in which it came, after at most `wait_s` seconds."""
+    def take(self, wait_s: float, held_bytes: int = 0) -> list[Raw]:
+        """All that waits, in the order in which it came, after at most `wait_s` seconds.
+
+        `held_bytes` is the size of those taken before that are still to be written.
+        """
+        with self._lock:
+            self._taken_bytes = held_bytes
         self._wakes.wait(wait_s)
         self._wakes.clear()
         with self._lock:
             waiting, self._waiting = self._waiting, []
-            self._taken_bytes, self._bytes = self._bytes, 0
+            self._taken_bytes, self._bytes = held_bytes + self._bytes, 0
         return waiting
+
+
+def _size(payload: Any) -> int:
+    if payload.__class__ is bytes:
+        return OVERHEAD_BYTES + len(payload)
+    facts = payload.facts if isinstance(payload, EventItem) else {}
+    return OVERHEAD_BYTES + (len(encode_map(facts)) * _BYTES_OF_OBJECTS if facts else 0)

@@ -9,10 +9,11 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from weakref import WeakSet
 
 from tfbus.bag.keeping import UNSPLIT, InFiles, Keeping, LastSeconds, Splits
 from tfbus.bag.missed import MissedMessages
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.parts_written import PartsWritten, WrittenPart
 from tfbus.bag.past import Past, SourceOf
 from tfbus.bag.raw_queue import Raw, RawQueue, Source
 from tfbus.bag.sources import EVENTS
@@ -21,12 +22,13 @@ from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import counted
 
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
-_LOOK_EVERY_S = 0.25
+_LOOK_EVERY_S = 0.4
 
-# What came is on the disk after this time.
-_FLUSH_EVERY_S = 0.5
+# What came is on the disk with the first look after this time: the second one.
+_FLUSH_EVERY_S = 0.7
 
 # The first messages of a stream or topic wait for its description; later ones wait behind them.
 _DESCRIBED_WITHIN_NS = 250_000_000
@@ -37,7 +39,7 @@ _DROPPED_EVERY_S = 1.0
 # A service, or a key, waits at most this long for the thread.
 _ANSWER_WITHIN_S = 60.0
 
-UNREADABLE, REFUSED, MISSING = "unreadable", "refused", "missing"
+UNREADABLE, REFUSED, MISSING, HISTORY = "unreadable", "refused", "missing", "history"
 
 
 @dataclass
@@ -45,8 +47,9 @@ class Counts:
     """What was recorded, and what was not.
 
     `topics` and `streams` count messages by name, `lost` messages by what became of them: the kinds
-    that the queue dropped, "unreadable", "refused" by the format of the file, and "missing": those
-    of dynamic transforms that never came.
+    that the queue dropped, "unreadable", "refused" by the format of the file, "missing": those of
+    dynamic transforms that never came, and "history": those held from before for which there was no
+    room.
     """
 
     messages: int = 0
@@ -84,8 +87,9 @@ class Recorder:
     """Writes what comes into a queue, on a thread of its own, until `close()`.
 
     With `snapshots` only the last seconds are kept, and written when asked. `past` is what is
-    waited for first, and `source` gives what messages of a key are. `on_file(path, why)` is called
-    for each further file.
+    waited for first, and `source` gives what messages of a key are. `on_file(path, written, why)`
+    is called for each further file that is asked for: it goes on in the file `path`, or has written
+    that, and `written` is whole.
 
     Where a file cannot be written, `failure` says why, and nothing further is recorded.
     """
@@ -101,7 +105,7 @@ class Recorder:
         snapshots: Snapshots | None = None,
         past: Past | None = None,
         source: SourceOf = lambda key: None,
-        on_file: Callable[[Path, str], object] = lambda path, why: None,
+        on_file: Callable[[Path, WrittenPart, str], object] = lambda path, written, why: None,
     ) -> None:
         self.counts = Counts()
         self.failure = ""
@@ -119,7 +123,7 @@ class Recorder:
         self._on_file = on_file
         self._pending: deque[Raw] = deque()
         # Sources whose messages wait no further.
-        self._undescribed: set[Source] = set()
+        self._undescribed: WeakSet[Source] = WeakSet()
         # Questions come from any thread, until the writing one has ended.
         self._asking = threading.Lock()
         self._has_ended = False
@@ -176,11 +180,13 @@ class Recorder:
             self._queue.is_paused = False
             self._queue.put(EVENTS, EventItem(0, "resumed"))
 
-    def split(self) -> Path:
-        """Go on in a new file, or write a snapshot; its path. Raises TfbusError where it cannot."""
-        path = self._ask(lambda: self._split("asked"))
-        assert isinstance(path, Path)
-        return path
+    def split(self) -> WrittenPart:
+        """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
+        where it cannot.
+        """
+        written = self._ask(lambda: self._split("asked"))
+        assert isinstance(written, WrittenPart)
+        return written
 
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
@@ -209,24 +215,37 @@ class Recorder:
 
     def _record(self) -> None:
         is_closing = False
+        held_bytes = 0
         while not is_closing:
             is_closing = self._closing.is_set()
-            self._pending.extend(self._queue.take(0.0 if is_closing else _LOOK_EVERY_S))
+            came = self._queue.take(0.0 if is_closing else _LOOK_EVERY_S, held_bytes)
+            self._pending.extend(came)
             if self._past is not None:
                 if not is_closing and not self._past.is_complete():
+                    held_bytes += sum(raw.size for raw in came)
                     continue
                 self._pending = deque(self._past.before(self._pending, self._source))
+                self._note_history(self._past.dropped)
                 self._past = None
             while self._pending and (is_closing or not self._waits(self._pending[0])):
                 self._take(self._pending.popleft())
+            held_bytes = sum(raw.size for raw in self._pending)
             while self._asked:
                 self._answer(*self._asked.popleft())
             self._do_regularly(is_closing)
         self._parts.close()
 
+    def _note_history(self, dropped: int) -> None:
+        if dropped:
+            self.counts.lost[HISTORY] = dropped
+            self._log.warning(
+                "Dropped %s that publishers held from before: there is no more room for them",
+                counted(dropped, "message"),
+            )
+
     def _waits(self, raw: Raw) -> bool:
         """Whether a message waits for what describes it: the first of its source, for a moment."""
-        if raw.source in self._undescribed or raw.source.is_described():
+        if raw.source.is_described() or raw.source in self._undescribed:
             return False
         # A clock that was set back ends the wait.
         if 0 <= time.time_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
@@ -266,10 +285,11 @@ class Recorder:
         name = getattr(named, "name", "") or getattr(named, "topic", "")
         self._once.warning((how, name), "Did not record a message of %r: %s", name, error)
 
-    def _split(self, why: str) -> Path:
+    def _split(self, why: str) -> WrittenPart:
         path = self._keeping.split(time.time_ns())
-        self._on_file(path, why)
-        return path
+        written = self._parts.written[-1]
+        self._on_file(path, written, why)
+        return written
 
     def _do_regularly(self, is_closing: bool) -> None:
         now_s = time.monotonic()
@@ -277,8 +297,8 @@ class Recorder:
             self._noted_s = now_s
             self._note_dropped()
         if is_closing or now_s >= self._flushed_s + _FLUSH_EVERY_S:
+            self._flushed_s = now_s
             self._parts.flush()
-            self._flushed_s = time.monotonic()
 
     def _note_dropped(self) -> None:
         dropped = Counter(self._queue.dropped)

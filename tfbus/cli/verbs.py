@@ -1,4 +1,4 @@
-"""Groups of commands that answer an unknown command with a near name, or all names."""
+"""Commands that answer what they do not have: with a near name, all names, or a hint."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -29,3 +29,21 @@ class Verbs(click.Group):
         if name in self.hints:
             return f"; {self.hints[name]}"
         return did_you_mean(name, self.list_commands(ctx))
+
+
+class Answering(click.Command):
+    """A command whose `hints` answer options of ROS that it does not have."""
+
+    def __init__(self, *args: Any, hints: Mapping[str, str] | None = None, **given: Any) -> None:
+        super().__init__(*args, **given)
+        self.hints = hints or {}
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """As click's own; a usage error with the hint for an option that has one."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            hint = self.hints.get(error.option_name)
+            if hint is None:
+                raise
+            ctx.fail(f"there is no option {error.option_name}: {hint}")

@@ -17,7 +17,7 @@ from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import mistake_in
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, check_topic
-from tfbus.wire.limits import size_in
+from tfbus.wire.limits import size_in, size_text
 
 if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
@@ -221,9 +221,12 @@ class MomentType(click.ParamType[Moment]):
 
 
 class Size(click.ParamType[int]):
-    """A size in bytes, more than 0: `500MB`, `2GB`, or a plain number."""
+    """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number."""
 
     name = "size"
+
+    def __init__(self, *, least: int = 1):
+        self._least = least
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
@@ -236,6 +239,10 @@ class Size(click.ParamType[int]):
                 "MB, GB, as in 500MB",
                 param,
                 ctx,
+            )
+        if size < self._least:
+            self.fail(
+                f"must be at least {size_text(self._least)}, not {size_text(size)}", param, ctx
             )
         return size
 

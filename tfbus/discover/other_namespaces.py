@@ -45,6 +45,8 @@ def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame
     }
     if not having:
         return ""
-    named = " or ".join(sorted(having)[:_NAMED])
     known = f"{frame!r} is" if frame else "frames are"
+    if "" in having:
+        return f"{known} known outside of this namespace: look without --namespace"
+    named = " or ".join(sorted(having)[:_NAMED])
     return f"{known} known in other namespaces: look with --namespace {named}, or with --fleet"

@@ -97,7 +97,7 @@ class PlaybackBridge(Requests):
         self._parameters = NodeParameters(
             _refuse_to_set, self._server.publish_parameters, self._server.say
         )
-        codecs = MessageCodecs()
+        codecs = MessageCodecs(exact=False)
         self._topics = {
             topic.name: TopicChannel(self._server, codecs, absolute(topic.name), topic.type_name)
             for topic in self._reader.topics

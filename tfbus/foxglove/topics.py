@@ -103,7 +103,7 @@ class _LiveTopic:
         self._once = once
         self._lock = threading.Lock()
         # Codecs of its own: messages of topics come on several threads.
-        self._sent = TopicChannel(server, MessageCodecs(), name, type_name)
+        self._sent = TopicChannel(server, MessageCodecs(exact=False), name, type_name)
         self._subscription: RawSubscription | None = None
 
     @property

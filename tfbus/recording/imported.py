@@ -124,7 +124,7 @@ class _Importer:
         self, channel: ForeignChannel, columns_of: Callable[[bytes], Columns]
     ) -> _Read | None:
         name, namespace, is_static = self._place_of(channel)
-        if not self._selection.takes_stream(name):
+        if not self._selection.takes_transforms(name, static=is_static):
             return None
         node = f"/{channel.publisher.strip('/')}" if channel.publisher else ""
 

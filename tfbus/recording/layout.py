@@ -18,6 +18,9 @@ SCHEMA_ENCODING = "ros2msg"
 ABOUT = "tfbus"
 EVENT = "tfbus.event"
 
+# Before the keys of ABOUT that its user chose.
+CUSTOM = "custom."
+
 TF, TF_STATIC = "tf", "tf_static"
 
 # As rosbag2 writes them; readers of /tf_static need its durability, transient local.

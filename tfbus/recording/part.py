@@ -274,7 +274,7 @@ class StoredChunk:
     def _is_taken(self, channel: int, selection: Selection) -> bool:
         stream = self.part.stream_channels.get(channel)
         if stream is not None:
-            return selection.takes_stream(stream.stream.name)
+            return selection.takes_transforms(stream.stream.name, static=stream.is_static)
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 

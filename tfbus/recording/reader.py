@@ -173,7 +173,7 @@ class RecordingReader:
             channel.stream.name
             for part in self._parts
             for channel in part.stream_channels.values()
-            if channel.is_static and selection.takes_stream(channel.stream.name)
+            if channel.is_static and selection.takes_transforms(channel.stream.name, static=True)
         }
         for item in self._last_statics(names, log_ns):
             taken = selection.taken_of(item)

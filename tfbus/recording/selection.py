@@ -6,16 +6,20 @@ from dataclasses import dataclass, replace
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 
+# The topics of transforms, as ROS has them.
+_DYNAMIC, _STATIC = "tf", "tf_static"
+
 
 @dataclass(frozen=True)
 class Selection:
     """What to take; everything by default.
 
-    `topics` are names of topics: given, only those, and no transforms unless `streams` or `frames`
-    are given too; `tf` and `tf_static` among them stand for the transforms of all streams,
-    `robot7/tf` for those of a namespace. `streams` are names of streams: given, only those.
-    `frames` are child frames: given, only their transforms. `regex` and `exclude` are regular
-    expressions, found anywhere in the name of a topic or stream. Names are full, as a session
+    `topics` are names of topics: given, only those. Among them `tf` stands for the dynamic
+    transforms of all streams, `tf_static` for their static ones, `robot7/tf` for those of a
+    namespace; where none of them is given, there are no transforms unless `streams` or `frames` are
+    given too. `streams` are names of streams: given, only those. `frames` are child frames: given,
+    only their transforms. `regex` and `exclude` are regular expressions, found anywhere in the name
+    of a topic or stream; `exclude_topics` are names as `topics`. Names are full, as a session
     without a namespace has them. The topics `always` are taken in any case.
     """
 
@@ -24,6 +28,7 @@ class Selection:
     frames: tuple[str, ...] = ()
     regex: str = ""
     exclude: str = ""
+    exclude_topics: tuple[str, ...] = ()
     always: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -44,6 +49,8 @@ class Selection:
         """Whether it takes the messages of a topic."""
         if topic in self.always:
             return True
+        if topic in self.exclude_topics:
+            return False
         if self.topics:
             return topic in self.topics and self._matches(topic)
         if (self.streams or self.frames) and not self.regex:
@@ -51,13 +58,21 @@ class Selection:
         return self._matches(topic)
 
     def takes_stream(self, stream: str) -> bool:
-        """Whether it takes transforms of a stream."""
-        if self.streams:
-            return stream in self.streams and self._matches(stream)
-        if self.topics and not self.frames and not self.regex:
-            named = any(is_of_transforms(topic, stream) for topic in self.topics)
-            return named and self._matches(stream)
-        return self._matches(stream)
+        """Whether it takes transforms of a stream, dynamic or static ones."""
+        return self.takes_transforms(stream, static=False) or self.takes_transforms(
+            stream, static=True
+        )
+
+    def takes_transforms(self, stream: str, *, static: bool) -> bool:
+        """Whether it takes the dynamic, or the static, transforms of a stream."""
+        if _stand_for(self.exclude_topics, stream, static):
+            return False
+        if any(map(is_of_transforms, self.topics)):
+            if not _stand_for(self.topics, stream, static):
+                return False
+        elif self.topics and not (self.streams or self.frames or self.regex):
+            return False
+        return (not self.streams or stream in self.streams) and self._matches(stream)
 
     def taken_of(self, item: Item) -> Item | None:
         """The item, or the part of it that is taken; None where nothing is."""
@@ -69,7 +84,7 @@ class Selection:
         return self._taken_of_transforms(item)
 
     def _taken_of_transforms(self, item: TransformItem) -> TransformItem | None:
-        if not self.takes_stream(item.stream.name):
+        if not self.takes_transforms(item.stream.name, static=item.static):
             return None
         if not self.frames:
             return item
@@ -77,17 +92,34 @@ class Selection:
         return replace(item, rows=rows) if rows.count or item.static else None
 
     def _matches(self, name: str) -> bool:
-        if self.exclude and re.search(self.exclude, name):
+        if self.exclude and _is_found(self.exclude, name):
             return False
-        return not self.regex or re.search(self.regex, name) is not None
+        return not self.regex or _is_found(self.regex, name)
 
 
-def is_of_transforms(topic: str, stream: str = "") -> bool:
-    """Whether a topic stands for transforms, those of this stream among them."""
-    namespace, _, last = topic.rpartition("/")
-    if last not in ("tf", "tf_static"):
-        return False
-    return not stream or not namespace or stream.startswith(f"{namespace}/")
+def lacks_statics(selection: Selection) -> bool:
+    """Whether its topics are such that it takes dynamic transforms and no static ones: lookups
+    through static frames fail then.
+    """
+    kinds = {topic.rpartition("/")[2] for topic in selection.topics}
+    return _DYNAMIC in kinds and _STATIC not in kinds
+
+
+def _is_found(regex: str, name: str) -> bool:
+    """Whether it is found in a name, which ROS writes with a slash before it."""
+    return any(re.search(regex, each) for each in (name, f"/{name}"))
+
+
+def is_of_transforms(topic: str) -> bool:
+    """Whether a topic stands for transforms."""
+    return topic.rpartition("/")[2] in (_DYNAMIC, _STATIC)
+
+
+def _stand_for(topics: tuple[str, ...], stream: str, static: bool) -> bool:
+    """Whether one of the topics stands for the dynamic, or static, transforms of a stream."""
+    kind = _STATIC if static else _DYNAMIC
+    places = [topic.removesuffix(kind) for topic in topics if topic.rpartition("/")[2] == kind]
+    return any(map(stream.startswith, places))  # "robot7/", or ""
 
 
 ALL = Selection()

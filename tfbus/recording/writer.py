@@ -26,7 +26,7 @@ from tfbus.recording.layout import (
 from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
-from tfbus.ros.tf_message import TFMessageWriter
+from tfbus.ros.tf_message import TFMessageWriter, only_stamp
 from tfbus.runtime.version import installed_version
 
 if TYPE_CHECKING:
@@ -175,8 +175,9 @@ class RecordingWriter:
         """Write transforms; the channel."""
         data = self._tf.write(item.rows)
         channel = self._stream_channel(item)
-        stamps = item.rows.stamps_as_ints()
-        newest = max(stamps) if stamps else item.log_ns
+        newest = only_stamp(item.rows)
+        if newest is None:
+            newest = max(item.rows.stamps_as_ints(), default=item.log_ns)
         self._add(channel, item.log_ns, data, newest, item.seq or 0)
         self._index.add(channel, item.rows)
         return channel

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import reduce
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -12,6 +12,7 @@ from tfbus.ros.message_type import (
     FLOAT,
     INT,
     MSGPACK,
+    NUMBER,
     PACKAGE,
     PLACEHOLDER,
     TEXT,
@@ -19,6 +20,7 @@ from tfbus.ros.message_type import (
     UNSIGNED,
     Field,
     Message,
+    Scalar,
     Sequence,
     Type,
     list_of,
@@ -31,7 +33,7 @@ _MOST_DEPTH = 12
 _MOST_FIELDS = 200
 _LONGEST_KEY = 100
 
-_SIMPLE: dict[Any, Type] = {bool: BOOL, int: INT, float: FLOAT, str: TEXT, bytes: BYTES}
+_SIMPLE: dict[Any, Type] = {bool: BOOL, int: INT, float: NUMBER, str: TEXT, bytes: BYTES}
 
 
 def type_of_dataclass(message_type: type) -> Message:
@@ -39,11 +41,12 @@ def type_of_dataclass(message_type: type) -> Message:
     return _of_dataclass(message_type, ())
 
 
-def type_of_values(name: str, values: Mapping[str, Any]) -> Message:
+def type_of_values(name: str, values: Mapping[str, Any], floats: Scalar = FLOAT) -> Message:
     """The type of a message of a type of this name, from its values: MSGPACK where they are no
-    fields.
+    fields. A float among them has the type `floats`: FLOAT, or NUMBER where it may be an integer
+    in the next message.
     """
-    return _of_fields(ros_name(name), values, 0) if _are_fields(values) else MSGPACK
+    return _Values(floats).of_fields(ros_name(name), values, 0) if _are_fields(values) else MSGPACK
 
 
 def merged(one: Type, other: Type) -> Type:
@@ -63,8 +66,8 @@ def merged(one: Type, other: Type) -> Type:
     return MSGPACK
 
 
-# Each holds those before it, as far as they are exact.
-_NUMBERS: list[Type] = [INT, UNSIGNED, FLOAT]
+# Each holds those before it, as far as they are exact. FLOAT holds no other.
+_NUMBERS: list[Type] = [INT, UNSIGNED, NUMBER]
 
 
 def ros_name(name: str) -> str:
@@ -134,39 +137,47 @@ def _of_hint(hint: Any, name: str, inside: tuple[type, ...]) -> Type:
 # From values
 
 
-def _of_value(value: Any, name: str, depth: int) -> Type:
-    if isinstance(value, int) and not isinstance(value, bool):
-        return INT if -(2**63) <= value < 2**63 else UNSIGNED if 0 < value < 2**64 else MSGPACK
-    if type(value) in _SIMPLE:
-        return _SIMPLE[type(value)]
-    if depth < _MOST_DEPTH:
-        if isinstance(value, list):
-            return list_of(_of_items(value, f"{name}Item", depth + 1), f"{name}Item")
-        if isinstance(value, dict) and all(isinstance(key, str) for key in value):
-            return _of_map(value, name, depth + 1)
-    return MSGPACK
+@dataclass(frozen=True)
+class _Values:
+    """Types from values, in which floats have the type `floats`."""
 
+    floats: Scalar
 
-def _of_items(values: list[Any], name: str, depth: int) -> Type:
-    kinds = set(map(type, values))
-    if len(kinds) == 1 and (kind := kinds.pop()) in (bool, float, str, bytes):
-        return _SIMPLE[kind]
-    types: list[Type] = [UNKNOWN]
-    for value in values:
-        if (type_ := _of_value(value, name, depth)) != types[-1]:
-            types.append(type_)
-    return reduce(merged, types)
+    def of_fields(self, name: str, values: Mapping[str, Any], depth: int) -> Message:
+        types = [
+            self._of_value(value, f"{name}{_camel(key)}", depth) for key, value in values.items()
+        ]
+        return Message(name, _fields(list(values), types))
 
+    def _of_value(self, value: Any, name: str, depth: int) -> Type:
+        if isinstance(value, int) and not isinstance(value, bool):
+            return INT if -(2**63) <= value < 2**63 else UNSIGNED if 0 < value < 2**64 else MSGPACK
+        if type(value) in _SIMPLE:
+            return self._simple(type(value))
+        if depth < _MOST_DEPTH:
+            if isinstance(value, list):
+                return list_of(self._of_items(value, f"{name}Item", depth + 1), f"{name}Item")
+            if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+                return self._of_map(value, name, depth + 1)
+        return MSGPACK
 
-def _of_map(values: dict[str, Any], name: str, depth: int) -> Type:
-    if values and _are_fields(values):
-        return _of_fields(name, values, depth)
-    return map_of(_of_items(list(values.values()), f"{name}Value", depth), name)
+    def _simple(self, kind: type) -> Type:
+        return self.floats if kind is float else _SIMPLE[kind]
 
+    def _of_items(self, values: list[Any], name: str, depth: int) -> Type:
+        kinds = set(map(type, values))
+        if len(kinds) == 1 and (kind := kinds.pop()) in (bool, float, str, bytes):
+            return self._simple(kind)
+        types: list[Type] = [UNKNOWN]
+        for value in values:
+            if (type_ := self._of_value(value, name, depth)) != types[-1]:
+                types.append(type_)
+        return reduce(merged, types)
 
-def _of_fields(name: str, values: Mapping[str, Any], depth: int) -> Message:
-    types = [_of_value(value, f"{name}{_camel(key)}", depth) for key, value in values.items()]
-    return Message(name, _fields(list(values), types))
+    def _of_map(self, values: dict[str, Any], name: str, depth: int) -> Type:
+        if values and _are_fields(values):
+            return self.of_fields(name, values, depth)
+        return map_of(self._of_items(list(values.values()), f"{name}Value", depth), name)
 
 
 def _are_fields(values: Mapping[str, Any]) -> bool:
@@ -183,8 +194,8 @@ def _camel(key: str) -> str:
 
 
 def have_same_keys(one: Message, other: Message) -> bool:
-    """Whether both have the same fields, by the names in the map."""
-    return {field.key for field in one.fields} == {field.key for field in other.fields}
+    """Whether both have the same fields in the same order, by the names in the map."""
+    return [field.key for field in one.fields] == [field.key for field in other.fields]
 
 
 def _merged_messages(one: Message, other: Message) -> Type:
@@ -204,13 +215,21 @@ def _merged_messages(one: Message, other: Message) -> Type:
 
 def merged_fields(one: Message, other: Message) -> Message:
     """Messages with the same keys, each field merged."""
-    of_key = {field.key: field.type for field in other.fields}
+    pairs = zip(one.fields, other.fields, strict=True)
     return replace(
-        one,
-        fields=tuple(
-            replace(field, type=merged(field.type, of_key[field.key])) for field in one.fields
-        ),
+        one, fields=tuple(replace(own, type=merged(own.type, its.type)) for own, its in pairs)
     )
+
+
+def packed_in(type_: Type) -> int:
+    """How many parts of a type are MessagePack."""
+    if isinstance(type_, Sequence):
+        return packed_in(type_.item)
+    if not isinstance(type_, Message):
+        return 0
+    if type_.kind == "msgpack":
+        return 1
+    return sum(packed_in(field.type) for field in type_.fields if type_.kind != "unknown")
 
 
 def _around(message: Message, inner: Type) -> Message:

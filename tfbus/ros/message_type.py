@@ -30,9 +30,14 @@ PLACEHOLDER = "structure_needs_at_least_one_member"
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number or a boolean, by its name in ROS."""
+    """A number or a boolean, by its name in ROS.
+
+    With `takes_ints` an integer may stand for the float that is the same number, as in all typed
+    messages of tfbus; it comes back as that float.
+    """
 
     name: str
+    takes_ints: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,7 @@ BOOL = Scalar("bool")
 INT = Scalar("int64")
 UNSIGNED = Scalar("uint64")
 FLOAT = Scalar("float64")
+NUMBER = Scalar("float64", takes_ints=True)
 TEXT = Text()
 BYTES = Sequence(Scalar("uint8"))
 

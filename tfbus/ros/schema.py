@@ -14,10 +14,11 @@ from tfbus.ros.definitions import Definition
 from tfbus.ros.inferred import (
     have_same_keys,
     merged_fields,
+    packed_in,
     type_of_dataclass,
     type_of_values,
 )
-from tfbus.ros.message_type import MSGPACK, Message, TypeNames
+from tfbus.ros.message_type import FLOAT, MSGPACK, NUMBER, Message, TypeNames
 from tfbus.ros.value_codec import UnfitError, ValueReader, codec_of
 from tfbus.wire.codec import type_name as name_of
 from tfbus.wording import printable
@@ -30,8 +31,9 @@ class MessageCodec:
     """Writes and reads the messages of one type, as maps of their fields.
 
     `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
-    floats, texts, bytes, lists and maps, bit by bit. Only an integer in a field of floats comes
-    back as the float that is the same number, as messages of tfbus allow.
+    floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only where the
+    type is that of a dataclass, an integer in a field of floats comes back as the float that is the
+    same number.
     """
 
     def __init__(self, message: Message, definition: Definition) -> None:
@@ -104,10 +106,14 @@ class MessageCodecs:
     A type of tfbus.messages has its own definition from the start. Any other has that of its first
     message, and another one, under a name with a number, once a message does not fit; after eight,
     and where ROS cannot express a message at all, it is RAW.
+
+    What is not `exact` is for eyes: numbers that are integers and floats in turn are all floats, so
+    that the definition stays.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, exact: bool = True) -> None:
         self._names = TypeNames()
+        self._floats = FLOAT if exact else NUMBER
         # Of each type the one used last first, each with its message as it would be named alone.
         self._of_type: dict[str, list[tuple[MessageCodec, Message]]] = {}
 
@@ -132,14 +138,9 @@ class MessageCodecs:
     def _encode_new(
         self, type_name: str, codecs: list[tuple[MessageCodec, Message]], values: Mapping[str, Any]
     ) -> tuple[MessageCodec, bytes]:
-        message = type_of_values(type_name, values)
+        message = type_of_values(type_name, values, self._floats)
         if message.kind == "fields" and len(codecs) < _MOST_CODECS:
-            # One that takes the messages before as well.
-            for _, before in codecs:
-                if have_same_keys(before, message):
-                    message = merged_fields(before, message)
-                    break
-            codec = self._add(codecs, message)
+            codec = self._add(codecs, self._wider(message, [before for _, before in codecs]))
             if (data := codec.encode(values)) is not None:
                 return codec, data
         if (data := RAW.encode(values)) is None:
@@ -148,6 +149,18 @@ class MessageCodecs:
                 "that is not valid Unicode, or an integer of more than 64 bits"
             )
         return RAW, data
+
+    def _wider(self, message: Message, known: list[Message]) -> Message:
+        """A type that takes the messages of a known one as well, where ROS can express both; for
+        the last of a type anyhow.
+        """
+        for before in known:
+            if have_same_keys(before, message):
+                both = merged_fields(before, message)
+                is_clear = packed_in(both) <= max(packed_in(before), packed_in(message))
+                if is_clear or len(known) + 1 == _MOST_CODECS:
+                    return both
+        return message
 
     def _add(self, codecs: list[tuple[MessageCodec, Message]], message: Message) -> MessageCodec:
         codec = _codec(message, self._names)

@@ -14,7 +14,17 @@ import msgpack
 
 from tfbus.errors import DecodeError
 from tfbus.ros.cdr import HEADER_SIZE, CdrReader, CdrWriter
-from tfbus.ros.message_type import SCALARS, Message, Scalar, Sequence, Text, Type
+from tfbus.ros.message_type import (
+    BOOL,
+    FLOAT,
+    NUMBER,
+    SCALARS,
+    Message,
+    Scalar,
+    Sequence,
+    Text,
+    Type,
+)
 from tfbus.wire.msgpack_items import HARMLESS_SIZE, MOST_ITEMS, values_in
 
 _NATIVE = "<" if sys.byteorder == "little" else ">"
@@ -61,7 +71,7 @@ def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCod
     """The codec of a type; `made` are those of messages in it that are made already, by name."""
     made = {} if made is None else made
     if isinstance(type_, Scalar):
-        return _scalar_codec(type_.name)
+        return _scalar_codec(type_)
     if isinstance(type_, Text):
         return _text_codec(type_.most)
     if isinstance(type_, Sequence):
@@ -77,7 +87,11 @@ def codec_of(type_: Type, made: dict[str, ValueCodec] | None = None) -> ValueCod
 
 
 def _check_float(value: Any) -> None:
-    """An integer may stand for a float that is the same number, as in all messages."""
+    if type(value) is not float:
+        raise UnfitError
+
+
+def _check_number(value: Any) -> None:
     if type(value) is not float and (type(value) is not int or not _is_exact(value)):
         raise UnfitError
 
@@ -102,10 +116,11 @@ def _check_int(value: Any) -> None:
         raise UnfitError
 
 
-_CHECKS: dict[str, Callable[[Any], None]] = {
-    "bool": _check_bool,
-    "float64": _check_float,
-    "float32": _check_float32,
+_CHECKS: dict[Scalar, Callable[[Any], None]] = {
+    BOOL: _check_bool,
+    FLOAT: _check_float,
+    NUMBER: _check_number,
+    Scalar("float32"): _check_float32,
 }
 _OF_TYPE = {"bool": bool, "float64": float}
 
@@ -116,9 +131,10 @@ class _Numbers:
     That depends on where they begin, modulo 8.
     """
 
-    def __init__(self, names: list[str]) -> None:
+    def __init__(self, scalars: list[Scalar]) -> None:
+        names = [each.name for each in scalars]
         self._codes = [SCALARS[name] for name in names]
-        self._checks = [_CHECKS.get(name, _check_int) for name in names]
+        self._checks = [_CHECKS.get(each, _check_int) for each in scalars]
         self._plain = [_OF_TYPE.get(name, int) for name in names if name != "float32"]
         self._structs: dict[tuple[str, int], struct.Struct] = {}
         self.least_size = sum(map(struct.calcsize, (f"={code}" for code in self._codes)))
@@ -148,8 +164,8 @@ class _Numbers:
         return found
 
 
-def _scalar_codec(name: str) -> ValueCodec:
-    numbers = _Numbers([name])
+def _scalar_codec(scalar: Scalar) -> ValueCodec:
+    numbers = _Numbers([scalar])
     return ValueCodec(
         numbers.least_size,
         lambda writer, value: numbers.write(writer, [value]),
@@ -176,7 +192,7 @@ def _text_codec(most: int) -> ValueCodec:
 def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCodec:
     size = sequence.size
     if isinstance(sequence.item, Scalar):
-        items = _octets if sequence.is_octets else _numbers_codec(sequence.item.name)
+        items = _octets if sequence.is_octets else _numbers_codec(sequence.item)
     else:
         items = _items_codec(codec_of(sequence.item, made))
     write_items, read_items, least = items.write, items.read, items.least_size
@@ -225,8 +241,9 @@ def _read_octets(reader: ValueReader, count: int) -> bytes:
 _octets = _Items(bytes, 1, _write_octets, _read_octets)
 
 
-def _numbers_codec(name: str) -> _Items:
-    code, plain, check = SCALARS[name], _OF_TYPE.get(name, int), _CHECKS.get(name, _check_int)
+def _numbers_codec(scalar: Scalar) -> _Items:
+    name, check = scalar.name, _CHECKS.get(scalar, _check_int)
+    code, plain = SCALARS[name], _OF_TYPE.get(name, int)
     size = struct.calcsize(f"={code}")
 
     def write(writer: CdrWriter, value: list[Any]) -> None:
@@ -277,7 +294,6 @@ def _message_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
 
 def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
     keys = [field.key for field in message.fields]
-    known = frozenset(keys)
     parts = _parts(message, made)
     is_list = message.kind == "list"
 
@@ -295,7 +311,7 @@ def _fields_codec(message: Message, made: dict[str, ValueCodec]) -> ValueCodec:
             if type(value) is not list or len(value) != len(keys):
                 raise UnfitError
             write_values(writer, value)
-        elif type(value) is not dict or value.keys() != known:
+        elif type(value) is not dict or [*value] != keys:
             raise UnfitError
         else:
             write_values(writer, [value[key] for key in keys])
@@ -322,14 +338,14 @@ _Part = tuple[int, int, _Numbers | None, ValueCodec]
 def _parts(message: Message, made: dict[str, ValueCodec]) -> list[_Part]:
     """The fields from one index up to another, either numbers that follow each other, or one."""
     parts: list[_Part] = []
-    names: list[str] = []
+    scalars: list[Scalar] = []
     for at, field in enumerate((*message.fields, None)):
         if field is not None and isinstance(field.type, Scalar):
-            names.append(field.type.name)
+            scalars.append(field.type)
             continue
-        if names:
-            parts.append((at - len(names), at, _Numbers(names), _nothing))
-            names = []
+        if scalars:
+            parts.append((at - len(scalars), at, _Numbers(scalars), _nothing))
+            scalars = []
         if field is not None:
             parts.append((at, at + 1, None, codec_of(field.type, made)))
     return parts

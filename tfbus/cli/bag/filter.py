@@ -12,7 +12,7 @@ from tfbus.errors import InvalidNameError
 from tfbus.recording.edit import in_namespace, without
 from tfbus.recording.items import Item
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.selection import Selection
+from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.recording.writer import Compression
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean
@@ -55,8 +55,9 @@ def command(
 ) -> None:
     """Write a recording without some of its topics, streams and frames.
 
-    NAMES are separated by commas, and the options repeatable. With --topics alone no transforms
-    are kept, with --streams or --frames no topics.
+    NAMES are separated by commas, and the options repeatable. Among the topics, tf stands for
+    dynamic transforms, tf_static for static ones: with --topics without them no transforms are
+    kept, with --streams or --frames no topics.
     """
     selection = Selection(
         topics=tuple(name.removeprefix("/") for name in _names(topics)),
@@ -103,7 +104,7 @@ def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[
         (selection.streams, streams, "stream"),
     ):
         for name in names:
-            if name not in known:
+            if name not in known and not (kind == "topic" and is_of_transforms(name)):
                 raise click.UsageError(
                     f"there is no {kind} {name!r} in the recording"
                     + did_you_mean(name, known, none=f", which has no {kind}s")

@@ -13,6 +13,7 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, table,
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, EventKind
+from tfbus.recording.layout import CUSTOM
 from tfbus.recording.summary import Flow, StreamFacts, Summary, summary_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
@@ -106,6 +107,13 @@ def _head(summary: Summary) -> Iterator[str]:
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
     if said:
         yield _line("Recorder", " ".join(said))
+    noted = [
+        f"{key.removeprefix(CUSTOM)}={value}"
+        for key, value in summary.about.items()
+        if key.startswith(CUSTOM)
+    ]
+    if noted:
+        yield from _lines("Noted", [printable(each) for each in noted])
     if summary.dropped:
         what = f"{_many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))

@@ -14,12 +14,13 @@ import click
 
 from tfbus.bag.player import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.cli.output import is_terminal
 from tfbus.command.moment import Moment
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import open_recording, wall
 from tfbus.command.several import Several
-from tfbus.command.types import NOT_NEGATIVE, POSITIVE, FrameName, MomentType, Number, TopicName
+from tfbus.command.types import NOT_NEGATIVE, POSITIVE, MomentType, Number
 from tfbus.errors import TfbusError
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.wording import counted, did_you_mean, duration, printable
@@ -141,47 +142,7 @@ class _Plan:
     metavar="[HZ]",
     help="Publish the recorded time for nodes with --sim-time, 40 times a second.",
 )
-@click.option(
-    "--topics",
-    cls=Several,
-    multiple=True,
-    type=TopicName(),
-    metavar="NAME...",
-    help="Play these topics only; tf stands for all transforms.",
-)
-@click.option(
-    "--streams",
-    cls=Several,
-    multiple=True,
-    metavar="NAME...",
-    help="Play transforms of these streams only.",
-)
-@click.option(
-    "--frames",
-    cls=Several,
-    multiple=True,
-    type=FrameName(),
-    metavar="NAME...",
-    help="Play transforms of these child frames only.",
-)
-@click.option(
-    "-e",
-    "--regex",
-    default="",
-    metavar="REGEX",
-    help="Play topics and streams in whose names this is found.",
-)
-@click.option(
-    "-x",
-    "--exclude",
-    "--exclude-regex",
-    default="",
-    metavar="REGEX",
-    help="Omit topics and streams in whose names this is found.",
-)
-@click.option(
-    "--exclude-topics", cls=Several, multiple=True, metavar="NAME...", help="Omit these topics."
-)
+@selecting("Play")
 @click.option(
     "-m",
     "--remap",
@@ -233,12 +194,7 @@ def command(
     duration_s: float | None,
     stamps: "Stamps | None",
     clock_hz: float | None,
-    topics: tuple[str, ...],
-    streams: tuple[str, ...],
-    frames: tuple[str, ...],
-    regex: str,
-    exclude: str,
-    exclude_topics: tuple[str, ...],
+    asked: Asked,
     remappings: tuple[str, ...],
     prefix: str,
     is_paused: bool,
@@ -267,13 +223,7 @@ def command(
         settings = settings.renamed(node_name)
         plan = _Plan(
             files=(*files, *more_files),
-            selection=Selection(
-                tuple(map(_full, topics)),
-                tuple(map(_full, streams)),
-                frames,
-                regex,
-                _excluding(exclude, exclude_topics),
-            ),
+            selection=asked.selection(),
             names=ReplayedNames(prefix, dict(map(_pair, remappings))),
             start=start,
             until=until,
@@ -296,11 +246,6 @@ def command(
 
 def _full(name: str) -> str:
     return name.removeprefix("/")
-
-
-def _excluding(exclude: str, topics: tuple[str, ...]) -> str:
-    names = [f"^{re.escape(_full(topic))}$" for topic in topics]
-    return "|".join([*filter(None, (exclude,)), *names])
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -5,61 +5,38 @@ from typing import Any
 import click
 
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.ros_options import OF_RECORD
+from tfbus.cli.bag.selecting import Asked, selecting
+from tfbus.cli.verbs import Answering
 from tfbus.command.extras import install_command
 from tfbus.command.options import bus_options
 from tfbus.command.several import Several
-from tfbus.command.types import POSITIVE, FrameName, Size, TopicName
+from tfbus.command.types import POSITIVE, Number, Size, TopicName
 from tfbus.errors import TfbusError
+
+# A file begins with what is in force; smaller ones would be little else.
+_LEAST_FILE_BYTES = 100_000
+_LEAST_CACHE_BYTES = 1_000_000
 
 
 @click.command(
     "record",
+    cls=Answering,
+    hints=OF_RECORD,
     epilog="Examples: tfbus bag record; tfbus bag record -o run --max-size 500MB; tfbus bag record "
-    "--topics turtle1/pose tf; tfbus bag record --snapshot 30 --on 'gone base_link'",
+    "--topics turtle1/pose tf tf_static; tfbus bag record --snapshot 30 --on 'gone base_link'",
 )
 @click.argument("more_topics", metavar="[TOPIC]...", type=TopicName(), nargs=-1)
+@selecting("Record")
 @click.option(
-    "--topics",
-    cls=Several,
-    multiple=True,
-    type=TopicName(),
-    metavar="NAME...",
-    help="Record these topics only; tf stands for all transforms.",
+    "-a",
+    "--all",
+    "--all-topics",
+    "wants_all",
+    is_flag=True,
+    hidden=True,
+    help="Record everything, the default.",
 )
-@click.option(
-    "--streams",
-    cls=Several,
-    multiple=True,
-    metavar="NAME...",
-    help="Record transforms of these streams only.",
-)
-@click.option(
-    "--frames",
-    cls=Several,
-    multiple=True,
-    type=FrameName(),
-    metavar="NAME...",
-    help="Record transforms of these child frames only.",
-)
-@click.option(
-    "-e",
-    "--regex",
-    default="",
-    metavar="REGEX",
-    help="Record topics and streams in whose names this is found.",
-)
-@click.option(
-    "-x",
-    "--exclude",
-    "--exclude-regex",
-    default="",
-    metavar="REGEX",
-    help="Omit topics and streams in whose names this is found.",
-)
-@click.option(
-    "--exclude-topics", cls=Several, multiple=True, metavar="NAME...", help="Omit these topics."
-)
-@click.option("-a", "--all", is_flag=True, hidden=True, help="Record everything, the default.")
 @click.option(
     "--fleet", is_flag=True, help="Record the namespaces below too: all robots of a fleet."
 )
@@ -74,7 +51,7 @@ from tfbus.errors import TfbusError
     "--max-size",
     "--max-bag-size",
     "max_bytes",
-    type=Size(),
+    type=Size(least=_LEAST_FILE_BYTES),
     metavar="SIZE",
     help="Go on in a new file after this size, such as 500MB.",
 )
@@ -83,9 +60,17 @@ from tfbus.errors import TfbusError
     "--max-duration",
     "--max-bag-duration",
     "max_s",
-    type=POSITIVE,
+    type=Number(least=1.0, most=1e9),
     metavar="S",
     help="Go on in a new file after this many seconds.",
+)
+@click.option(
+    "--max-files",
+    "--max-bag-files",
+    "most_files",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Keep the last N files or snapshots, and delete older ones of this recording.",
 )
 @click.option(
     "--compression",
@@ -113,7 +98,7 @@ from tfbus.errors import TfbusError
 @click.option(
     "--max-cache-size",
     "cache_bytes",
-    type=Size(),
+    type=Size(least=_LEAST_CACHE_BYTES),
     metavar="SIZE",
     help="Memory for messages that wait to be written (default 100MB), or for the snapshot "
     "(default 500MB).",
@@ -130,6 +115,13 @@ from tfbus.errors import TfbusError
 @click.option(
     "--disable-keyboard-controls", "no_keys", is_flag=True, help="Take no keys in a terminal."
 )
+@click.option(
+    "--custom-data",
+    cls=Several,
+    multiple=True,
+    metavar="KEY=VALUE...",
+    help="Note these in the file, which bag info shows.",
+)
 @click.option("-s", "--storage", type=click.Choice(("mcap",)), hidden=True)
 @click.option(
     "--node-name",
@@ -143,17 +135,13 @@ from tfbus.errors import TfbusError
 def command(
     settings: NodeSettings,
     more_topics: tuple[str, ...],
-    topics: tuple[str, ...],
-    streams: tuple[str, ...],
-    frames: tuple[str, ...],
-    regex: str,
-    exclude: str,
-    exclude_topics: tuple[str, ...],
-    all: bool,
+    asked: Asked,
+    wants_all: bool,
     fleet: bool,
     output: str | None,
     max_bytes: int | None,
     max_s: float | None,
+    most_files: int | None,
     compression: Any,
     snapshot_s: float | None,
     conditions: tuple[str, ...],
@@ -161,6 +149,7 @@ def command(
     with_history: bool,
     starts_paused: bool,
     no_keys: bool,
+    custom_data: tuple[str, ...],
     storage: str | None,
     node_name: str,
 ) -> None:
@@ -173,6 +162,15 @@ def command(
     In a terminal the space key pauses, s begins a new file (or writes the snapshot), q ends. The
     services recorder/pause, resume, split, snapshot and stop do the same.
     """
+    if wants_all and (asked.is_narrow or more_topics):
+        raise click.UsageError(
+            "-a records everything: leave it out, or leave out --topics, --streams, --frames and "
+            "--regex"
+        )
+    if most_files is not None and not (max_bytes or max_s or snapshot_s):
+        raise click.UsageError(
+            "--max-files keeps the last files: give --max-size, --max-duration or --snapshot"
+        )
     if snapshot_s is None and conditions:
         raise click.UsageError("--on writes a snapshot: give --snapshot SECONDS too")
     if snapshot_s is not None and (max_bytes or max_s):
@@ -189,21 +187,13 @@ def command(
     # numpy and Zenoh, which `--help` does not need.
     from tfbus.bag.keeping import Splits
     from tfbus.bag.trigger import Condition
-    from tfbus.cli.bag.record_plan import Plan, excluding, free_path, selection
+    from tfbus.cli.bag.record_plan import Plan, checked, free_path, pairs_of
     from tfbus.cli.bag.record_run import record
 
     try:
         settings = settings.renamed(node_name)
         plan = Plan(
-            path=free_path(output),
-            selection=selection(
-                settings.namespace,
-                (*topics, *more_topics),
-                streams,
-                frames,
-                regex,
-                excluding(settings.namespace, exclude, exclude_topics),
-            ),
+            selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,
             splits=Splits(max_bytes, max_s),
             compression=compression,
@@ -213,6 +203,9 @@ def command(
             with_history=with_history,
             starts_paused=starts_paused,
             has_keys=not no_keys,
+            most_files=most_files,
+            custom_data=pairs_of(custom_data),
+            path=free_path(output),  # the last, as it may make a folder
         )
     except TfbusError as error:
         raise click.UsageError(str(error)) from error

@@ -1,11 +1,11 @@
 """What `tfbus bag record` is asked for on its command line."""
 
-import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from tfbus.bag.keeping import Splits
-from tfbus.bag.parts_written import existing_parts, path_of_recording
+from tfbus.bag.parts_written import existing_parts, is_folder, path_of_recording
 from tfbus.bag.trigger import Condition
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.selection import Selection, is_of_transforms
@@ -35,6 +35,8 @@ class Plan:
     with_history: bool
     starts_paused: bool
     has_keys: bool
+    most_files: int | None
+    custom_data: Mapping[str, str]
 
     @property
     def most_bytes(self) -> int:
@@ -45,9 +47,12 @@ class Plan:
 def free_path(output: str | None) -> Path:
     """The file to write. Raises InvalidArgumentException where it, or a part of it, is there."""
     path = path_of_recording(output)
-    if not path.parent.is_dir():
+    if output is not None and is_folder(output):
+        _make_folder(path.parent)
+    elif not path.parent.is_dir():
         raise InvalidArgumentException(
-            f"there is no folder '{printable(str(path.parent))}' to record into"
+            f"there is no folder '{printable(str(path.parent))}' to record into: make it, or end "
+            "its name with '/' and have a file in it named by the time"
         )
     taken = existing_parts(path)
     if taken:
@@ -58,29 +63,32 @@ def free_path(output: str | None) -> Path:
     return path
 
 
-def selection(
-    namespace: str,
-    topics: tuple[str, ...],
-    streams: tuple[str, ...],
-    frames: tuple[str, ...],
-    regex: str,
-    exclude: str,
-) -> Selection:
-    """The selection of names that are relative to a namespace, or absolute."""
-    topics = tuple(_full(topic, namespace) for topic in topics)
-    for topic in topics:
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidArgumentException(
+            f"could not make the folder '{printable(str(folder))}': {error.strerror or error}"
+        ) from error
+
+
+def pairs_of(texts: Iterable[str]) -> dict[str, str]:
+    """The pairs in texts such as `driver=Ada`; of a key that comes twice the last counts.
+
+    Raises InvalidArgumentException for another form.
+    """
+    pairs = {}
+    for text in texts:
+        key, sign, value = text.partition("=")
+        if not (key and sign and text.isprintable()):
+            raise InvalidArgumentException(f"'{printable(text, 60)}' is not of the form KEY=VALUE")
+        pairs[key] = value
+    return pairs
+
+
+def checked(selection: Selection) -> Selection:
+    """The selection. Raises InvalidNameError for a topic that no node can have."""
+    for topic in selection.topics:
         if not is_of_transforms(topic):
             check_no_transforms(topic)
-    names = tuple(_full(stream, namespace) for stream in streams)
-    return Selection(topics, names, frames, regex, exclude)
-
-
-def _full(name: str, namespace: str) -> str:
-    """A name as a session without a namespace has it."""
-    return name[1:] if name.startswith("/") else "/".join(filter(None, (namespace, name)))
-
-
-def excluding(namespace: str, exclude: str, topics: tuple[str, ...]) -> str:
-    """A regular expression that is found in what another one is, and in these topics."""
-    names = [f"^{re.escape(_full(topic, namespace))}$" for topic in topics]
-    return "|".join([*filter(None, (exclude,)), *names])
+    return selection

@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from tfbus.bag.capture import Capture
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.parts_written import PartsWritten, WrittenPart
 from tfbus.bag.past import Past
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder, Snapshots
@@ -21,6 +21,7 @@ from tfbus.cli.bag.record_status import (
     Look,
     Rating,
     StatusLine,
+    length_text,
     log_text,
     status_parts,
     summary,
@@ -29,9 +30,10 @@ from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.errors import ServiceError
-from tfbus.messages import Empty
+from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
-from tfbus.recording.selection import is_of_transforms
+from tfbus.recording.layout import CUSTOM
+from tfbus.recording.selection import is_of_transforms, lacks_statics
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
@@ -53,7 +55,11 @@ def record(settings: NodeSettings, plan: Plan) -> str:
     """Record until Ctrl-C; why it failed, "" where it did not."""
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
-    parts = PartsWritten(plan.path, lambda path: _open_writer(path, settings, plan))
+    parts = PartsWritten(
+        plan.path,
+        lambda path: _open_writer(path, settings, plan),
+        most_files=plan.most_files,
+    )
     recorder = None
     with Node.from_settings(settings) as node, ExitStack() as stack:
         line = StatusLine()
@@ -90,7 +96,7 @@ def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> 
     if plan.with_history:
         executor = Executor("history", node.log)
         stack.callback(executor.close)
-        past = Past(node.session, executor)
+        past = Past(node.session, executor, plan.most_bytes)
     capture = Capture(
         node,
         queue,
@@ -110,17 +116,20 @@ def _recorder(node: Node, plan: Plan, parts: PartsWritten, stack: ExitStack) -> 
         snapshots=snapshots,
         past=past,
         source=capture.source,
-        on_file=lambda path, why: node.log.info(_news(path, why, snapshots is not None)),
+        on_file=lambda path, written, why: node.log.info(
+            _news(path, written, why, is_snapshot=snapshots is not None)
+        ),
     )
     stack.callback(recorder.close)
     stack.callback(capture.close)
     return recorder
 
 
-def _news(path: Path, why: str, is_snapshot: bool) -> str:
+def _news(path: Path, written: WrittenPart, why: str, *, is_snapshot: bool) -> str:
+    of, length = f"Wrote {printable(str(written.path))}", length_text(written)
     if not is_snapshot:
-        return f"Goes on in {path}"
-    return f"Wrote {path}" if why == "asked" else f"Wrote {path}: {why}"
+        return f"{of}: {length}; goes on in {printable(str(path))}"
+    return f"{of}: {length}" if why == "asked" else f"{of}: {why}; {length}"
 
 
 def _open_writer(path: Path, settings: NodeSettings, plan: Plan) -> RecordingWriter:
@@ -129,6 +138,7 @@ def _open_writer(path: Path, settings: NodeSettings, plan: Plan) -> RecordingWri
         "namespace": settings.namespace,
         "command": printable(shlex.join(["tfbus", *sys.argv[1:]]), 1000),
         "began": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        **{f"{CUSTOM}{key}": value for key, value in plan.custom_data.items()},
     }
     return RecordingWriter(path, compression=plan.compression, about=about)
 
@@ -142,18 +152,26 @@ def _lost(recorder: Recorder, node: Node) -> Counter[str]:
 def _serve(node: Node, recorder: Recorder, stop: Callable[[], object], *, snapshots: bool) -> None:
     """The services of a recorder, as keys do."""
 
-    def split(wants_snapshot: bool) -> None:
-        if snapshots and not wants_snapshot:
+    def split(request: SaveRecording.Request) -> SaveRecording.Response:
+        if snapshots:
             raise ServiceError("with --snapshot nothing is split: call recorder/snapshot")
-        if wants_snapshot and not snapshots:
-            raise ServiceError("it records everything: start it with --snapshot SECONDS")
-        recorder.split()
+        return save()
 
+    def snapshot(request: SaveRecording.Request) -> SaveRecording.Response:
+        if not snapshots:
+            raise ServiceError("it records everything: start it with --snapshot SECONDS")
+        return save()
+
+    def save() -> SaveRecording.Response:
+        written = recorder.split()
+        path = printable(str(written.path.absolute()), 4000)
+        return SaveRecording.Response(path, written.seconds, written.size)
+
+    node.create_service(SaveRecording, "~/split", split)
+    node.create_service(SaveRecording, "~/snapshot", snapshot)
     jobs: dict[str, Callable[[], object]] = {
         "pause": recorder.pause,
         "resume": recorder.resume,
-        "split": lambda: split(False),
-        "snapshot": lambda: split(True),
         "stop": stop,
     }
 
@@ -178,6 +196,8 @@ def _go_on(
         if plan.snapshot_s
         else f"Recording to {plan.path}"
     )
+    if lacks_statics(plan.selection):
+        node.log.info("Static transforms are left out: --topics tf tf_static has them too")
     rating = Rating()
     shows = is_terminal()
     logged_s = began_s = recorder.began_s
@@ -250,10 +270,17 @@ def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:
 
 
 def _print_end(recorder: Recorder, parts: PartsWritten, lost: Counter[str]) -> None:
-    counts, running_s = recorder.counts, time.monotonic() - recorder.began_s
+    counts = recorder.counts
     try:
         print_lines(
-            summary(parts.paths, running_s, counts.transforms, counts.streams, counts.topics, lost)
+            summary(
+                parts.written,
+                counts.transforms,
+                counts.streams,
+                counts.topics,
+                lost,
+                deleted=parts.deleted,
+            )
         )
     except OSError as error:  # a full disk, where stdout is a file
         warn(error)

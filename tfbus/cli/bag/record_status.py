@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from tfbus.bag.parts_written import WrittenPart
 from tfbus.cli.output import paint, width
 from tfbus.wire.limits import size_text
 from tfbus.wording import counted, cut, duration, listed, printable
@@ -80,7 +81,7 @@ def clock_text(seconds: float) -> str:
 
 def status_parts(look: Look, rates: Rates, running_s: float) -> list[str]:
     """The parts of the status line."""
-    state = "paused" if look.is_paused else "rec"
+    state = "paused" if look.is_paused else "rec" if look.held is None else "hold"
     parts = [f"{state} {clock_text(running_s)}", f"{rates.messages:.0f} msg/s"]
     if look.held is None:
         parts.append(f"{rates.transforms:.0f} tf/s")
@@ -145,31 +146,44 @@ def log_text(look: Look, rates: Rates) -> str:
     return f"Paused: {text}" if look.is_paused else text
 
 
+def length_text(part: WrittenPart) -> str:
+    """How long and how large a file is: `4.0 s, 86.3 kB`."""
+    return f"{_length(part.seconds)}, {size_text(part.size)}"
+
+
+def _length(seconds: float) -> str:
+    return duration(seconds) if seconds else "0 s"
+
+
 def summary(
-    paths: Sequence[Path],
-    running_s: float,
+    parts: Sequence[WrittenPart],
     transforms: int,
     streams: Counter[str],
     topics: Counter[str],
     lost: Counter[str],
+    *,
+    deleted: int = 0,
 ) -> list[str]:
-    """What was recorded, in at most a screen."""
-    if not paths:
+    """What was recorded, in at most a screen; `deleted` older files are not there."""
+    if not parts:
         return ["Recorded nothing: no snapshot was asked for"]
-    lines = [f"Recorded {duration(running_s)} to {counted(len(paths), 'file')}"]
-    sizes = [(path, path.stat().st_size) for path in paths if path.exists()]
-    shown = sizes if len(sizes) <= _NAMED else [*sizes[:2], *sizes[-3:]]
-    for path, size in shown:
-        lines.append(f"  {printable(str(path))}  {size_text(size)}")
-    if len(shown) < len(sizes):
-        lines.insert(3, f"  … {len(sizes) - len(shown)} more")
-    sent = f"{transforms} transforms in {counted(streams.total(), 'message')}"
+    length = _length(sum(part.seconds for part in parts))
+    lines = [f"Recorded {length} to {counted(len(parts), 'file')}"]
+    if deleted:
+        lines[0] += f", and deleted {counted(deleted, 'older file')}"
+    shown = parts if len(parts) <= _NAMED else [*parts[:2], *parts[-3:]]
+    for part in shown:
+        lines.append(f"  {printable(str(part.path))}  {length_text(part)}")
+    if len(shown) < len(parts):
+        lines.insert(3, f"  … {len(parts) - len(shown)} more")
+    sent = f"{counted(transforms, 'transform')} in {counted(streams.total(), 'message')}"
     lines.append(f"{_rows('stream', streams)}: {sent}" if streams else "No transforms")
     if topics:
         lines.append(f"{_rows('topic', topics)}: {counted(topics.total(), 'message')}")
     if lost:
         what = listed([f"{count} {_LOST.get(kind, kind)}" for kind, count in lost.items()])
         lines.append(f"Not recorded: {what}")
+    paths = [part.path for part in parts]
     named = [str(path) for path in paths] if len(paths) <= 3 else [_all_parts(paths[0])]
     lines.append(f"Look into it: tfbus bag info {printable(' '.join(named))}")
     return lines
@@ -186,6 +200,7 @@ _LOST = {
     "topics": "messages of topics (dropped: too slow)",
     "events": "events (dropped: too slow)",
     "missing": "messages of transforms that never arrived (dropped on the way)",
+    "history": "messages that publishers held from before (dropped: no room)",
     "too large": "larger than the limits",
     "unreadable": "that could not be read",
     "refused": "that the file cannot hold",

@@ -1,0 +1,92 @@
+"""What comes from the bus by itself: keys and tokens of any number, from any peer."""
+
+import logging
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from tests.builders import description
+from tests.live_bus import Bus, eventually
+from tfbus.bag import capture as capture_module
+from tfbus.bag.capture import Capture
+from tfbus.bag.node_roster import NodeRoster
+from tfbus.bag.raw_queue import RawQueue
+from tfbus.discover.graph import TopicInfo
+from tfbus.recording.selection import Selection
+
+
+class TestKeys:
+    @pytest.fixture(autouse=True)
+    def few(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Limits that a test can reach."""
+        for name in ("MOST_KEYS", "_MOST_REFUSED", "_MOST_TOPICS"):
+            monkeypatch.setattr(capture_module, name, 5)
+
+    def test_keys_that_are_not_recorded_leave_room(self, bus: Bus) -> None:
+        """Names that cannot be shown, or are not selected, block no stream."""
+        capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection(exclude="noise"))
+        for number in range(50):
+            assert capture.source(f"tf/\x1b{number}") is None
+            assert capture.source(f"tf/noise{number}") is None
+        assert capture.source("tf/sim") is not None
+        assert len(capture._refused) <= 5
+        capture.close()
+
+    def test_keys_without_a_stream_give_way(self, bus: Bus) -> None:
+        """Where there are too many, those go that no publisher describes."""
+        capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
+        capture.described["sim"] = description([])
+        sim = capture.source("tf/sim")
+        for number in range(50):
+            assert capture.source(f"tf/stray{number}") is not None
+        assert capture.source("tf/sim") is sim is not None
+        assert len(capture._sources) <= 5
+        capture.close()
+
+    def test_topics_beyond_the_limit_take_no_memory(self, bus: Bus) -> None:
+        """Their types are not remembered either."""
+        capture = Capture(bus.node("recorder"), RawQueue(1_000), Selection())
+        for number in range(50):
+            capture._take_topic(f"topic{number}", TopicInfo(f"topic{number}"))
+        assert len(capture.types) == len(capture._topics) == 5
+        capture.close()
+
+
+class NoNodes:
+    """A session that nobody answers, and whose tokens come as the test says."""
+
+    id = "own"
+    settings = SimpleNamespace(namespace="")
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.on_token: Callable[[str, bool], None]
+
+    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
+        """Keep what tokens are given to."""
+        self.on_token = callback
+        return SimpleNamespace(close=lambda: None)
+
+    def ask(self, key: str, timeout_s: float) -> list[Any]:
+        """No node answers."""
+        self.asked += 1
+        return []
+
+
+class TestNodes:
+    def test_tokens_that_come_and_go_make_one_look_wait(self) -> None:
+        """However often, the looks do not pile up, and the last state counts."""
+        session = NoNodes()
+        roster = NodeRoster(session, lambda *_: None, log=logging.getLogger("test"))  # type: ignore[arg-type]
+        for number in range(300):
+            asked = session.asked
+            session.on_token("@tfbus/node/sim", True)
+            if number < 5:
+                eventually(lambda before=asked: session.asked > before)  # type: ignore[misc]
+            session.on_token("@tfbus/node/sim", False)
+            eventually(lambda: not roster._news)
+        assert len(roster._executor._due) <= 10
+        eventually(lambda: not roster._living)
+        roster.close()

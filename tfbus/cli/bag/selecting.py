@@ -1,0 +1,127 @@
+"""The options of `tfbus bag` that say which topics, streams and frames are meant."""
+
+import functools
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import click
+
+from tfbus.command.several import Several
+from tfbus.command.types import FrameName, TopicName
+
+if TYPE_CHECKING:
+    from tfbus.recording.selection import Selection
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked for on a command line; names are relative to a namespace, or absolute."""
+
+    topics: tuple[str, ...]
+    streams: tuple[str, ...]
+    frames: tuple[str, ...]
+    regex: str
+    exclude: str
+    exclude_topics: tuple[str, ...]
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it says what is meant; otherwise everything is, or all but what is excluded."""
+        return bool(self.topics or self.streams or self.frames or self.regex)
+
+    def selection(self, namespace: str = "", more_topics: Iterable[str] = ()) -> "Selection":
+        """The selection that this is in a namespace, with more topics."""
+        from tfbus.recording.selection import Selection  # numpy, which `--help` does not need
+
+        def full(names: Iterable[str]) -> tuple[str, ...]:
+            return tuple(full_name(name, namespace) for name in names)
+
+        return Selection(
+            full((*self.topics, *more_topics)),
+            full(self.streams),
+            self.frames,
+            self.regex,
+            self.exclude,
+            full(self.exclude_topics),
+        )
+
+
+def full_name(name: str, namespace: str) -> str:
+    """A name as a session without a namespace has it."""
+    return name[1:] if name.startswith("/") else "/".join(filter(None, (namespace, name)))
+
+
+class Regex(click.ParamType[str]):
+    """A regular expression."""
+
+    name = "regex"
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The expression; a usage error for a text that is none."""
+        try:
+            re.compile(str(value))
+        except re.error as error:
+            self.fail(f"{str(value)!r} is no regular expression: {error}", param, ctx)
+        return str(value)
+
+
+def selecting(verb: str) -> Callable[[F], F]:
+    """Add the options that say what to `verb`, as in "Record these topics only".
+
+    The argument `asked` of the click command is then their value, an Asked.
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def command(
+            *args: Any,
+            topics: tuple[str, ...],
+            streams: tuple[str, ...],
+            frames: tuple[str, ...],
+            regex: str,
+            exclude: str,
+            exclude_topics: tuple[str, ...],
+            **values: Any,
+        ) -> Any:
+            asked = Asked(topics, streams, frames, regex, exclude, exclude_topics)
+            return function(*args, asked=asked, **values)
+
+        decorated: Any = command
+        for option in reversed(_options(verb)):
+            decorated = option(decorated)
+        return cast(F, decorated)
+
+    return decorate
+
+
+def _options(verb: str) -> list[Callable[[Any], Any]]:
+    several = functools.partial(click.option, cls=Several, multiple=True, metavar="NAME...")
+    regex = functools.partial(click.option, type=Regex(), default="", metavar="REGEX")
+    return [
+        several(
+            "--topics",
+            type=TopicName(),
+            help=f"{verb} these topics only; tf stands for dynamic transforms, tf_static for "
+            "static ones.",
+        ),
+        several("--streams", help=f"{verb} transforms of these streams only."),
+        several(
+            "--frames", type=FrameName(), help=f"{verb} transforms of these child frames only."
+        ),
+        regex("-e", "--regex", help=f"{verb} topics and streams in whose names this is found."),
+        regex(
+            "-x",
+            "--exclude",
+            "--exclude-regex",
+            help="Omit topics and streams in whose names this is found.",
+        ),
+        several(
+            "--exclude-topics", type=TopicName(), help="Omit these topics; tf and tf_static too."
+        ),
+    ]

@@ -469,6 +469,11 @@ class Tree:
         for history in self.frames.values():
             history.forget_samples()
 
+    def interrupt(self, reason: str) -> None:
+        """As `Buffer.interrupt`."""
+        for history in self.frames.values():
+            history.interrupt(reason)
+
     def clear_after(self, stamp_ns: int) -> None:
         """Forget the samples later than a time."""
         for history in self.frames.values():

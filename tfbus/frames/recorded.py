@@ -23,6 +23,7 @@ from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.pauses import Pause
 from tfbus.recording.selection import Selection
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
@@ -61,6 +62,7 @@ class RecordedFrames:
         self.jumps = self.jumped_to_ns = 0
         self._source = source
         self._events = source.events
+        self.pauses = source.pauses
         self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
         self._cache_time_s = cache_time_s
         self._described = {each.name for each in self._events if each.kind == "stream"}
@@ -82,8 +84,8 @@ class RecordedFrames:
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
         self._full_names: dict[str, _Stream] = {}
-        # Whether the recorder was: what does not come may have been sent.
-        self.is_paused = False
+        # The recorder was: what does not come may have been sent.
+        self._pause: Pause | None = None
         self._nodes: dict[str, NodeDescription] = {}
 
     # Moments
@@ -147,11 +149,15 @@ class RecordedFrames:
         """The last messages of frames that are listed, or were, and of which there is none."""
         found: list[Item] = []
         for name, stream in self._streams.items():
-            missing = stream.listed.difference(self.buffer.frames())
+            missing = stream.listed - self._placed()
             if missing:
                 end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
                 found += self._last_messages(stream.full_name or name, missing, end_ns)
         return found
+
+    def _placed(self) -> set[str]:
+        """The frames that have a place in another one: a parent is known before it has one."""
+        return {frame.name for frame in self.buffer.all_frames() if frame.parent is not None}
 
     def _last_messages(self, name: str, missing: set[str], end_ns: int) -> list[Item]:
         """The last messages of a stream before a time that have these frames, a cache's time of
@@ -237,10 +243,16 @@ class RecordedFrames:
                 known = self._meet(name, event.name)
             if known is not None:
                 known.take_event(event, self._view.names(namespace))
-        elif event.kind in ("paused", "resumed"):
-            self.is_paused = event.kind == "paused"
+        elif event.kind == "paused":
+            self._pause = self._pause or self._pause_at(event.log_ns)
+        elif event.kind == "resumed" and self._pause is not None:
+            self.buffer.interrupt(self.said(self._pause))
+            self._pause = None
             for stream in self._streams.values():
                 stream.expect_any_number()
+
+    def _pause_at(self, log_ns: int) -> Pause | None:
+        return next((each for each in self.pauses if each.from_ns == log_ns), None)
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
@@ -288,6 +300,34 @@ class RecordedFrames:
         return self._source.end_ns
 
     @property
+    def pause(self) -> Pause | None:
+        """The pause of the recorder at the moment, None where it recorded."""
+        return self._pause
+
+    def gone_ns(self, stream: str) -> int | None:
+        """When the publisher of a stream was lost, as a log time; None where it is there."""
+        known = self._streams.get(stream)
+        return None if known is None else known.gone_ns
+
+    def said(self, pause: Pause) -> str:
+        """A clause that says why nothing came, and when."""
+        return pause.said(self._source.start_ns)
+
+    def pause_since(self, frame: str) -> Pause | None:
+        """The last pause that was, or began, after the newest sample of a frame, as the times went
+        on then; None where there is none.
+        """
+        if not self.pauses or frame not in self.buffer.frames():
+            return None
+        newest_ns = self.buffer.frame(frame).newest_ns
+        silent_ns = 0 if newest_ns is None else self.now_ns() - newest_ns
+        since_ns = self._at_ns - silent_ns
+        past = [
+            each for each in self.pauses if each.from_ns <= self._at_ns and since_ns < each.to_ns
+        ]
+        return past[-1] if past else None
+
+    @property
     def is_simulated(self) -> bool:
         """Whether `now_ns` is a simulated time."""
         return self._clock.is_simulated
@@ -309,7 +349,11 @@ class RecordedFrames:
         simulated: SimulatedTime = NOT_SIMULATED
         if not self._clock.is_simulated:
             simulated = simulated_time(self._nodes.values())
-        return frame_tree(self.buffer, self.streams(), self.now_ns(), simulated)
+        now_ns = self.now_ns()
+        if self._pause is not None and not self._clock.is_simulated:
+            # Frames are as old as they were when the recorder was paused: they may have been sent.
+            now_ns = self._pause.from_ns
+        return frame_tree(self.buffer, self.streams(), now_ns, simulated)
 
     def next_sample_ns(self, frame: str) -> int | None:
         """When the next sample of a dynamic frame comes, from the publisher of its last, as a log

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tfbus.buffer.explain import after_waiting
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.errors import (
+    ExtrapolationException,
     FutureExtrapolationException,
     LookupException,
     TfbusError,
@@ -33,6 +36,10 @@ S = 1_000_000_000
 # behind the others, and the pauses that are interpolated, are at most as long as the cache.
 _PART_NS = 2 * S
 _CACHE_S = 60.0
+
+# What a lookup advises at the end of its error.
+_ADVICE = re.compile(r"; query (a later time|the latest).*$")
+_MOMENTS = {"a later time": "; give a later --at", "the latest": "; give an earlier --at, or none"}
 
 # A lookup at a stamp needs a later sample of each frame on the path, which comes within this.
 _LATER_S = (1, 5, 55)
@@ -90,12 +97,15 @@ def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> Tran
         try:
             return frames.buffer.lookup_transform(target, source, stamp_ns)
         except FutureExtrapolationException:
-            frames.advance(min(frames.at_ns + later_s * S, frames.end_ns))
+            at_ns = frames.at_ns if frames.pause is None else frames.pause.to_ns
+            frames.advance(min(at_ns + later_s * S, frames.end_ns))
     return frames.buffer.lookup_transform(target, source, stamp_ns)
 
 
 class _explained:
-    """Says of an unknown frame where in the recording it is to be found."""
+    """Says of an unknown frame where in the recording it is to be found, and advises nothing that
+    a recording does not have.
+    """
 
     def __init__(self, frames: RecordedFrames) -> None:
         self._frames = frames
@@ -106,6 +116,10 @@ class _explained:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
+        if isinstance(error, ExtrapolationException):
+            raise TfbusError(
+                _ADVICE.sub(lambda found: _MOMENTS[found[1]], after_waiting(error))
+            ) from error
 
 
 def recorded_transforms(

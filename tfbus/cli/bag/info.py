@@ -37,6 +37,9 @@ _EVENTS: dict[EventKind, str] = {
     "dropped": "loss while recording",
 }
 
+# Of the pauses at most this number is listed.
+_MOST_PAUSES = 10
+
 # Of the events at most this number is listed.
 _MOST_EVENTS = 200
 
@@ -81,6 +84,7 @@ def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
 def _as_map(summary: Summary) -> dict[str, Any]:
     facts = asdict(summary)
     facts["duration_s"] = summary.duration_s
+    facts["recorded_s"] = summary.recorded_s
     facts["size"] = summary.size
     facts["is_complete"] = summary.is_complete
     facts["messages"] = summary.messages
@@ -97,7 +101,8 @@ def _head(summary: Summary) -> Iterator[str]:
         yield _line("File", f"{printable(file.path)} ({size_text(file.size)}, {state})")
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
-    yield _line("Duration", duration(summary.duration_s))
+    recorded = f", of which {duration(summary.recorded_s)} recorded" if summary.pauses else ""
+    yield _line("Duration", f"{duration(summary.duration_s)}{recorded}")
     yield _line("Start", _moment(summary.start_ns))
     yield _line("End", _moment(summary.end_ns))
     transforms = sum(stream.transforms for stream in summary.streams)
@@ -106,9 +111,22 @@ def _head(summary: Summary) -> Iterator[str]:
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
     if said:
         yield _line("Recorder", " ".join(said))
+    yield from _pauses(summary)
     if summary.dropped:
         what = f"{_many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))
+
+
+def _pauses(summary: Summary) -> Iterator[str]:
+    """When nothing was recorded: `+10.000s to +310.000s (5 min, paused)`, one per line."""
+    label = "Pauses"
+    for pause in summary.pauses[:_MOST_PAUSES]:
+        from_s, to_s = ((each - summary.start_ns) / _S for each in (pause.from_ns, pause.to_ns))
+        text = f"{from_s:+.3f}s to {to_s:+.3f}s ({duration(to_s - from_s)}, {pause.why})"
+        yield _line(label, text) if label else f"{' ' * _LABEL} {text}"
+        label = ""
+    if len(summary.pauses) > _MOST_PAUSES:
+        yield f"{' ' * _LABEL} {and_more(len(summary.pauses), _MOST_PAUSES)} (--json has all)"
 
 
 def _many(count: int, noun: str) -> str:

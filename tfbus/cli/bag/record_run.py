@@ -34,6 +34,7 @@ from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to
 from tfbus.errors import ServiceError
 from tfbus.messages import Empty
 from tfbus.node.node import Node
+from tfbus.recording.pauses import RECORDING
 from tfbus.recording.selection import is_of_transforms
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -58,7 +59,8 @@ def record(settings: NodeSettings, plan: Plan) -> str:
     """Record until Ctrl-C; why it failed, "" where it did not."""
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
-    parts = PartsWritten(plan.path, lambda path: _open_writer(path, settings, plan))
+    token = os.urandom(8).hex()
+    parts = PartsWritten(plan.path, lambda path: _open_writer(path, settings, plan, token))
     recorder = None
     with Node.from_settings(settings) as node, ExitStack() as stack:
         line = StatusLine()
@@ -128,8 +130,10 @@ def _news(path: Path, why: str, is_snapshot: bool) -> str:
     return f"Wrote {path}" if why == "asked" else f"Wrote {path}: {why}"
 
 
-def _open_writer(path: Path, settings: NodeSettings, plan: Plan) -> RecordingWriter:
+def _open_writer(path: Path, settings: NodeSettings, plan: Plan, token: str) -> RecordingWriter:
     about = {
+        # Between snapshots nothing is recorded: each is a recording of its own.
+        RECORDING: token if plan.snapshot_s is None else os.urandom(8).hex(),
         "host": socket.gethostname(),
         "namespace": settings.namespace,
         "command": printable(shlex.join(["tfbus", *sys.argv[1:]]), 1000),

@@ -1,8 +1,8 @@
 """`tfbus bag info`: what is in a recording."""
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from tfbus.cli.output import json_option, paint, print_json, print_lines, table,
 from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, EventKind
-from tfbus.recording.summary import Flow, StreamFacts, Summary, summary_of
+from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
+from tfbus.recording.topics import topics_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
@@ -37,6 +38,13 @@ _EVENTS: dict[EventKind, str] = {
     "dropped": "loss while recording",
 }
 
+# How streams and topics are sorted, by the names of `ros2 bag info --sort`.
+_ORDERS: dict[str, tuple[Callable[[StreamFacts], Any], Callable[[TopicFacts], Any]]] = {
+    "name": (lambda it: it.name, lambda it: it.name),
+    "type": (lambda it: it.node, lambda it: (it.type_name, it.name)),
+    "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
+}
+
 # Of the pauses at most this number is listed.
 _MOST_PAUSES = 10
 
@@ -58,15 +66,31 @@ _MOST_EVENTS = 200
 @click.option(
     "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."
 )
+@click.option(
+    "-t", "--topic-name", "names_only", is_flag=True, help="Print only the names of the topics."
+)
+@click.option(
+    "--sort",
+    "order",
+    type=click.Choice(list(_ORDERS)),
+    default="name",
+    show_default=True,
+    help="The order of streams and topics.",
+)
 @json_option("Print one JSON object: times in nanoseconds, all frames and events.")
-def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
+def command(
+    files: tuple[Path, ...], verbose: bool, names_only: bool, order: str, as_json: bool
+) -> None:
     """Show what is in a recording: streams, rates, gaps, static transforms, topics, events.
 
     Several files, or a folder of them, are one recording.
     """
     try:
         with open_recording(*files) as reader:
-            summary = summary_of(reader)
+            if names_only:
+                print_lines(topics_of(reader))
+                return
+            summary = _sorted(summary_of(reader), order)
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -79,6 +103,15 @@ def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
     print_lines(_topics(summary))
     print_lines(_nodes(summary))
     print_lines(_events(summary, verbose))
+
+
+def _sorted(summary: Summary, order: str) -> Summary:
+    of_stream, of_topic = _ORDERS[order]
+    return replace(
+        summary,
+        streams=tuple(sorted(summary.streams, key=of_stream)),
+        topics=tuple(sorted(summary.topics, key=of_topic)),
+    )
 
 
 def _as_map(summary: Summary) -> dict[str, Any]:

@@ -11,6 +11,12 @@ from tfbus.monitor.window import Reading
 from tfbus.recording.items import TopicItem, TransformItem
 from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.selection import Selection
+from tfbus.recording.topics import (
+    TRANSFORMS_TYPE,
+    RecordedTopic,
+    topic_of_stream,
+    topics_of,
+)
 from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 from tfbus.wire.transforms import TransformMessage, encode_transforms
@@ -18,15 +24,6 @@ from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
-
-
-@dataclass(frozen=True)
-class RecordedTopic:
-    """A topic: its name, the name of its type, "" where unknown, and how many messages came."""
-
-    name: str
-    type: str
-    messages: int
 
 
 @dataclass(frozen=True)
@@ -63,32 +60,6 @@ def _message_of(item: TransformItem) -> TransformMessage:
     return TransformMessage(item.rows, item.stream.epoch_ns, item.seq)
 
 
-TRANSFORMS_TYPE = "TransformMessage"
-
-
-def topics_of(reader: "RecordingReader") -> dict[str, RecordedTopic]:
-    """All topics by name; `tf/STREAM` and `tf_static/STREAM` have the transforms of a stream."""
-    found: dict[str, RecordedTopic] = {}
-    for topic in reader.topics:
-        found[topic.name] = RecordedTopic(topic.name, topic.type_name, topic.messages)
-    for each in reader.streams:
-        for kind, count in (
-            (TRANSFORMS, each.messages),
-            (STATIC_TRANSFORMS, each.static_messages),
-        ):
-            name = _topic_of(kind, each.stream.name, each.stream.namespace)
-            if count:
-                before = found[name].messages if name in found else 0
-                found[name] = RecordedTopic(name, TRANSFORMS_TYPE, before + count)
-    return dict(sorted(found.items()))
-
-
-def _topic_of(kind: str, stream: str, namespace: str) -> str:
-    if not namespace:
-        return f"{kind}/{stream}"
-    return f"{namespace}/{kind}/{stream.removeprefix(f'{namespace}/')}"
-
-
 def find_topic(reader: "RecordingReader", name: str) -> RecordedTopic:
     """The topic of this name, `tf` and `tf_static` for all streams. Raises BusError for none."""
     topics = topics_of(reader)
@@ -114,7 +85,7 @@ def messages_of(bag: OpenBag, name: str) -> Iterator[RecordedMessage]:
     for item in bag.reader.items(from_ns, to_ns, Selection(streams=streams)):
         if isinstance(item, TransformItem):
             kind = STATIC_TRANSFORMS if item.static else TRANSFORMS
-            if name in (kind, _topic_of(kind, item.stream.name, item.stream.namespace)):
+            if name in (kind, topic_of_stream(kind, item.stream.name, item.stream.namespace)):
                 yield RecordedMessage(name, item.log_ns, item)
 
 

@@ -47,4 +47,6 @@ def where_to_look(frames_in_other_namespaces: Collection[tuple[str, str]], frame
         return ""
     named = " or ".join(sorted(having)[:_NAMED])
     known = f"{frame!r} is" if frame else "frames are"
+    if not named:
+        return f"{known} known outside of all namespaces: look without --namespace"
     return f"{known} known in other namespaces: look with --namespace {named}, or with --fleet"

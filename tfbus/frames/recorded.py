@@ -58,6 +58,8 @@ class RecordedFrames:
         sim_time: bool | None = None,
     ) -> None:
         self.dropped = 0
+        # Called before a new epoch of a stream voids its samples.
+        self.before_restart: Callable[[], object] = lambda: None
         # How often a simulated clock was set back, and to when at last.
         self.jumps = self.jumped_to_ns = 0
         self._source = source
@@ -86,6 +88,7 @@ class RecordedFrames:
         self._full_names: dict[str, _Stream] = {}
         # The recorder was: what does not come may have been sent.
         self._pause: Pause | None = None
+        self._epochs: dict[str, int] = {}
         self._nodes: dict[str, NodeDescription] = {}
 
     # Moments
@@ -213,6 +216,7 @@ class RecordedFrames:
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
+        self._note_epoch(name, item.stream.epoch_ns)
         names = self._names(item.stream)
         called = names.all_outside(item.rows.frames)
         rows = item.rows if called is item.rows.frames else item.rows.with_frames(called)
@@ -242,6 +246,8 @@ class RecordedFrames:
             if known is None and event.kind == "stream" and name and is_printable(name):
                 known = self._meet(name, event.name)
             if known is not None:
+                if name and isinstance(epoch_ns := event.facts.get("epoch"), int):
+                    self._note_epoch(name, epoch_ns)
                 known.take_event(event, self._view.names(namespace))
         elif event.kind == "paused":
             self._pause = self._pause or self._pause_at(event.log_ns)
@@ -253,6 +259,11 @@ class RecordedFrames:
 
     def _pause_at(self, log_ns: int) -> Pause | None:
         return next((each for each in self.pauses if each.from_ns == log_ns), None)
+
+    def _note_epoch(self, name: str, epoch_ns: int) -> None:
+        if self._epochs.setdefault(name, epoch_ns) != epoch_ns:
+            self._epochs[name] = epoch_ns
+            self.before_restart()
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(

@@ -13,6 +13,7 @@ from tfbus.errors import (
     ExtrapolationException,
     FutureExtrapolationException,
     LookupException,
+    PastExtrapolationException,
     TfbusError,
     TransformException,
 )
@@ -93,12 +94,17 @@ def _stamp_at(frames: RecordedFrames, at_ns: int) -> int:
 
 
 def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
+    first: FutureExtrapolationException | None = None
     for later_s in _LATER_S:
         try:
             return frames.buffer.lookup_transform(target, source, stamp_ns)
-        except FutureExtrapolationException:
+        except FutureExtrapolationException as error:
+            first = first or error
             at_ns = frames.at_ns if frames.pause is None else frames.pause.to_ns
             frames.advance(min(at_ns + later_s * S, frames.end_ns))
+        except PastExtrapolationException as error:
+            # Its publisher began again meanwhile.
+            raise first or error from None
     return frames.buffer.lookup_transform(target, source, stamp_ns)
 
 
@@ -184,12 +190,15 @@ def poses_in(
         poses.skip()
     due_ns = from_ns + _PART_NS
     has_any = False
+    found: list[tuple[Ints, TransformArray]] = []
+    frames.before_restart = lambda: found.extend(poses.new())
     for item in frames.play(to_ns):
         if item.log_ns >= due_ns:
             due_ns = item.log_ns + _PART_NS
-            for part in poses.new():
-                has_any = True
-                yield part
+            found += poses.new()
+        has_any |= bool(found)
+        yield from found
+        found.clear()
     for part in poses.new():
         has_any = True
         yield part
@@ -197,8 +206,15 @@ def poses_in(
         with _explained(frames):
             frames.buffer.lookup_transform(target, source)
         raise TfbusError(
-            f"no pose of {source!r} in {target!r} in that span: nothing came of the frames between"
+            f"no pose of {source!r} in {target!r} in that span: {_why_none(frames, from_ns, to_ns)}"
         )
+
+
+def _why_none(frames: RecordedFrames, from_ns: int, to_ns: int) -> str:
+    pauses = [each for each in frames.pauses if each.from_ns < to_ns and each.to_ns > from_ns]
+    if pauses:
+        return frames.said(pauses[0])
+    return "nothing came of the frames between"
 
 
 class _Poses:

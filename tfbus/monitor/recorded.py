@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.gaps import gaps_in
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.columns import Columns
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 else:
     from tfbus.core import lazy_numpy as np
-
-# A pause is a gap if it is this many periods long, and at least this long.
-GAP_PERIODS, LEAST_GAP_S = 5.0, 0.25
 
 # A pair is looked up as often as by `tfbus monitor` on a bus, and at most this often.
 _LOOK_EVERY_NS = 50_000_000
@@ -106,7 +104,7 @@ class SpanMeter:
         between = waits.length_ns
         newest = np.maximum.accumulate(stamps_ns)
         late = stamps_ns[1:] < newest[:-1]
-        gaps = _gaps(between)
+        gaps = gaps_in(between)
         regular = between[~gaps & waits.is_whole]
         mean_s = float(regular.mean()) / 1e9 if len(regular) else 0.0
         longest = int(between.argmax()) if gaps.any() else None
@@ -121,14 +119,6 @@ class SpanMeter:
             gaps=int(gaps.sum()),
             gap_from_ns=None if longest is None else int(waits.from_ns[longest]),
         )
-
-
-def _gaps(between_ns: "Ints") -> "NDArray[np.bool_]":
-    """Which of the times between samples are gaps."""
-    if not len(between_ns):
-        return between_ns > 0
-    limit_ns = max(LEAST_GAP_S * 1e9, GAP_PERIODS * float(np.median(between_ns)))
-    return between_ns > limit_ns
 
 
 def _spread(numbers: "NDArray[np.float64]") -> Spread | None:

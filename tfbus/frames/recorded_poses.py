@@ -100,8 +100,11 @@ def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> Tran
             return frames.buffer.lookup_transform(target, source, stamp_ns)
         except FutureExtrapolationException as error:
             first = first or error
-            at_ns = frames.at_ns if frames.pause is None else frames.pause.to_ns
-            frames.advance(min(at_ns + later_s * S, frames.end_ns))
+            if frames.pause is not None:
+                raise TfbusError(
+                    f"no pose of {source!r} in {target!r} then: {frames.said(frames.pause)}"
+                ) from error
+            frames.advance(min(frames.at_ns + later_s * S, frames.end_ns))
         except PastExtrapolationException as error:
             # Its publisher began again meanwhile.
             raise first or error from None

@@ -157,3 +157,23 @@ def test_why_advises_what_to_look_at_in_the_file(tmp_path: Path) -> None:
     assert f"see which frames were recorded: tfbus bag info -v {path}" in unknown
     for shown in (lost, apart, unknown):
         assert "start the" not in shown and "publish a transform" not in shown
+
+
+def test_a_publisher_that_did_not_describe_itself_has_no_host(tmp_path: Path) -> None:
+    """As in a recording of ROS: nothing is said of it rather than an empty host and process 0."""
+    path = write(tmp_path / "ros.mcap", steadily(SIM, 0.0, 5.0, ("world", "base")))
+    shown = run("frames", "--bag", path).output
+    assert "sim: /sim, 1 frame" in shown
+    assert "pid" not in shown
+
+
+def test_why_does_not_advise_to_wait_in_a_recording(tmp_path: Path) -> None:
+    """Where two frames have no common time."""
+    path = write(
+        tmp_path / "apart.mcap",
+        steadily(SIM, 0.0, 2.0, ("world", "base")),
+        steadily(ARM, 5.0, 7.0, ("base", "arm")),
+    )
+    shown = " ".join(run("why", "world", "arm", "--bag", path).output.split())
+    assert "they have no common time" in shown
+    assert "wait" not in shown and "cache_time_s" not in shown

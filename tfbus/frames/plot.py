@@ -76,10 +76,8 @@ def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
 
 
 def _draw_position(axes: Any, track: Track) -> None:
-    seconds = _broken(track, track.seconds)
-    for values, name, colour in zip(
-        _broken(track, track.poses.xyz).T, "xyz", _COLOURS, strict=True
-    ):
+    seconds = broken(track, track.seconds)
+    for values, name, colour in zip(broken(track, track.poses.xyz).T, "xyz", _COLOURS, strict=True):
         axes.plot(seconds, values, color=colour, label=name, linewidth=1.3)
     _widen(axes, "y", _LEAST_M)
     _label(axes, "position (m)")
@@ -87,7 +85,7 @@ def _draw_position(axes: Any, track: Track) -> None:
 
 def _draw_orientation(axes: Any, track: Track) -> None:
     seconds, degrees = (
-        _broken(track, each) for each in (track.seconds, np.degrees(track.rpy_rad()))
+        broken(track, each) for each in (track.seconds, np.degrees(track.rpy_rad()))
     )
     names = ("roll", "pitch", "yaw")
     for values, name, colour in zip(degrees.T, names, _COLOURS, strict=True):
@@ -117,7 +115,7 @@ def _draw_speed(axes: Any, track: Track) -> None:
 
 def _draw_path(axes: Any, track: Track) -> None:
     x, y = track.poses.xyz[:, 0], track.poses.xyz[:, 1]
-    axes.plot(*_broken(track, track.poses.xyz[:, :2]).T, color="#2563eb", linewidth=1.4)
+    axes.plot(*broken(track, track.poses.xyz[:, :2]).T, color="#2563eb", linewidth=1.4)
     axes.plot(x[0], y[0], "o", color="#16a34a", markersize=6, label="first")
     axes.plot(x[-1], y[-1], "s", color="#dc2626", markersize=6, label="last")
     axes.set_aspect("equal", adjustable="datalim")
@@ -132,7 +130,7 @@ def _draw_path(axes: Any, track: Track) -> None:
     axes.legend(fontsize=8, loc="best")
 
 
-def _broken(track: Track, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def broken(track: Track, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The values with one in each gap that is not drawn: nothing is known of the time between."""
     return np.insert(values, np.flatnonzero(track.gaps()) + 1, np.nan, axis=0)
 

@@ -27,9 +27,8 @@ from tfbus.cli.bag.record_status import (
     status_parts,
     summary,
 )
+from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, print_lines, warn
-from tfbus.command.keyboard import KeyReader
-from tfbus.command.terminal import NoTerminalError, RawTerminal
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
 from tfbus.errors import ServiceError
 from tfbus.messages import Empty
@@ -50,7 +49,6 @@ _SILENT_S = 3.0
 # With the 5 ms of Python, 20,000 messages a second came slower than they were sent.
 _SWITCH_S = 1e-4
 
-_STANDARD_INPUT = 0
 
 _KEYS = {False: "space pauses, s begins a new file, q ends", True: "s writes a snapshot, q ends"}
 
@@ -251,31 +249,11 @@ def _keys(wanted: bool) -> Iterator[Callable[[], list[str]] | None]:
     """Inside the `with`, a function that returns the keys typed within 0.5 s; None without a
     terminal of its own.
     """
-    if not wanted or not _is_own_terminal():
+    with typed_keys(_LOOK_EVERY_S, wanted=wanted) as read:
         # nohup has it ignored.
-        with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():
-            yield None
-        return
-    reader = KeyReader()
-    with RawTerminal(_STANDARD_INPUT) as terminal, _hanging_up():
-
-        def read() -> list[str]:
-            try:
-                data = terminal.read(_LOOK_EVERY_S)
-            except NoTerminalError:
-                return ["q"]
-            return reader.feed(data) if data else reader.flush()
-
-        yield read
-
-
-def _is_own_terminal() -> bool:
-    """Whether standard input is a terminal whose foreground job this is: reading from the
-    background would stop the process.
-    """
-    with suppress(OSError):
-        return os.isatty(_STANDARD_INPUT) and os.tcgetpgrp(_STANDARD_INPUT) == os.getpgrp()
-    return False
+        ends = read is not None or signal.getsignal(signal.SIGHUP) == signal.SIG_DFL
+        with _hanging_up() if ends else nullcontext():
+            yield read
 
 
 @contextmanager

@@ -82,3 +82,8 @@ def test_a_saved_buffer_keeps_its_interruptions(buffer: Buffer, tmp_path: Path) 
     with pytest.raises(ExtrapolationException, match=WHY):
         x(loaded, 4.0)
     assert x(loaded, 6.5) == 6.5
+
+
+def test_the_rate_of_a_frame_does_not_count_an_interruption(buffer: Buffer) -> None:
+    """1 Hz before and after it."""
+    assert buffer.frame("base").rate_hz == 1.0

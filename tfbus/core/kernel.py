@@ -693,6 +693,15 @@ class History:
             return ""
         return self.interruptions.get(self.samples.before, "")
 
+    def interrupted(self) -> tuple[int, int]:
+        """How many interruptions there are between two samples, and how long they are, in ns."""
+        count = length_ns = 0
+        for stamp_ns in self.interruptions or ():
+            if locate(self.samples, stamp_ns + 1) > 0.0 and self.samples.before == stamp_ns:
+                count += 1
+                length_ns += self.samples.after - stamp_ns
+        return count, length_ns
+
     def held(self) -> Held:
         """All that it holds, as copies."""
         count = self.samples.tail - self.samples.head

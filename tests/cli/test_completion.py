@@ -13,7 +13,7 @@ import click
 import pytest
 from click.shell_completion import CompletionItem
 
-from tests import needs
+from tests import needs, recordings
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Node,
@@ -28,6 +28,7 @@ from tfbus.cli.messages.fields import prototype
 from tfbus.cli.messages.message import complete_values, supplied_names, supplied_type
 from tfbus.command.live_names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
+from tfbus.recording.items import TopicItem
 
 # Names of frames, some of them hard for shells.
 FRAMES = ["arm:tip=$5", "d'or", "left camera", "world"]
@@ -388,3 +389,24 @@ class TestCommand:
         context = click.Context(main)
         found = {item.value: item.help for item in main.shell_complete(context, "topi")}
         assert found == {"topic": "List, show, print, measure and publish topics."}
+
+
+def test_names_are_completed_from_the_recording_that_the_line_names(
+    env: dict[str, str], tmp_path: Path
+) -> None:
+    """Frames, topics, nodes and parameters; no bus is looked at."""
+    path = recordings.write(
+        tmp_path / "run.mcap",
+        recordings.node("/sim", parameters=[{"name": "speed", "value": 1.5, "type": "double"}]),
+        recordings.steadily(recordings.publisher("sim"), 0.0, 1.0, ("world", "base_link")),
+        TopicItem(recordings.at(0.5), "battery", "Battery", {"percent": 80.0}),
+    )
+    for line, wanted in (
+        (f"tfbus echo --bag {path} wor", ["world"]),
+        (f"tfbus why --bag {path} world ", ["base_link", "world"]),
+        (f"tfbus topic echo --bag {path} b", ["battery"]),
+        (f"tfbus node info --bag {path} ", ["/sim", "sim"]),
+        (f"tfbus param get --bag {path} sim ", ["speed"]),
+        (f"tfbus bag export {path} world b", ["base_link"]),
+    ):
+        assert set(candidates(env, line)) <= set(wanted) and candidates(env, line), line

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.recordings import at, described, publisher, statics, steadily, write
+from tests.recordings import at, described, gone, publisher, statics, steadily, write
 from tfbus import NodeSettings, Recording
 from tfbus.command.moment import parse_moment
 from tfbus.command.recordings import BagChoice
@@ -111,3 +111,19 @@ def test_the_poses_are_those_of_the_recording(bag: BagChoice) -> None:
     assert track.stamps_ns.tolist() == path.stamps_ns.tolist()
     assert track.poses.xyz.tolist() == path.xyz.tolist()
     assert track.poses.quat_xyzw.tolist() == path.quat_xyzw.tolist()
+
+
+def test_a_restart_takes_none_of_the_poses_before_it(tmp_path: Path) -> None:
+    """Nor is anything interpolated between the two epochs."""
+    again = publisher("sim", 4.95)
+    path = write(
+        tmp_path / "restarted.mcap",
+        described(SIM, 0.0, ("world", "base", False)),
+        steadily(SIM, 0.0, 4.85, ("world", "base")),
+        gone(SIM, 4.9),
+        described(again, 5.0, ("world", "base", False)),
+        steadily(again, 5.05, 8.0, ("world", "base")),
+    )
+    seconds = sorted(poses(BagChoice((path,)), "base"))
+    before, behind = ([each for each in seconds if (each > 4.9) is late] for late in (False, True))
+    assert (len(before), len(behind)) == (48, 30)

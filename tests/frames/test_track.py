@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Buffer, DecodeError, Transform, TransformStamped
+from tfbus.frames import plot
 from tfbus.frames.echo_formats import CSV_HEADER, Numbers, csv_line, json_line
 from tfbus.frames.track import Track, track_from_buffer, track_from_file
+from tfbus.geometry.transform_array import TransformArray
 
 NS = 1_000_000_000
 START_NS = 1_670_400_300 * NS
@@ -89,3 +91,14 @@ def test_another_file_is_refused(text: str, reason: str, tmp_path: Path) -> None
     file.write_text(text)
     with pytest.raises(DecodeError, match=reason):
         track_from_file(file)
+
+
+def test_a_gap_is_between_poses_that_are_far_apart() -> None:
+    """Five periods and a quarter of a second: a line is not drawn across it."""
+    seconds = [0.0, 0.1, 0.2, 3.2, 3.3, 3.4]
+    stamps = np.array([round(each * NS) for each in seconds])
+    poses = TransformArray(np.zeros((6, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (6, 1)))
+    track = Track("world", "drone", stamps, poses)
+    assert track.gaps().tolist() == [False, False, True, False, False]
+    seconds_drawn = plot.broken(track, track.seconds)
+    assert len(seconds_drawn) == 7 and np.isnan(seconds_drawn[3])

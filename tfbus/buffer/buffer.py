@@ -237,6 +237,17 @@ class Buffer:
                 self._store.tree.clear_after(after_ns)
         self._store.waiters.wake_all()
 
+    def interrupt(self, reason: str) -> None:
+        """Note that from now on, until the next sample of each frame, nothing is known, as while a
+        recorder is paused: a lookup between the two samples of an edge raises
+        ExtrapolationException with this reason. Static frames are not concerned.
+        """
+        reason = _text(reason, "reason")
+        if self._store.lock.later(self.interrupt, reason):
+            return
+        with self._store.lock:
+            self._store.tree.interrupt(reason)
+
     def remove(self, frame: str) -> None:
         """Forget a frame's place in its parent, static or not, and its history.
 

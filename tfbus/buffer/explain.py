@@ -223,6 +223,8 @@ def _no_data(
     elif history.count() > 1:
         beyond -= round(sampling.extrapolation_s * 1e9)
     if beyond <= 0:
+        if reason := history.interruption(stamp_ns):
+            return _error(ExtrapolationException, history, stamp_ns, reason)
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
     confused = _confused_units(stamp_ns, newest) or other_clock(stamp_ns, newest)
     if history.count() == 1:

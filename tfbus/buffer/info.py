@@ -32,7 +32,8 @@ class FrameInfo:
 
     `parent` is None for a root, which has no edge: then the rest but `children` is empty.
     `samples` is how many are held; `static` whether the edge holds at all times.
-    `rate_hz` is how often samples come, None for static frames and below two samples.
+    `rate_hz` is how often samples come, None for static frames and below two samples; times in
+    which they were interrupted do not count.
     `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
     epoch, None without one. `authority` is the publisher of the last sample. `conflicts` counts
     samples that repeated a stamp with a different value, `refused` those too old to be stored,

@@ -106,6 +106,7 @@ def _row(name: str, held: Held) -> dict[str, Any]:
         else None,
         "samples": len(held.stamps_ns),
         "mixed_until_ns": None if held.parents is None else held.mixed_until_ns,
+        "interruptions": list(held.interruptions.items()),
     }
 
 
@@ -263,9 +264,13 @@ def _held(
         if until is None
         else [None if at == _REMOVED else names[at] for at in parents.tolist()],
         mixed_until_ns=NO_DATA if until is None else _whole(until, NO_DATA, LONGEST_NS),
-        # Files of earlier releases do not have these two.
+        # Files of earlier releases do not have these.
         ended=row.get("ended") is True,
         crowded_out=_whole(row.get("crowded_out", 0), 0, LONGEST_NS),
+        interruptions={
+            _whole(stamp_ns, -LONGEST_NS, LONGEST_NS): _text(reason)
+            for stamp_ns, reason in row.get("interruptions", ())
+        },
     )
 
 

@@ -70,6 +70,8 @@ cdef class Tree:
     @cython.locals(history=History)
     cpdef clear(self)
     @cython.locals(history=History)
+    cpdef interrupt(self, str reason)
+    @cython.locals(history=History)
     cpdef clear_after(self, long long stamp_ns)
     @cython.locals(history=History)
     cpdef dict sent_by(self, str authority)

@@ -469,6 +469,11 @@ class Tree:
         for history in self.frames.values():
             history.forget_samples()
 
+    def interrupt(self, reason: str) -> None:
+        """As `Buffer.interrupt`."""
+        for history in self.frames.values():
+            history.interrupt(reason)
+
     def clear_after(self, stamp_ns: int) -> None:
         """Forget the samples later than a time."""
         for history in self.frames.values():
@@ -553,8 +558,11 @@ def describe(history: History, children: list[str]) -> FrameInfo:
     span = history.stamp_span()
     count = history.count()
     rate_hz = None
-    if span is not None and not history.static and span[1] > span[0]:
-        rate_hz = (count - 1) * 1e9 / (span[1] - span[0])
+    if span is not None and not history.static:
+        interruptions, interrupted_ns = history.interrupted()
+        periods, known_ns = count - 1 - interruptions, span[1] - span[0] - interrupted_ns
+        if known_ns > 0:
+            rate_hz = periods * 1e9 / known_ns
     return FrameInfo(
         name=history.name,
         parent=None if history.parent is None else history.parent.name,

@@ -85,7 +85,7 @@ def _check_recording(
     names: tuple[str, ...],
     as_json: bool,
 ) -> dict[str, Finding]:
-    from tfbus.cli.recorded import span_line
+    from tfbus.cli.recorded import span_lines
     from tfbus.doctor.recorded import examine_recorded
     from tfbus.frames.recorded_poses import frames_of
 
@@ -95,7 +95,7 @@ def _check_recording(
         is_complete = recording.reader.is_complete
         seen = examine_recorded(frames, settings, from_ns, to_ns, is_complete=is_complete)
         if not as_json:
-            print_lines([span_line(bag, from_ns, to_ns)])
+            print_lines(span_lines(bag, frames, from_ns, to_ns))
     return {
         name: check(seen) for name, check in RECORDED_CHECKS.items() if not names or name in names
     }

@@ -114,7 +114,7 @@ def _show_recorded(
     as_json: bool,
     check: bool,
 ) -> None:
-    from tfbus.cli.recorded import frames_at, moment_line
+    from tfbus.cli.recorded import frames_at, moment_lines
 
     with frames_at(bag, settings, fleet) as heard:
         tree = heard.tree()
@@ -125,7 +125,7 @@ def _show_recorded(
                 f"{f': {hint}' if hint else ''}"
             )
         if not as_json and not outputs:
-            print_lines([moment_line(bag, heard)])
+            print_lines(moment_lines(bag, heard))
         _show(tree, outputs, long=long, as_json=as_json)
     if check and tree.problems():
         raise SystemExit(1)

@@ -95,7 +95,7 @@ def _measure_recorded(
     source: str | None,
     as_json: bool,
 ) -> None:
-    from tfbus.cli.recorded import span_line
+    from tfbus.cli.recorded import span_lines
     from tfbus.frames.recorded_poses import frames_of
     from tfbus.monitor.recorded import MOST_LOOKS, measured
     from tfbus.monitor.recorded import as_map as span_as_map
@@ -111,7 +111,8 @@ def _measure_recorded(
         if as_json:
             print_json(span_as_map(report))
         else:
-            print_lines([span_line(bag, from_ns, to_ns), *span_as_lines(report, heard.start_ns)])
+            print_lines(span_lines(bag, heard, from_ns, to_ns))
+            print_lines(span_as_lines(report, heard.start_ns))
 
 
 def _check(heard: Heard, report: Report, once: bool) -> None:

@@ -1,4 +1,4 @@
-"""`tfbus node`: the nodes on the bus, and what one of them does."""
+"""`tfbus node`: the nodes on the bus or in a recording, and what one of them does."""
 
 import time
 from collections import Counter
@@ -8,8 +8,10 @@ import click
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import open_bus
 from tfbus.cli.output import as_text, json_option, paint, print_json, print_lines, warn
+from tfbus.cli.recorded_nodes import node_at, nodes_at
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName
 from tfbus.discover.presence import describe_all, describe_nodes, list_nodes
 from tfbus.wire.codec import as_map
@@ -28,15 +30,22 @@ def command() -> None:
 @click.option("-a", "--all", "everyone", is_flag=True, help="Include names that start with _.")
 @click.option("-c", "--count", "only_count", is_flag=True, help="Print only the count.")
 @json_option("Print a JSON list.")
+@bag_options("at")
 @bus_options("node")
-def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_json: bool) -> None:
+def list_command(
+    settings: NodeSettings, bag: BagChoice | None, everyone: bool, only_count: bool, as_json: bool
+) -> None:
     """Print the full names of all nodes, one per line."""
-    with open_bus(settings) as session:
-        names = [name for name in list_nodes(session) if everyone or not _is_hidden(name)]
-        described = {(node.session, node.name) for node in describe_all(session, warn)}
-    for name, count in Counter(name for _, name in described).items():
-        if count > 1:
-            warn(f"{count} nodes have the name {name}")
+    if bag is not None:
+        present = list(nodes_at(bag)[0])
+    else:
+        with open_bus(settings) as session:
+            present = list_nodes(session)
+            described = {(node.session, node.name) for node in describe_all(session, warn)}
+        for name, count in Counter(name for _, name in described).items():
+            if count > 1:
+                warn(f"{count} nodes have the name {name}")
+    names = [name for name in present if everyone or not _is_hidden(name)]
     if only_count:
         click.echo(len(names))
     elif as_json:
@@ -48,18 +57,24 @@ def list_command(settings: NodeSettings, everyone: bool, only_count: bool, as_js
 @command.command("info", epilog="Example: tfbus node info /sim")
 @click.argument("name", type=NodeName())
 @json_option("Print JSON, one object per line.")
+@bag_options("at")
 @bus_options("node")
-def info_command(settings: NodeSettings, name: str, as_json: bool) -> None:
+def info_command(settings: NodeSettings, bag: BagChoice | None, name: str, as_json: bool) -> None:
     """Print the topics, services, parameters, host and pid of the node NAME."""
-    with open_bus(settings) as session:
-        nodes = describe_nodes(session, name)
+    now_ns = time.time_ns()
+    if bag is not None:
+        found, now_ns = node_at(bag, settings, name)
+        nodes = [found]
+    else:
+        with open_bus(settings) as session:
+            nodes = describe_nodes(session, name)
     if len(nodes) > 1:
         warn(f"{len(nodes)} nodes have the name {nodes[0].name}")
     for node in nodes:
         if as_json:
             print_json(as_map(node))
         else:
-            print_lines(_lines(node))
+            print_lines(_lines(node, now_ns))
 
 
 def _is_hidden(name: str) -> bool:
@@ -67,8 +82,8 @@ def _is_hidden(name: str) -> bool:
     return name.rpartition("/")[2].startswith("_")
 
 
-def _lines(node: NodeDescription) -> list[str]:
-    uptime_s = (time.time_ns() - node.started_ns) / 1e9
+def _lines(node: NodeDescription, now_ns: int) -> list[str]:
+    uptime_s = (now_ns - node.started_ns) / 1e9
     lines = [
         paint(node.name, "name"),
         f"  Host: {node.host}",

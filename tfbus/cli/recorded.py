@@ -10,7 +10,7 @@ from tfbus.command.recordings import BagChoice, wall
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.frames.recorded_poses import frames_of
 from tfbus.wire.fleet import Fleet
-from tfbus.wording import duration, printable
+from tfbus.wording import counted, duration, printable
 
 
 @contextmanager
@@ -25,17 +25,26 @@ def frames_at(
         yield frames
 
 
-def moment_line(choice: BagChoice, frames: RecordedFrames) -> str:
-    """A line that says which moment of which recording is shown."""
+def moment_lines(choice: BagChoice, frames: RecordedFrames) -> list[str]:
+    """Lines that say which moment of which recording is shown, and whether it is in a pause."""
     into = duration((frames.at_ns - frames.start_ns) / 1e9)
-    paused = ", while the recorder was paused" if frames.is_paused else ""
-    return paint(f"{wall(frames.at_ns)}, {into} into {named(choice.paths)}{paused}", "faint")
+    lines = [paint(f"{wall(frames.at_ns)}, {into} into {named(choice.paths)}", "faint")]
+    if frames.pause is not None:
+        lines.append(paint(f"As of before the pause: {frames.said(frames.pause)}", "warning"))
+    return lines
 
 
-def span_line(choice: BagChoice, from_ns: int, to_ns: int) -> str:
-    """A line that says which span of which recording is shown."""
+def span_lines(
+    choice: BagChoice, frames: RecordedFrames, from_ns: int, to_ns: int
+) -> Iterator[str]:
+    """Lines that say which span of which recording is shown, and the longest pause in it."""
     length = duration((to_ns - from_ns) / 1e9)
-    return paint(f"{wall(from_ns)} to {wall(to_ns)}, {length} of {named(choice.paths)}", "faint")
+    yield paint(f"{wall(from_ns)} to {wall(to_ns)}, {length} of {named(choice.paths)}", "faint")
+    pauses = [each for each in frames.pauses if each.from_ns < to_ns and each.to_ns > from_ns]
+    if pauses:
+        longest = max(pauses, key=lambda each: each.to_ns - each.from_ns)
+        more = f", and {counted(len(pauses) - 1, 'more time')}" if len(pauses) > 1 else ""
+        yield paint(f"Not counted: {frames.said(longest)}{more}", "faint")
 
 
 def named(paths: tuple[Path, ...]) -> str:

@@ -1,9 +1,8 @@
 """`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
 
 import textwrap
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -18,13 +17,7 @@ from tfbus.frames.why import Explanation, Step, explain
 from tfbus.wire.fleet import Fleet
 from tfbus.wording import duration, stamp_text
 
-if TYPE_CHECKING:
-    from tfbus.frames.recorded import RecordedFrames
-
 _ROLES = {"ok": "good", "warn": "warning", "fail": "bad"}
-
-# What a remedy says to look at on a bus.
-_LOOK_NOW = "tfbus topic hz"
 
 # The most history that it asks for.
 _LONGEST_BACK_S = 3600.0
@@ -89,34 +82,14 @@ def _explain_recorded(
     bag: BagChoice,
     as_json: bool,
 ) -> None:
-    from tfbus.cli.recorded import frames_at, moment_line
+    from tfbus.cli.recorded import frames_at, moment_lines
+    from tfbus.frames.recorded_why import explain_recorded
 
     with frames_at(bag, settings, fleet) as heard:
-        explanation = explain(heard.tree(), heard.buffer, target, source)
-        explanation = replace(explanation, remedies=_remedies_then(heard, explanation))
-        hints = filter(
-            None,
-            (heard.hint(each) for each in (target, source) if each not in heard.buffer.frames()),
-        )
-        explanation = replace(explanation, remedies=(*dict.fromkeys(hints), *explanation.remedies))
+        explanation = explain_recorded(heard, target, source, bag.written)
         if not as_json:
-            print_lines([moment_line(bag, heard)])
+            print_lines(moment_lines(bag, heard))
         _print(explanation, heard.now_ns(), as_json)
-
-
-def _remedies_then(heard: "RecordedFrames", it: Explanation) -> tuple[str, ...]:
-    """The remedies, of which some are of the present, and when silent frames come again."""
-    lines = [remedy for remedy in it.remedies if _LOOK_NOW not in remedy]
-    for step in it.steps:
-        if _LOOK_NOW in step.remedy:
-            again_ns = heard.next_sample_ns(step.child)
-            when = (
-                "does not come again"
-                if again_ns is None
-                else f"comes again at +{(again_ns - heard.start_ns) / 1e9:.3f}s"
-            )
-            lines.insert(0, f"{step.child!r} {when}: see what its publisher did in that time")
-    return tuple(lines)
 
 
 def _print(explanation: Explanation, now_ns: int, as_json: bool) -> None:

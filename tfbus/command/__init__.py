@@ -4,14 +4,12 @@
 first used.
 """
 
-from importlib import import_module
+from tfbus.runtime.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from tfbus.command.declared import Declared as Declared
     from tfbus.command.declared import NodeCommand as NodeCommand
     from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
@@ -55,14 +53,7 @@ _MODULE_OF = {
 }
 
 __all__ = sorted(_MODULE_OF)
-
-
-def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'tfbus.command' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = exported(__name__, _MODULE_OF)
 
 
 def __dir__() -> list[str]:

@@ -1,6 +1,7 @@
 """Recordings on a command line: `--bag FILE`, and moments and spans of it."""
 
 import functools
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -42,6 +43,11 @@ class BagChoice:
     at: Moment | None = None
     begin: Moment | None = None
     end: Moment | None = None
+
+    @property
+    def written(self) -> list[str]:
+        """The files as on a command line."""
+        return [printable(shlex.quote(str(path))) for path in self.paths]
 
     @contextmanager
     def opened(self) -> "Iterator[OpenBag]":

@@ -1,6 +1,7 @@
 """Types for click's arguments and options: names on the bus, numbers, times, files to write.
 
-`@click.argument("target", type=FrameName())`. Names are completed from the bus.
+`@click.argument("target", type=FrameName())`. Names are completed from the bus or, with `--bag`,
+from the recording.
 """
 
 import math
@@ -284,14 +285,27 @@ def own_name(kind: str) -> str:
 
 
 def names_at(ctx: click.Context) -> "LiveNames":
-    """The names on the bus that the options typed so far select."""
+    """The names on the bus, or in the recording, that the options typed so far select."""
     from tfbus.command.live_names import LiveNames, live_names  # Zenoh, which only completion needs
 
+    if paths := _recording_in(ctx):
+        from tfbus.command.recorded_names import names_in
+
+        namespace = ctx.params.get("namespace") or os.environ.get("TFBUS_NAMESPACE") or ""
+        return names_in(paths, namespace.strip("/"))
     given: dict[str, Any] = {name: ctx.params[name] for name in _PLACE if ctx.params.get(name)}
     try:
         return live_names(NodeSettings(name="completion", **given))
     except TfbusError:
         return LiveNames()
+
+
+def _recording_in(ctx: click.Context) -> list[Path]:
+    """The files of the recording that the options and arguments typed so far name."""
+    given = ctx.params.get("bags") or ctx.params.get("recording") or ()
+    return (
+        [given] if isinstance(given, Path) else [each for each in given if isinstance(each, Path)]
+    )
 
 
 def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -20,7 +20,8 @@ class Held:
     `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` are those of the
     samples, None in it for one that was removed; it is None where all have the `parent` of the
     frame. They may differ up to `mixed_until_ns`. A static frame may hold samples from before it
-    became static.
+    became static. `interruptions` say, by the stamp of a sample, why nothing is known from it to
+    the next.
     """
 
     parent: str | None
@@ -37,3 +38,4 @@ class Held:
     mixed_until_ns: int
     ended: bool
     crowded_out: int
+    interruptions: dict[int, str] = field(default_factory=dict)

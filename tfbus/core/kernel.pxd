@@ -112,6 +112,7 @@ cdef class History:
     cdef long long[::1] stamps
     cdef double[::1] poses
     cdef readonly list parents
+    cdef readonly dict interruptions
     cdef double ratio
     cdef long long beyond, mixed_until
     cdef public str authority
@@ -135,6 +136,12 @@ cdef class History:
     @cython.locals(above=History)
     cdef History _parent_of(self, Py_ssize_t at)
     cdef bint _is_change(self) noexcept
+    cdef bint _is_interrupted(self) noexcept
+    cpdef str interruption(self, long long stamp_ns)
+    cpdef interrupt(self, str reason)
+    cdef _set_interruptions(self, dict interruptions)
+    @cython.locals(known=dict, oldest=cython.longlong)
+    cdef _forget_interruptions(self)
 
     cdef bint append(self, long long stamp_ns, pose_t pose, long long cache_ns) noexcept
     cdef int set_static(self, long long stamp_ns, pose_t pose, History parent) except -1

@@ -272,7 +272,8 @@ class Samples:
     without one.
 
     A static edge has `static_pose` at all times, and `newest` is ALL_STATIC; its samples from
-    before it became static are kept. `mixed` is whether the samples have several parents.
+    before it became static are kept. `mixed` is whether the samples have several parents, or are
+    interrupted.
 
     The cursor is at the time of the last lookup: `here` is the slot of the sample before it and
     `following` that of the one after it, and `before` and `after` are their stamps, between which
@@ -528,6 +529,9 @@ class History:
     counts the frames whose `parent` this is. `removed` is whether the tree no longer has it, though
     it may be the parent of earlier samples.
 
+    `interruptions` has, by the stamp of the last sample before it, why nothing is known of the time
+    until the next sample; None where there is none.
+
     `gone` is whether its publisher is gone, `ended` whether it is a static pose from a former epoch
     of its publisher, which the present one has not repeated so far. `crowded_out` counts samples
     that were dropped because there were too many.
@@ -560,6 +564,7 @@ class History:
         self.ratio = 0.0
         self.beyond = 0
         self.mixed_until = NO_DATA
+        self.interruptions: dict[int, str] | None = None
         self.forget_samples()
 
     # Reading
@@ -570,11 +575,16 @@ class History:
         return bool(self.samples.is_static)
 
     def seek(self, stamp_ns: int) -> bool:
-        """Set the cursor to a time; False where there are no samples on both sides of it."""
+        """Set the cursor to a time; False where there are no samples on both sides of it, or they
+        were interrupted between these.
+        """
         self.ratio = locate(self.samples, stamp_ns)
-        if self.ratio > 0.0 and self._is_change():
-            # Between two parents tf2 stays at the older sample.
-            self.ratio = 0.0
+        if self.ratio > 0.0 and self.samples.mixed:
+            if self._is_interrupted():
+                self.ratio = OUTSIDE
+            elif self._is_change():
+                # Between two parents tf2 stays at the older sample.
+                self.ratio = 0.0
         return self.ratio >= 0.0
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
@@ -615,11 +625,11 @@ class History:
                 return False
             at, beyond = samples.tail - 2, stamp_ns - samples.newest
         else:
-            if stamp_ns + extrapolation_ns < oldest:
+            if stamp_ns >= oldest or stamp_ns + extrapolation_ns < oldest:
                 return False
             at, beyond = samples.head, oldest - stamp_ns
         set_cursor(samples, at)
-        if self._is_change():
+        if self._is_change() or self._is_interrupted():
             return False
         self.beyond = beyond
         elapsed, period = stamp_ns - samples.before, samples.after - samples.before
@@ -673,6 +683,25 @@ class History:
             return False
         return self.parents[self.samples.here] is not self.parents[self.samples.following]
 
+    def _is_interrupted(self) -> bool:
+        """Whether nothing is known of the time between the samples at the cursor."""
+        return self.interruptions is not None and self.samples.before in self.interruptions
+
+    def interruption(self, stamp_ns: int) -> str:
+        """Why nothing is known of a time between two samples; "" where there is no reason."""
+        if self.interruptions is None or locate(self.samples, stamp_ns) <= 0.0:
+            return ""
+        return self.interruptions.get(self.samples.before, "")
+
+    def interrupted(self) -> tuple[int, int]:
+        """How many interruptions there are between two samples, and how long they are, in ns."""
+        count = length_ns = 0
+        for stamp_ns in self.interruptions or ():
+            if locate(self.samples, stamp_ns + 1) > 0.0 and self.samples.before == stamp_ns:
+                count += 1
+                length_ns += self.samples.after - stamp_ns
+        return count, length_ns
+
     def held(self) -> Held:
         """All that it holds, as copies."""
         count = self.samples.tail - self.samples.head
@@ -694,6 +723,7 @@ class History:
             mixed_until_ns=self.mixed_until,
             ended=self.ended,
             crowded_out=self.crowded_out,
+            interruptions=dict(self.interruptions or {}),
         )
 
     # Writing
@@ -720,6 +750,7 @@ class History:
                 [None if parent is None else frames[parent] for parent in held.parents]
             )
             self.mixed_until = held.mixed_until_ns
+        self._set_interruptions(held.interruptions)
         self._set_newest()
 
     def set_static(self, stamp_ns: int, pose: Pose, parent: "History") -> int:
@@ -734,6 +765,23 @@ class History:
         self.ended = False
         self._change_parent(parent)
         return outcome
+
+    def interrupt(self, reason: str) -> None:
+        """Leave the time from the newest sample to the next one without an answer."""
+        newest = self._newest_sample()
+        if newest != NO_DATA:
+            self._set_interruptions({**(self.interruptions or {}), newest: reason})
+
+    def _set_interruptions(self, interruptions: dict[int, str]) -> None:
+        self.interruptions = interruptions or None
+        self.samples.mixed = self.parents is not None or self.interruptions is not None
+
+    def _forget_interruptions(self) -> None:
+        """Remove those before the oldest sample."""
+        known = self.interruptions
+        if known is not None and next(iter(known)) < self._stamp(self.samples.head):
+            oldest = self._stamp(self.samples.head)
+            self._set_interruptions({at: why for at, why in known.items() if at >= oldest})
 
     def append(self, stamp_ns: int, pose: Pose, cache_ns: int) -> bool:
         """Store a sample of the same parent that is newer than all others; False, and nothing
@@ -771,6 +819,8 @@ class History:
             else:
                 self._set_parents(None)
         push(samples, stamp_ns, pose, cache_ns)
+        if self.interruptions is not None:
+            self._forget_interruptions()
         return CROWDED if is_crowded else KEPT
 
     def is_too_old(self, stamp_ns: int, cache_ns: int) -> bool:
@@ -821,6 +871,7 @@ class History:
         samples.before = NO_DATA
         samples.pace = 0.0
         invalidate(samples)
+        self.interruptions = None
         self._set_parents(None)
         self._set_columns(_NO_STAMPS, _NO_POSES, 0)
         self._set_newest()
@@ -922,7 +973,7 @@ class History:
 
     def _set_parents(self, parents: "list[History | None] | None") -> None:
         self.parents = parents
-        self.samples.mixed = parents is not None
+        self.samples.mixed = parents is not None or self.interruptions is not None
         if parents is None:
             self.mixed_until = NO_DATA
 
@@ -1053,7 +1104,9 @@ class Path:
         return [*up, top.name if top is not None else "", *down]
 
     def is_mixed(self) -> bool:
-        """Whether an edge has had several parents, so that the path depends on the time."""
+        """Whether an edge has had several parents, so that the path depends on the time, or was
+        interrupted.
+        """
         mixed = False
         for i in range(self.count):
             mixed |= self.steps[i].mixed
@@ -1075,7 +1128,8 @@ class Path:
 
     def follow(self, stamp_ns: int, screw: bool) -> bool:
         """Set `pose` to that of the source in the target at a time; False where an edge has no data
-        then, or where the path may have been another one, as an edge has had several parents.
+        then, or where the path may have been another one, as an edge has had several parents, or
+        none, as one was interrupted.
         """
         pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
         for i in range(self.count):

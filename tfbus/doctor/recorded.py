@@ -59,13 +59,12 @@ def examine_recorded(
     frames: RecordedFrames, settings: NodeSettings, from_ns: int, to_ns: int, *, is_complete: bool
 ) -> RecordedExamination:
     """Look at a span of a recording."""
-    meter, passing = SpanMeter(from_ns, to_ns), _Passing()
-    lost = paused = 0
+    meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
+    lost = 0
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
     ticks = Ticks(frames, from_ns, every_ns, lambda log_ns: passing.look_again(frames, log_ns))
     for event in measure(frames, meter, ticks.before):
         lost += event.dropped
-        paused += event.kind == "paused"
         if event.kind in ("stream", "stream gone"):
             passing.look(frames, event.log_ns)
     passing.look(frames, to_ns)
@@ -88,7 +87,7 @@ def examine_recorded(
         },
         samples=samples,
         lost=lost,
-        paused=paused,
+        paused=len(meter.pauses),
     )
 
 

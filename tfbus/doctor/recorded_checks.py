@@ -7,6 +7,7 @@ from tfbus.doctor import flow_checks, reader_checks, tree_checks
 from tfbus.doctor.finding import Finding, Verdict, first_of, found, ok, skipped
 from tfbus.doctor.recorded import RecordedExamination
 from tfbus.doctor.sim_time_checks import of_our_time
+from tfbus.frames.gaps import gaps_in
 from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.frames.state import is_another_time
 from tfbus.monitor.flow import EdgeFlow
@@ -104,7 +105,7 @@ def _changed_rates(seen: RecordedExamination, child: str, samples: EdgeSamples) 
     rates = [
         (int(part[0]), (len(part) - 1) * 1e9 / float(part[-1] - part[0]))
         for part in parts
-        if len(part) >= _FEW and part[-1] > part[0] and not _has_gap(part)
+        if len(part) >= _FEW and part[-1] > part[0] and not gaps_in(np.diff(part)).any()
     ]
     if not rates:
         return
@@ -113,11 +114,6 @@ def _changed_rates(seen: RecordedExamination, child: str, samples: EdgeSamples) 
     if odd:
         at_ns, hz = odd[0]
         yield f"{child!r} comes at {usual:.1f} Hz, but from {seen.time(at_ns)} on at {hz:.1f} Hz"
-
-
-def _has_gap(log_ns: "np.ndarray") -> bool:
-    between = np.diff(log_ns)
-    return bool(between.max() > 5.0 * np.median(between) and between.max() > 0.25e9)
 
 
 def check_gaps(seen: RecordedExamination) -> Finding:

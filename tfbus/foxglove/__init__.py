@@ -3,14 +3,12 @@
 Listed here is what the node `tfbus foxglove` uses.
 """
 
-from importlib import import_module
+from tfbus.runtime.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from tfbus.foxglove.live import LiveBridge as LiveBridge
     from tfbus.foxglove.playback import PlaybackBridge as PlaybackBridge
     from tfbus.foxglove.serving import Serving as Serving
@@ -22,14 +20,7 @@ _MODULE_OF = {
 }
 
 __all__ = sorted(_MODULE_OF)
-
-
-def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'tfbus.foxglove' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = exported(__name__, _MODULE_OF)
 
 
 def __dir__() -> list[str]:

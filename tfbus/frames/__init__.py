@@ -3,14 +3,12 @@
 Listed here is what nodes use: how `tfbus echo` writes a transform.
 """
 
-from importlib import import_module
+from tfbus.runtime.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from tfbus.frames.echo_formats import CSV_HEADER as CSV_HEADER
     from tfbus.frames.echo_formats import Numbers as Numbers
     from tfbus.frames.echo_formats import csv_line as csv_line
@@ -34,14 +32,7 @@ _MODULE_OF = {
 }
 
 __all__ = sorted(_MODULE_OF)
-
-
-def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'tfbus.frames' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = exported(__name__, _MODULE_OF)
 
 
 def __dir__() -> list[str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tfbus.errors import TfbusError
 from tfbus.frames.picture import drawing
@@ -75,28 +76,33 @@ def _draw_into(figure: Any, track: Track, panels: tuple[Panel, ...]) -> None:
 
 
 def _draw_position(axes: Any, track: Track) -> None:
-    for values, name, colour in zip(track.poses.xyz.T, "xyz", _COLOURS, strict=True):
-        axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+    seconds = broken(track, track.seconds)
+    for values, name, colour in zip(broken(track, track.poses.xyz).T, "xyz", _COLOURS, strict=True):
+        axes.plot(seconds, values, color=colour, label=name, linewidth=1.3)
     _widen(axes, "y", _LEAST_M)
     _label(axes, "position (m)")
 
 
 def _draw_orientation(axes: Any, track: Track) -> None:
-    degrees = np.degrees(track.rpy_rad())
+    seconds, degrees = (
+        broken(track, each) for each in (track.seconds, np.degrees(track.rpy_rad()))
+    )
     names = ("roll", "pitch", "yaw")
     for values, name, colour in zip(degrees.T, names, _COLOURS, strict=True):
-        axes.plot(track.seconds, values, color=colour, label=name, linewidth=1.3)
+        axes.plot(seconds, values, color=colour, label=name, linewidth=1.3)
     _widen(axes, "y", _LEAST_DEGREES)
     _label(axes, "orientation (degrees)")
 
 
 def _draw_speed(axes: Any, track: Track) -> None:
     between = (track.seconds[1:] + track.seconds[:-1]) / 2
-    axes.plot(between, track.linear_speed(), color="#111827", label="linear", linewidth=1.3)
-    angular = axes.twinx()
-    angular.plot(
-        between, track.angular_speed(), color="#d97706", label="angular", linewidth=1.0, alpha=0.9
+    is_gap = track.gaps()
+    linear, turning = (
+        np.where(is_gap, np.nan, each) for each in (track.linear_speed(), track.angular_speed())
     )
+    axes.plot(between, linear, color="#111827", label="linear", linewidth=1.3)
+    angular = axes.twinx()
+    angular.plot(between, turning, color="#d97706", label="angular", linewidth=1.0, alpha=0.9)
     angular.set_ylabel("angular speed (rad/s)", color="#d97706", fontsize=9)
     angular.tick_params(labelsize=8)
     for each, least in ((axes, _LEAST_M_PER_S), (angular, _LEAST_RAD_PER_S)):
@@ -109,7 +115,7 @@ def _draw_speed(axes: Any, track: Track) -> None:
 
 def _draw_path(axes: Any, track: Track) -> None:
     x, y = track.poses.xyz[:, 0], track.poses.xyz[:, 1]
-    axes.plot(x, y, color="#2563eb", linewidth=1.4)
+    axes.plot(*broken(track, track.poses.xyz[:, :2]).T, color="#2563eb", linewidth=1.4)
     axes.plot(x[0], y[0], "o", color="#16a34a", markersize=6, label="first")
     axes.plot(x[-1], y[-1], "s", color="#dc2626", markersize=6, label="last")
     axes.set_aspect("equal", adjustable="datalim")
@@ -122,6 +128,11 @@ def _draw_path(axes: Any, track: Track) -> None:
     axes.set_title("path from above", fontsize=9, color=_GREY)
     axes.tick_params(labelsize=8)
     axes.legend(fontsize=8, loc="best")
+
+
+def broken(track: Track, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values with one in each gap that is not drawn: nothing is known of the time between."""
+    return np.insert(values, np.flatnonzero(track.gaps()) + 1, np.nan, axis=0)
 
 
 def _widen(axes: Any, side: Literal["x", "y"], least: float) -> None:

@@ -23,6 +23,7 @@ from tfbus.listen.reception import DynamicReception, StreamReception
 from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.pauses import Pause
 from tfbus.recording.selection import Selection
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
@@ -57,10 +58,13 @@ class RecordedFrames:
         sim_time: bool | None = None,
     ) -> None:
         self.dropped = 0
+        # Called before a new epoch of a stream voids its samples.
+        self.before_restart: Callable[[], object] = lambda: None
         # How often a simulated clock was set back, and to when at last.
         self.jumps = self.jumped_to_ns = 0
         self._source = source
         self._events = source.events
+        self.pauses = source.pauses
         self._view = Viewpoint(namespace or _only_namespace(source, fleet), fleet)
         self._cache_time_s = cache_time_s
         self._described = {each.name for each in self._events if each.kind == "stream"}
@@ -82,8 +86,9 @@ class RecordedFrames:
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _Stream] = {}
         self._full_names: dict[str, _Stream] = {}
-        # Whether the recorder was: what does not come may have been sent.
-        self.is_paused = False
+        # The recorder was: what does not come may have been sent.
+        self._pause: Pause | None = None
+        self._epochs: dict[str, int] = {}
         self._nodes: dict[str, NodeDescription] = {}
 
     # Moments
@@ -147,11 +152,15 @@ class RecordedFrames:
         """The last messages of frames that are listed, or were, and of which there is none."""
         found: list[Item] = []
         for name, stream in self._streams.items():
-            missing = stream.listed.difference(self.buffer.frames())
+            missing = stream.listed - self._placed()
             if missing:
                 end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
                 found += self._last_messages(stream.full_name or name, missing, end_ns)
         return found
+
+    def _placed(self) -> set[str]:
+        """The frames that have a place in another one: a parent is known before it has one."""
+        return {frame.name for frame in self.buffer.all_frames() if frame.parent is not None}
 
     def _last_messages(self, name: str, missing: set[str], end_ns: int) -> list[Item]:
         """The last messages of a stream before a time that have these frames, a cache's time of
@@ -207,6 +216,7 @@ class RecordedFrames:
         if name is None or not is_printable(name):
             return None  # no listener takes a stream whose name cannot be shown
         stream = self._streams.get(name) or self._meet(name, item.stream.name)
+        self._note_epoch(name, item.stream.epoch_ns)
         names = self._names(item.stream)
         called = names.all_outside(item.rows.frames)
         rows = item.rows if called is item.rows.frames else item.rows.with_frames(called)
@@ -236,11 +246,24 @@ class RecordedFrames:
             if known is None and event.kind == "stream" and name and is_printable(name):
                 known = self._meet(name, event.name)
             if known is not None:
+                if name and isinstance(epoch_ns := event.facts.get("epoch"), int):
+                    self._note_epoch(name, epoch_ns)
                 known.take_event(event, self._view.names(namespace))
-        elif event.kind in ("paused", "resumed"):
-            self.is_paused = event.kind == "paused"
+        elif event.kind == "paused":
+            self._pause = self._pause or self._pause_at(event.log_ns)
+        elif event.kind == "resumed" and self._pause is not None:
+            self.buffer.interrupt(self.said(self._pause))
+            self._pause = None
             for stream in self._streams.values():
                 stream.expect_any_number()
+
+    def _pause_at(self, log_ns: int) -> Pause | None:
+        return next((each for each in self.pauses if each.from_ns == log_ns), None)
+
+    def _note_epoch(self, name: str, epoch_ns: int) -> None:
+        if self._epochs.setdefault(name, epoch_ns) != epoch_ns:
+            self._epochs[name] = epoch_ns
+            self.before_restart()
 
     def _meet(self, name: str, full_name: str) -> "_Stream":
         reception = StreamReception(
@@ -288,6 +311,34 @@ class RecordedFrames:
         return self._source.end_ns
 
     @property
+    def pause(self) -> Pause | None:
+        """The pause of the recorder at the moment, None where it recorded."""
+        return self._pause
+
+    def gone_ns(self, stream: str) -> int | None:
+        """When the publisher of a stream was lost, as a log time; None where it is there."""
+        known = self._streams.get(stream)
+        return None if known is None else known.gone_ns
+
+    def said(self, pause: Pause) -> str:
+        """A clause that says why nothing came, and when."""
+        return pause.said(self._source.start_ns)
+
+    def pause_since(self, frame: str) -> Pause | None:
+        """The last pause that was, or began, after the newest sample of a frame, as the times went
+        on then; None where there is none.
+        """
+        if not self.pauses or frame not in self.buffer.frames():
+            return None
+        newest_ns = self.buffer.frame(frame).newest_ns
+        silent_ns = 0 if newest_ns is None else self.now_ns() - newest_ns
+        since_ns = self._at_ns - silent_ns
+        past = [
+            each for each in self.pauses if each.from_ns <= self._at_ns and since_ns < each.to_ns
+        ]
+        return past[-1] if past else None
+
+    @property
     def is_simulated(self) -> bool:
         """Whether `now_ns` is a simulated time."""
         return self._clock.is_simulated
@@ -309,7 +360,11 @@ class RecordedFrames:
         simulated: SimulatedTime = NOT_SIMULATED
         if not self._clock.is_simulated:
             simulated = simulated_time(self._nodes.values())
-        return frame_tree(self.buffer, self.streams(), self.now_ns(), simulated)
+        now_ns = self.now_ns()
+        if self._pause is not None and not self._clock.is_simulated:
+            # Frames are as old as they were when the recorder was paused: they may have been sent.
+            now_ns = self._pause.from_ns
+        return frame_tree(self.buffer, self.streams(), now_ns, simulated)
 
     def next_sample_ns(self, frame: str) -> int | None:
         """When the next sample of a dynamic frame comes, from the publisher of its last, as a log

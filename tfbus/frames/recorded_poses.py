@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from tfbus.buffer.explain import after_waiting
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.errors import (
+    ExtrapolationException,
     FutureExtrapolationException,
     LookupException,
+    PastExtrapolationException,
     TfbusError,
     TransformException,
 )
@@ -33,6 +37,10 @@ S = 1_000_000_000
 # behind the others, and the pauses that are interpolated, are at most as long as the cache.
 _PART_NS = 2 * S
 _CACHE_S = 60.0
+
+# What a lookup advises at the end of its error.
+_ADVICE = re.compile(r"; query (a later time|the latest).*$")
+_MOMENTS = {"a later time": "; give a later --at", "the latest": "; give an earlier --at, or none"}
 
 # A lookup at a stamp needs a later sample of each frame on the path, which comes within this.
 _LATER_S = (1, 5, 55)
@@ -86,16 +94,27 @@ def _stamp_at(frames: RecordedFrames, at_ns: int) -> int:
 
 
 def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
+    first: FutureExtrapolationException | None = None
     for later_s in _LATER_S:
         try:
             return frames.buffer.lookup_transform(target, source, stamp_ns)
-        except FutureExtrapolationException:
+        except FutureExtrapolationException as error:
+            first = first or error
+            if frames.pause is not None:
+                raise TfbusError(
+                    f"no pose of {source!r} in {target!r} then: {frames.said(frames.pause)}"
+                ) from error
             frames.advance(min(frames.at_ns + later_s * S, frames.end_ns))
+        except PastExtrapolationException as error:
+            # Its publisher began again meanwhile.
+            raise first or error from None
     return frames.buffer.lookup_transform(target, source, stamp_ns)
 
 
 class _explained:
-    """Says of an unknown frame where in the recording it is to be found."""
+    """Says of an unknown frame where in the recording it is to be found, and advises nothing that
+    a recording does not have.
+    """
 
     def __init__(self, frames: RecordedFrames) -> None:
         self._frames = frames
@@ -106,6 +125,10 @@ class _explained:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
+        if isinstance(error, ExtrapolationException):
+            raise TfbusError(
+                _ADVICE.sub(lambda found: _MOMENTS[found[1]], after_waiting(error))
+            ) from error
 
 
 def recorded_transforms(
@@ -170,12 +193,15 @@ def poses_in(
         poses.skip()
     due_ns = from_ns + _PART_NS
     has_any = False
+    found: list[tuple[Ints, TransformArray]] = []
+    frames.before_restart = lambda: found.extend(poses.new())
     for item in frames.play(to_ns):
         if item.log_ns >= due_ns:
             due_ns = item.log_ns + _PART_NS
-            for part in poses.new():
-                has_any = True
-                yield part
+            found += poses.new()
+        has_any |= bool(found)
+        yield from found
+        found.clear()
     for part in poses.new():
         has_any = True
         yield part
@@ -183,8 +209,15 @@ def poses_in(
         with _explained(frames):
             frames.buffer.lookup_transform(target, source)
         raise TfbusError(
-            f"no pose of {source!r} in {target!r} in that span: nothing came of the frames between"
+            f"no pose of {source!r} in {target!r} in that span: {_why_none(frames, from_ns, to_ns)}"
         )
+
+
+def _why_none(frames: RecordedFrames, from_ns: int, to_ns: int) -> str:
+    pauses = [each for each in frames.pauses if each.from_ns < to_ns and each.to_ns > from_ns]
+    if pauses:
+        return frames.said(pauses[0])
+    return "nothing came of the frames between"
 
 
 class _Poses:

@@ -236,6 +236,8 @@ def who(stream: StreamInfo) -> str:
     """A publisher as people look for it: its node, host and pid."""
     if not stream.node:
         return f"stream {stream.name!r}"
+    if not stream.host:
+        return stream.node  # it did not describe itself, as in a recording of ROS
     return f"{stream.node} on {stream.host}, pid {stream.pid}"
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import DecodeError
+from tfbus.frames.gaps import gaps_in
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.trajectory.csv_columns import POSE_COLUMNS
 
@@ -42,6 +43,10 @@ class Track:
             return np.zeros(0)
         since: Floats = (self.stamps_ns - self.stamps_ns[0]) / 1e9
         return since
+
+    def gaps(self) -> NDArray[np.bool_]:
+        """(N - 1,) whether nothing is known from one pose to the next: these are far apart."""
+        return gaps_in(np.diff(self.stamps_ns))
 
     def rpy_rad(self) -> Floats:
         """(N, 3) roll, pitch and yaw in radians, without jumps by whole turns."""

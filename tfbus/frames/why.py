@@ -7,7 +7,7 @@ from typing import Literal
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.errors import ConnectivityException, LookupException, TransformException
-from tfbus.frames.snapshot import FrameTree, Problem, who
+from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind, who
 from tfbus.frames.state import facts, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
@@ -22,12 +22,43 @@ _CLOCKS_AGREE_S = 0.05
 # A remedy names at most this many namespaces.
 _NAMED = 3
 
-_REMEDIES = {
+_REMEDIES: dict[ProblemKind, str] = {
     "loop": "swap parent and child of one edge of the loop, or stop publishing it",
     "conflict": "let one of them publish the frame, or give each frame its own name",
     "silent": "check that it is sent at all: tfbus topic hz tf",
     "clock": "pass --sim-time to this tool, and to all nodes that look up these frames",
 }
+
+
+class Advice:
+    """What to do on a bus, sentence by sentence; "" where there is nothing to be done."""
+
+    def on_gone(self, frame: FrameInfo, stream: StreamInfo) -> str:
+        """The publisher of a frame is gone."""
+        return f"start the publisher of {frame.name!r} again: {who(stream)}"
+
+    def on_stale(self, frame: FrameInfo, stream: StreamInfo) -> str:
+        """A frame comes no longer."""
+        return f"check that {who(stream)} still sends {frame.name!r}: tfbus topic hz tf"
+
+    def on_no_sample(self, frame: FrameInfo, stream: StreamInfo) -> str:
+        """A frame is listed, and has not come."""
+        return f"wait for {who(stream)} to send {frame.name!r}"
+
+    def on_unknown(self, frame: str) -> str:
+        """There is no frame of that name, nor of one like it."""
+        return f"start the node that publishes {frame!r}"
+
+    def on_apart(self, target_root: str, source_root: str) -> str:
+        """The frames are in two trees with these roots."""
+        return f"publish a transform between {target_root!r} and {source_root!r}"
+
+    def on_problem(self, problem: Problem) -> str:
+        """A problem of the tree."""
+        return _REMEDIES.get(problem.kind, "")
+
+
+ON_THE_BUS = Advice()
 
 
 @dataclass(frozen=True)
@@ -72,18 +103,21 @@ def explain(
     stamp_ns: int | None = None,
     *,
     frames_in_other_namespaces: Collection[tuple[str, str]] = (),
+    advice: Advice = ON_THE_BUS,
 ) -> Explanation:
     """Explain the lookup in this buffer; `tree` is its snapshot.
 
     `frames_in_other_namespaces` are pairs of (namespace, frame) for the frames of other namespaces.
     """
     answer, error = _look_up(buffer, target, source, stamp_ns)
-    steps = tuple(_judge(tree, child, stamp_ns) for child in _children(tree, target, source))
+    children = _children(tree, target, source)
+    steps = tuple(_judge(tree, child, stamp_ns, advice) for child in children)
+    near = {target, source, *children}
     remedies = [
-        *_remedies_of(error, frames_in_other_namespaces),
+        *_remedies_of(error, frames_in_other_namespaces, advice),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
-        *_remedies_of_problems(tree, {target, source, *(step.child for step in steps)}, error),
+        *_remedies_of_problems(tree, near, error, advice),
     ]
     return Explanation(
         target,
@@ -124,10 +158,10 @@ def _chain(tree: FrameTree, frame: str) -> list[str]:
     return chain
 
 
-def _judge(tree: FrameTree, child: str, stamp_ns: int | None) -> Step:
+def _judge(tree: FrameTree, child: str, stamp_ns: int | None, advice: Advice) -> Step:
     frame = tree.frames[child]
     step = Step(frame.parent or "", child, tuple(facts(tree, frame)))
-    for verdict, reason, remedy in _faults(tree, frame, stamp_ns):
+    for verdict, reason, remedy in _faults(tree, frame, stamp_ns, advice):
         return replace(step, verdict=verdict, reason=reason, remedy=remedy)
     if child in tree.conflicts:
         return replace(step, verdict="warn", reason="the answer is from one of its publishers")
@@ -135,33 +169,36 @@ def _judge(tree: FrameTree, child: str, stamp_ns: int | None) -> Step:
 
 
 def _faults(
-    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None
+    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None, advice: Advice
 ) -> Iterator[tuple[Verdict, str, str]]:
     """What is wrong with an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
-    restart = f"start the publisher of {frame.name!r} again: {who(stream)}"
     if not frame.static:
-        yield from _out_of_time(tree, frame, stamp_ns, restart)
+        yield from _out_of_time(tree, frame, stamp_ns, advice)
     if tree.is_of_another_time(frame):
         yield "warn", "its stamps are of a simulated time, and this tool uses the system's", ""
     if frame.gone:
-        yield "warn", "its publisher is gone, and its last pose is no longer updated", restart
+        yield (
+            "warn",
+            "its publisher is gone, and its last pose is no longer updated",
+            advice.on_gone(frame, stream),
+        )
     elif is_stale(tree, frame):
         yield (
             "warn",
             f"no sample for {duration(silent_s(tree, frame))}",
-            f"check that {who(stream)} still sends {frame.name!r}: tfbus topic hz tf",
+            advice.on_stale(frame, stream),
         )
     if stream.clock_offset_s is not None and abs(stream.clock_offset_s) > _CLOCKS_AGREE_S:
         yield "warn", _skew(stream), f"synchronize the clocks of {stream.host} and this host by NTP"
 
 
 def _out_of_time(
-    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None, restart: str
+    tree: FrameTree, frame: FrameInfo, stamp_ns: int | None, advice: Advice
 ) -> Iterator[tuple[Verdict, str, str]]:
     stream = tree.publisher(frame)
     if frame.oldest_ns is None or frame.newest_ns is None:
-        yield "fail", "it has no sample", f"wait for {who(stream)} to send {frame.name!r}"
+        yield "fail", "it has no sample", advice.on_no_sample(frame, stream)
     elif stamp_ns is None:
         return
     elif stamp_ns < frame.oldest_ns:
@@ -176,7 +213,7 @@ def _out_of_time(
         yield (
             "fail",
             f"the time is {beyond} after its newest sample",
-            restart if frame.gone else wait,
+            advice.on_gone(frame, stream) if frame.gone else wait,
         )
 
 
@@ -187,19 +224,21 @@ def _skew(stream: StreamInfo) -> str:
 
 
 def _remedies_of(
-    error: TransformException | None, frames_in_other_namespaces: Collection[tuple[str, str]]
+    error: TransformException | None,
+    frames_in_other_namespaces: Collection[tuple[str, str]],
+    advice: Advice,
 ) -> Iterator[str]:
     if isinstance(error, LookupException):
         yield from _remedies_in_other_namespaces(error.frame, frames_in_other_namespaces)
         yield (
             f"use {error.nearest[0]!r} if you mean that"
             if error.nearest
-            else f"start the node that publishes {error.frame!r}"
+            else advice.on_unknown(error.frame)
         )
     if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
         if name := shared_name(error.target_root, error.source_root):
             yield f"if the robots share {name!r}, pass --shared {name}"
-        yield f"publish a transform between {error.target_root!r} and {error.source_root!r}"
+        yield advice.on_apart(error.target_root, error.source_root)
 
 
 def _remedies_in_other_namespaces(
@@ -220,7 +259,7 @@ def _remedies_in_other_namespaces(
 
 
 def _remedies_of_problems(
-    tree: FrameTree, frames: set[str], error: TransformException | None
+    tree: FrameTree, frames: set[str], error: TransformException | None, advice: Advice
 ) -> Iterator[str]:
     """For problems on the path or, when the frames are not connected, anywhere."""
 
@@ -230,5 +269,5 @@ def _remedies_of_problems(
         )
 
     for problem in tree.problems():
-        if problem.kind in _REMEDIES and is_near(problem):
-            yield f"{problem.text}: {_REMEDIES[problem.kind]}"
+        if is_near(problem) and (remedy := advice.on_problem(problem)):
+            yield f"{problem.text}: {remedy}"

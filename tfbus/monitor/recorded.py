@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.buffer.info import FrameInfo
+from tfbus.frames.gaps import gaps_in
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.geometry.columns import Columns
 from tfbus.monitor.flow import Edge, EdgeFlow, StreamFlow
@@ -15,6 +16,7 @@ from tfbus.monitor.report import PairWatch, Report
 from tfbus.monitor.window import Spread
 from tfbus.names import mistake_in
 from tfbus.recording.items import EventItem, TransformItem
+from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,9 +25,6 @@ if TYPE_CHECKING:
     Ints = NDArray[np.int64]
 else:
     from tfbus.core import lazy_numpy as np
-
-# A pause is a gap if it is this many periods long, and at least this long.
-GAP_PERIODS, LEAST_GAP_S = 5.0, 0.25
 
 # A pair is looked up as often as by `tfbus monitor` on a bus, and at most this often.
 _LOOK_EVERY_NS = 50_000_000
@@ -53,12 +52,12 @@ class EdgeSamples:
 
 
 class SpanMeter:
-    """Measures the dynamic transforms of a span. `pauses_ns` are when the recorder was paused."""
+    """Measures the dynamic transforms of a span, but for the `pauses` of the recorder."""
 
-    def __init__(self, from_ns: int, to_ns: int) -> None:
+    def __init__(self, from_ns: int, to_ns: int, pauses: Sequence[Pause] = ()) -> None:
         self.from_ns, self.to_ns = from_ns, to_ns
+        self.pauses = [each for each in pauses if each.from_ns < to_ns and each.to_ns > from_ns]
         self.epochs: dict[str, dict[int, int]] = {}
-        self.pauses_ns: list[int] = []
         self._rows: dict[tuple[str, tuple[str, ...], bytes], _Rows] = {}
         self._messages: dict[str, int] = defaultdict(int)
 
@@ -96,20 +95,17 @@ class SpanMeter:
 
     def stream(self, name: str) -> StreamFlow:
         """How the messages of a stream came; bytes are not recorded."""
-        over_s = max((self.to_ns - self.from_ns) / 1e9, 1e-3)
+        over_s = max(recorded_ns(self.pauses, self.from_ns, self.to_ns) / 1e9, 1e-3)
         return StreamFlow(self._messages.get(name, 0) / over_s, 0.0)
 
     def _flow(self, edge: Edge, samples: EdgeSamples) -> EdgeFlow:
         log_ns, stamps_ns = samples.log_ns, samples.stamps_ns
-        between = np.diff(log_ns)
-        if self.pauses_ns and len(between):
-            paused = np.searchsorted(log_ns, np.array(self.pauses_ns)) - 1
-            between[paused[(paused >= 0) & (paused < len(between))]] = 0
+        waits = waits_between(log_ns, self.pauses)
+        between = waits.length_ns
         newest = np.maximum.accumulate(stamps_ns)
         late = stamps_ns[1:] < newest[:-1]
-        gaps = _gaps(between)
-        regular = between[~gaps]
-        regular = regular[regular > 0] if self.pauses_ns else regular
+        gaps = gaps_in(between)
+        regular = between[~gaps & waits.is_whole]
         mean_s = float(regular.mean()) / 1e9 if len(regular) else 0.0
         longest = int(between.argmax()) if gaps.any() else None
         return EdgeFlow(
@@ -121,16 +117,8 @@ class SpanMeter:
             out_of_order=int(late.sum()),
             at_zero=int((stamps_ns == 0).sum()),
             gaps=int(gaps.sum()),
-            gap_from_ns=None if longest is None else int(log_ns[longest]),
+            gap_from_ns=None if longest is None else int(waits.from_ns[longest]),
         )
-
-
-def _gaps(between_ns: "Ints") -> "NDArray[np.bool_]":
-    """Which of the times between samples are gaps."""
-    if not len(between_ns):
-        return between_ns > 0
-    limit_ns = max(LEAST_GAP_S * 1e9, GAP_PERIODS * float(np.median(between_ns)))
-    return between_ns > limit_ns
 
 
 def _spread(numbers: "NDArray[np.float64]") -> Spread | None:
@@ -178,8 +166,6 @@ def measure(
             epoch_ns = item.stream.epoch_ns
             meter.add(item.stream.name, epoch_ns, item.rows, item.log_ns, frames.now_ns())
         elif isinstance(item, EventItem):
-            if item.kind == "paused":
-                meter.pauses_ns.append(item.log_ns)
             yield item
 
 
@@ -228,7 +214,7 @@ def measured(
     frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch | None
 ) -> SpanReport:
     """The report of a span."""
-    meter = SpanMeter(from_ns, to_ns)
+    meter = SpanMeter(from_ns, to_ns, frames.pauses)
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
     look = (lambda log_ns: None) if pair is None else partial(_look, frames, pair)
     for _ in measure(frames, meter, Ticks(frames, from_ns, every_ns, look).before):
@@ -247,6 +233,7 @@ def as_map(report: SpanReport) -> dict[str, Any]:
     return {
         "from_ns": report.span.from_ns,
         "to_ns": report.span.to_ns,
+        "pauses": [asdict(pause) for pause in report.span.pauses],
         "pair": None if report.pair is None else asdict(report.pair),
         "edges": [asdict(flow) for flow in report.shown()],
         "statics": [frame.name for frame in report.statics()],

@@ -8,6 +8,7 @@ from itertools import chain
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.pauses import CUT_OUT
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
@@ -39,14 +40,14 @@ def cut(
 ) -> Iterator[Item]:
     """The items of these spans, with what is in force at the beginning of each.
 
-    Between two spans the recorder was paused, as the recording then says. Spans that overlap are
+    What is between two spans was cut out, as the recording then says. Spans that overlap are
     joined.
     """
     state = BusState()
     former: Span | None = None
     for span in _in_order(spans):
         if former is not None:
-            yield EventItem(former.to_ns, "paused")
+            yield EventItem(former.to_ns, "paused", facts={"why": CUT_OUT})
             yield EventItem(span.from_ns, "resumed")
         before = reader.state_at(span.from_ns - 1, selection)
         for item in chain(

@@ -2,16 +2,21 @@
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
+from tfbus.recording.pauses import pauses_of
 
 
 class FilledBuffer:
     """A buffer that takes items: a larger epoch of a stream voids its earlier samples, a static set
     replaces the one before, frames that a description leaves out are removed, and those of a
-    publisher that is gone are marked.
+    publisher that is gone are marked. A pause of the recorder interrupts the samples.
+
+    `start_ns` is the beginning of the recording.
     """
 
-    def __init__(self, buffer: Buffer) -> None:
+    def __init__(self, buffer: Buffer, start_ns: int) -> None:
         self.buffer = buffer
+        self._start_ns = start_ns
+        self._paused: EventItem | None = None
         self._epochs: dict[str, int] = {}
         self._gone: set[str] = set()
         # The children of the last static set of a stream, and its epoch.
@@ -28,6 +33,12 @@ class FilledBuffer:
             self.buffer.mark_gone(self.buffer.sent_by(item.name), True, item.name)
         elif isinstance(item, EventItem) and item.kind == "stream":
             self._take_description(item)
+        elif isinstance(item, EventItem) and item.kind == "paused":
+            self._paused = self._paused or item
+        elif isinstance(item, EventItem) and item.kind == "resumed" and self._paused is not None:
+            for pause in pauses_of((self._paused, item), item.log_ns):
+                self.buffer.interrupt(pause.said(self._start_ns))
+            self._paused = None
 
     def _take_transforms(self, item: TransformItem) -> None:
         if not (self._counts_as_set(item) if item.static else self._counts(item.stream)):

@@ -1,12 +1,14 @@
 """One file of a recording: its streams, topics and events, and its chunks as items."""
 
 import os
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
@@ -201,6 +203,27 @@ class Group:
     channel: StreamChannel
     log_ns: list[int]
     rows: Columns
+
+    def until(self, log_ns: int) -> "Group | None":
+        """The messages up to a log time; None where there is none."""
+        return self._slice(0, bisect_right(self.log_ns, log_ns))
+
+    def behind(self, log_ns: int) -> "Group | None":
+        """The messages behind a log time; None where there is none."""
+        return self._slice(bisect_right(self.log_ns, log_ns), len(self.log_ns))
+
+    def _slice(self, start: int, end: int) -> "Group | None":
+        if start >= end or end - start == len(self.log_ns):
+            return self if start < end else None
+        rows, size = self.rows, self.rows.count // len(self.log_ns)
+        first, last = start * size, end * size
+        part = Columns.of_bytes(
+            rows.frames,
+            rows.edges_bytes()[EDGE_SIZE * first : EDGE_SIZE * last],
+            rows.stamps_bytes()[STAMP_SIZE * first : STAMP_SIZE * last],
+            rows.poses_bytes()[POSE_SIZE * first : POSE_SIZE * last],
+        )
+        return Group(self.channel, self.log_ns[start:end], part)
 
 
 class StoredChunk:

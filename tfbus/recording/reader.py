@@ -12,6 +12,7 @@ from tfbus.errors import DecodeError
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
 from tfbus.recording.part import Part, StoredChunk
 from tfbus.recording.parts import files_of
+from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 
@@ -105,6 +106,11 @@ class RecordingReader:
         return max([*self._until[-1:], *[event.log_ns for event in self.events[-1:]]], default=0)
 
     @property
+    def pauses(self) -> tuple[Pause, ...]:
+        """When nothing was recorded though the bus may have gone on, in order of time."""
+        return pauses_of(self.events, self.end_ns)
+
+    @property
     def is_complete(self) -> bool:
         """Whether no file was cut short, as by a power failure: then what is there is read."""
         return all(part.is_complete for part in self._parts)
@@ -182,7 +188,16 @@ class RecordingReader:
         return state
 
     def _all_events(self) -> tuple[EventItem, ...]:
-        found = [event for part in self._parts for event in part.events]
+        found: list[EventItem] = []
+        spans: list[tuple[int, int, str]] = []
+        for part in self._parts:
+            of_part = part.events
+            times = [time for chunk in part.chunks for time in (chunk.from_ns, chunk.to_ns)]
+            times += [event.log_ns for event in of_part]
+            if times:
+                spans.append((min(times), max(times), part.about.get(RECORDING, "")))
+            found += of_part
+        found += pauses_between(spans)
         found.sort(key=lambda event: event.log_ns)
         state = BusState()
         events = []

@@ -25,6 +25,7 @@ from tfbus.geometry.transform import TransformStamped, check_frame_id, check_sta
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.recording.filled_buffer import FilledBuffer
 from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
 from tfbus.recording.selection import ALL, Selection
@@ -71,9 +72,10 @@ class Recording:
 
     Lookups go by the stamps of the transforms, anywhere in the recording, and read only what they
     need. They answer as a listener would have: of a stream that restarted each epoch counts for its
-    own stamps, and the static transforms are those in force then. The times `start_ns`, `end_ns`,
-    and those of items and messages, are log times: when the recorder received them. Both are
-    nanoseconds since the Unix epoch.
+    own stamps, and the static transforms are those in force then. Nothing is interpolated across a
+    pause of the recorder: lookups in it raise ExtrapolationException. The times `start_ns` and
+    `end_ns`, and those of items and messages, are log times: when the recorder received them. Both
+    are nanoseconds since the Unix epoch.
 
     Needs the extra `bag`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is
     no recording. Safe from any thread.
@@ -154,6 +156,11 @@ class Recording:
     def topics(self) -> tuple[TopicSummary, ...]:
         """The topics by name."""
         return self._reader.topics
+
+    @property
+    def pauses(self) -> tuple[Pause, ...]:
+        """When nothing was recorded though the bus may have gone on, in order of time."""
+        return self._reader.pauses
 
     @property
     def events(self) -> tuple[EventItem, ...]:
@@ -415,9 +422,11 @@ class Recording:
 
         It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
-        frames whose publisher was gone at the end are marked so.
+        frames whose publisher was gone at the end are marked so. In a pause of the recorder
+        lookups raise ExtrapolationException.
         """
-        filled = FilledBuffer(Buffer(**{"cache_time_s": math.inf, **arguments}))
+        buffer = Buffer(**{"cache_time_s": math.inf, **arguments})
+        filled = FilledBuffer(buffer, self.start_ns)
         with self._lock:
             if from_ns is not None:
                 for item in self._reader.state_at(from_ns, selection).items(from_ns):

@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -60,6 +60,7 @@ class Samples:
 
     def __init__(self, reader: RecordingReader) -> None:
         self._reader = reader
+        self._pauses = reader.pauses
         self._chunks = list(reader.chunks)
         self._edges: dict[Edge, int] = {}
         self._keys: dict[StreamKey, int] = {}
@@ -196,9 +197,22 @@ class Samples:
         for item in self._statics_at(first_ns):
             rows = item.rows if children is None else item.rows.only(children)
             buffer.set_transforms(rows, static=True, authority=item.stream.name)
-        for group in self._read(self._wanted(first_ns, last_ns, keys, children), children):
-            buffer.set_transforms(group.rows, authority=group.channel.stream.name)
+        groups = self._read(self._wanted(first_ns, last_ns, keys, children), children)
+        for section, reason in self._sections(groups):
+            for group in section:
+                buffer.set_transforms(group.rows, authority=group.channel.stream.name)
+            if reason:
+                buffer.interrupt(reason)
         return Span(buffer, first_ns, last_ns, frozenset(keys))
+
+    def _sections(self, groups: list[Group]) -> Iterator[tuple[list[Group], str]]:
+        """The groups up to each pause and behind the last, and why there is none in the pause."""
+        for pause in self._pauses:
+            before = [part for each in groups if (part := each.until(pause.from_ns))]
+            if before:
+                yield before, pause.said(self._reader.start_ns)
+                groups = [part for each in groups if (part := each.behind(pause.from_ns))]
+        yield groups, ""
 
     def _wanted(
         self, first_ns: int, last_ns: int, keys: set[int], children: Collection[str] | None

@@ -2,16 +2,20 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from tfbus.recording.items import EventItem
+from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.samples import FrameFacts, Samples
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from tfbus.recording.reader import RecordingReader
+else:
+    from tfbus.core import lazy_numpy as np
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,8 @@ class FileFacts:
 @dataclass(frozen=True)
 class Flow:
     """How messages came: how many, at which log times the first and the last, how many a second
-    (None for fewer than two), and the longest time without one, from when on.
+    while it was recorded (None for fewer than two), and the longest time without one, from when on,
+    but for pauses of the recorder.
     """
 
     messages: int
@@ -92,6 +97,7 @@ class Summary:
     topics: tuple[TopicFacts, ...]
     nodes: tuple[NodeFacts, ...]
     events: tuple[EventItem, ...]
+    pauses: tuple[Pause, ...]
     dropped: int
 
     @property
@@ -108,6 +114,11 @@ class Summary:
     def duration_s(self) -> float:
         """Seconds from the first item to the last."""
         return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def recorded_s(self) -> float:
+        """The same without the pauses of the recorder."""
+        return recorded_ns(self.pauses, self.start_ns, self.end_ns) / 1e9
 
     @property
     def messages(self) -> int:
@@ -139,6 +150,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
         ),
         _nodes(reader.events),
         reader.events,
+        reader.pauses,
         sum(event.dropped for event in reader.events),
     )
 
@@ -160,17 +172,23 @@ def _flows(reader: "RecordingReader") -> dict[_FlowKey, Flow]:
             for channel, found in part.file.log_times(chunk.chunk).items():
                 if channel in keys:
                     times.setdefault(keys[channel], []).extend(found)
-    return {key: _flow(found) for key, found in times.items()}
+    return {key: _flow(found, reader.pauses) for key, found in times.items()}
 
 
-def _flow(times: list[int]) -> Flow:
+def _flow(times: list[int], pauses: Sequence[Pause]) -> Flow:
     times.sort()
     if len(times) < 2:
         return Flow(len(times), *times, *times)
-    gap_ns, from_ns = max(((b - a, a) for a, b in pairwise(times)), key=lambda gap: gap[0])
-    span_s = (times[-1] - times[0]) * 1e-9
-    rate = (len(times) - 1) / span_s if span_s > 0 else None
-    return Flow(len(times), times[0], times[-1], rate, gap_ns * 1e-9, from_ns)
+    waits = waits_between(np.array(times, np.int64), pauses)
+    longest = int(waits.length_ns.argmax())
+    return Flow(
+        len(times),
+        times[0],
+        times[-1],
+        waits.rate_hz(),
+        int(waits.length_ns[longest]) * 1e-9,
+        int(waits.from_ns[longest]),
+    )
 
 
 def _streams(

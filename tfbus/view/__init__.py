@@ -4,14 +4,12 @@ Listed here is `show`, the page for a buffer of any program, and what nodes use:
 view`, and of a guest on its page.
 """
 
-from importlib import import_module
+from tfbus.runtime.lazy_exports import exported
 
 # As in tfbus/__init__.py: names are imported when first used.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from typing import Any
-
     from tfbus.runtime.addresses import is_local as is_local
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
@@ -53,14 +51,7 @@ _MODULE_OF = {
 }
 
 __all__ = sorted(_MODULE_OF)
-
-
-def __getattr__(name: str) -> "Any":
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'tfbus.view' has no attribute {name!r}")
-    value = getattr(import_module(_MODULE_OF[name]), name)
-    globals()[name] = value
-    return value
+__getattr__ = exported(__name__, _MODULE_OF)
 
 
 def __dir__() -> list[str]:

@@ -171,6 +171,8 @@ def _pair(
         first_ns, last_ns = None, None
         if bag.choice.begin is not None or bag.choice.end is not None:
             first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+            if first_ns is None:
+                raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
         if stamps_of is None:
             poses = recording.trajectory(*pair, first_ns, last_ns)
         else:
@@ -183,6 +185,13 @@ def _pair(
     return f"{counted(len(poses), 'pose')} of '{pair[1]}' in '{pair[0]}' over " + duration(
         poses.span_s
     )
+
+
+def _paused(bag: OpenBag) -> str:
+    """The end of a sentence that says that the recorder was paused in the span."""
+    from_ns, to_ns = bag.span
+    pauses = (each for each in bag.reader.pauses if each.from_ns < to_ns and each.to_ns > from_ns)
+    return next((f": {each.said(bag.reader.start_ns)}" for each in pauses), "")
 
 
 def _all(bag: OpenBag, output: Path, form: str, force: bool) -> str:

@@ -1,8 +1,8 @@
 """`tfbus bag info`: what is in a recording."""
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,8 @@ from tfbus.command.recordings import open_recording
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.layout import CUSTOM
-from tfbus.recording.summary import Flow, StreamFacts, Summary, summary_of
+from tfbus.recording.summary import Flow, StreamFacts, Summary, TopicFacts, summary_of
+from tfbus.recording.topics import topics_of
 from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
@@ -38,6 +39,16 @@ _EVENTS: dict[EventKind, str] = {
     "dropped": "loss while recording",
 }
 
+# How streams and topics are sorted, by the names of `ros2 bag info --sort`.
+_ORDERS: dict[str, tuple[Callable[[StreamFacts], Any], Callable[[TopicFacts], Any]]] = {
+    "name": (lambda it: it.name, lambda it: it.name),
+    "type": (lambda it: it.node, lambda it: (it.type_name, it.name)),
+    "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
+}
+
+# Of the pauses at most this number is listed.
+_MOST_PAUSES = 10
+
 # Of the events at most this number is listed.
 _MOST_EVENTS = 200
 
@@ -56,15 +67,31 @@ _MOST_EVENTS = 200
 @click.option(
     "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."
 )
+@click.option(
+    "-t", "--topic-name", "names_only", is_flag=True, help="Print only the names of the topics."
+)
+@click.option(
+    "--sort",
+    "order",
+    type=click.Choice(list(_ORDERS)),
+    default="name",
+    show_default=True,
+    help="The order of streams and topics.",
+)
 @json_option("Print one JSON object: times in nanoseconds, all frames and events.")
-def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
+def command(
+    files: tuple[Path, ...], verbose: bool, names_only: bool, order: str, as_json: bool
+) -> None:
     """Show what is in a recording: streams, rates, gaps, static transforms, topics, events.
 
     Several files, or a folder of them, are one recording.
     """
     try:
         with open_recording(*files) as reader:
-            summary = summary_of(reader)
+            if names_only:
+                print_lines(topics_of(reader))
+                return
+            summary = _sorted(summary_of(reader), order)
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -79,9 +106,19 @@ def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
     print_lines(_events(summary, verbose))
 
 
+def _sorted(summary: Summary, order: str) -> Summary:
+    of_stream, of_topic = _ORDERS[order]
+    return replace(
+        summary,
+        streams=tuple(sorted(summary.streams, key=of_stream)),
+        topics=tuple(sorted(summary.topics, key=of_topic)),
+    )
+
+
 def _as_map(summary: Summary) -> dict[str, Any]:
     facts = asdict(summary)
     facts["duration_s"] = summary.duration_s
+    facts["recorded_s"] = summary.recorded_s
     facts["size"] = summary.size
     facts["is_complete"] = summary.is_complete
     facts["messages"] = summary.messages
@@ -98,7 +135,8 @@ def _head(summary: Summary) -> Iterator[str]:
         yield _line("File", f"{printable(file.path)} ({size_text(file.size)}, {state})")
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
-    yield _line("Duration", duration(summary.duration_s))
+    recorded = f", of which {duration(summary.recorded_s)} recorded" if summary.pauses else ""
+    yield _line("Duration", f"{duration(summary.duration_s)}{recorded}")
     yield _line("Start", _moment(summary.start_ns))
     yield _line("End", _moment(summary.end_ns))
     transforms = sum(stream.transforms for stream in summary.streams)
@@ -114,9 +152,22 @@ def _head(summary: Summary) -> Iterator[str]:
     ]
     if noted:
         yield from _lines("Noted", [printable(each) for each in noted])
+    yield from _pauses(summary)
     if summary.dropped:
         what = f"{_many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))
+
+
+def _pauses(summary: Summary) -> Iterator[str]:
+    """When nothing was recorded: `+10.000s to +310.000s (5 min, paused)`, one per line."""
+    label = "Pauses"
+    for pause in summary.pauses[:_MOST_PAUSES]:
+        from_s, to_s = ((each - summary.start_ns) / _S for each in (pause.from_ns, pause.to_ns))
+        text = f"{from_s:+.3f}s to {to_s:+.3f}s ({duration(to_s - from_s)}, {pause.why})"
+        yield _line(label, text) if label else f"{' ' * _LABEL} {text}"
+        label = ""
+    if len(summary.pauses) > _MOST_PAUSES:
+        yield f"{' ' * _LABEL} {and_more(len(summary.pauses), _MOST_PAUSES)} (--json has all)"
 
 
 def _many(count: int, noun: str) -> str:

@@ -33,6 +33,7 @@ from tfbus.errors import ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
 from tfbus.recording.layout import CUSTOM
+from tfbus.recording.pauses import RECORDING
 from tfbus.recording.selection import is_of_transforms, lacks_statics
 from tfbus.recording.writer import RecordingWriter
 from tfbus.runtime.clock import SYSTEM_CLOCK
@@ -55,9 +56,10 @@ def record(settings: NodeSettings, plan: Plan) -> str:
     """Record until Ctrl-C; why it failed, "" where it did not."""
     # Zenoh's threads take a message each time they get the interpreter from the thread that writes.
     sys.setswitchinterval(_SWITCH_S)
+    token = os.urandom(8).hex()
     parts = PartsWritten(
         plan.path,
-        lambda path: _open_writer(path, settings, plan),
+        lambda path: _open_writer(path, settings, plan, token),
         most_files=plan.most_files,
     )
     recorder = None
@@ -132,8 +134,10 @@ def _news(path: Path, written: WrittenPart, why: str, *, is_snapshot: bool) -> s
     return f"{of}: {length}" if why == "asked" else f"{of}: {why}; {length}"
 
 
-def _open_writer(path: Path, settings: NodeSettings, plan: Plan) -> RecordingWriter:
+def _open_writer(path: Path, settings: NodeSettings, plan: Plan, token: str) -> RecordingWriter:
     about = {
+        # Between snapshots nothing is recorded: each is a recording of its own.
+        RECORDING: token if plan.snapshot_s is None else os.urandom(8).hex(),
         "host": socket.gethostname(),
         "namespace": settings.namespace,
         "command": printable(shlex.join(["tfbus", *sys.argv[1:]]), 1000),

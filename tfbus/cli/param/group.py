@@ -21,8 +21,10 @@ from tfbus.cli.output import (
     yaml_text,
 )
 from tfbus.cli.param.file import read_parameter_file
+from tfbus.cli.recorded_nodes import node_at, nodes_at, parameter_in
 from tfbus.cli.verbs import Verbs
 from tfbus.command.options import bus_options
+from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import NodeName, ParameterName
 from tfbus.discover.parameters import full_name_of, parameter_of, parameters_of, set_parameter
 from tfbus.discover.presence import list_nodes
@@ -53,14 +55,23 @@ def command() -> None:
 @click.option("--filter", "pattern", metavar="REGEX", help="Print only names that contain a match.")
 @click.option("-t", "--param-type", "with_type", is_flag=True, help="Print their types too.")
 @json_option("Print a JSON object: a list of names for each node.")
+@bag_options("at")
 @bus_options("param")
 def list_command(
-    settings: NodeSettings, node: str | None, pattern: str | None, with_type: bool, as_json: bool
+    settings: NodeSettings,
+    bag: BagChoice | None,
+    node: str | None,
+    pattern: str | None,
+    with_type: bool,
+    as_json: bool,
 ) -> None:
     """Print the names of the parameters of NODE, or of every node."""
     wanted = _compiled(pattern or "")
-    with open_bus(settings) as session:
-        described = _of_one(session, node) if node else _of_all(session)
+    if bag is not None:
+        described = _recorded(bag, settings, node)
+    else:
+        with open_bus(settings) as session:
+            described = _of_one(session, node) if node else _of_all(session)
     found = {
         name: [each for each in parameters if wanted.search(each.name)]
         for name, parameters in described.items()
@@ -81,13 +92,23 @@ def list_command(
 @click.argument("parameters", type=ParameterName(), nargs=-1, required=True, metavar="PARAMETER...")
 @click.option("--hide-type", is_flag=True, help="Print only the value.")
 @json_option("Print a JSON object of the values.")
+@bag_options("at")
 @bus_options("param")
 def get_command(
-    settings: NodeSettings, node: str, parameters: tuple[str, ...], hide_type: bool, as_json: bool
+    settings: NodeSettings,
+    bag: BagChoice | None,
+    node: str,
+    parameters: tuple[str, ...],
+    hide_type: bool,
+    as_json: bool,
 ) -> None:
     """Print the type and value of one or more parameters of NODE."""
-    with open_bus(settings) as session:
-        described = [parameter_of(session, node, name, warn) for name in parameters]
+    if bag is not None:
+        recorded, _ = node_at(bag, settings, node)
+        described = [parameter_in(recorded, name) for name in parameters]
+    else:
+        with open_bus(settings) as session:
+            described = [parameter_of(session, node, name, warn) for name in parameters]
     if as_json:
         print_json({each.name: each.value for each in described})
         return
@@ -95,6 +116,16 @@ def get_command(
         value = as_text(each.value)
         typed = value if hide_type else f"{each.type.capitalize()} value is: {value}"
         print_text(typed if len(described) == 1 else f"{paint(each.name, 'name')}: {typed}")
+
+
+def _recorded(
+    bag: BagChoice, settings: NodeSettings, node: str | None
+) -> dict[str, list[ParameterDescription]]:
+    """The parameters of a node of a recording, or of all, by its full name."""
+    nodes = nodes_at(bag)[0].values() if node is None else [node_at(bag, settings, node)[0]]
+    return {
+        each.name: sorted(each.parameters, key=lambda parameter: parameter.name) for each in nodes
+    }
 
 
 class _SetCommand(click.Command):
@@ -142,12 +173,19 @@ def set_command(settings: NodeSettings, node: str, pairs: tuple[str, ...]) -> No
 @command.command("dump", epilog="Example: tfbus param dump sim > sim.yaml")
 @click.argument("node", type=NodeName())
 @json_option("Print JSON instead of YAML.")
+@bag_options("at")
 @bus_options("param")
-def dump_command(settings: NodeSettings, node: str, as_json: bool) -> None:
+def dump_command(settings: NodeSettings, bag: BagChoice | None, node: str, as_json: bool) -> None:
     """Print all parameters of NODE as YAML, for `tfbus param load`."""
-    with open_bus(settings) as session:
-        name = full_name_of(session, node)
-        values = {name: {each.name: each.value for each in parameters_of(session, node)}}
+    if bag is not None:
+        described = _recorded(bag, settings, node)
+    else:
+        with open_bus(settings) as session:
+            described = {full_name_of(session, node): parameters_of(session, node)}
+    values = {
+        name: {each.name: each.value for each in parameters}
+        for name, parameters in described.items()
+    }
     if as_json:
         print_json(values)
     else:

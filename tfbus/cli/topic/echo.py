@@ -184,13 +184,17 @@ def _echo_recorded(
     from tfbus.cli.topic.recorded import messages_of
 
     with bag.opened() as recording:
+        printed = 0
         for message in messages_of(recording, topic):
             if wanted is None or wanted.takes(message.values):
+                printed += 1
                 print_text(form.text(Arrival(b"", message.received_ns), message.values))
                 if once:
                     return
-        if once:
-            raise click.ClickException(f"no such message of {topic!r} in the recording")
+        if not printed:
+            raise click.ClickException(
+                f"no such message of {topic!r} in the recording, or in that span of it"
+            )
 
 
 def _read(

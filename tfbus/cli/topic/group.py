@@ -23,6 +23,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import TopicName, matching
 from tfbus.discover.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.errors import BusError
+from tfbus.recording.topics import RecordedTopic, topics_of
 from tfbus.wire.keys import relative
 from tfbus.wording import counted, did_you_mean
 
@@ -82,7 +83,7 @@ def _list_recorded(
     bag: BagChoice, show_types: bool, only_count: bool, verbose: bool, as_json: bool
 ) -> None:
     with bag.opened() as recording:
-        topics = list(recorded.topics_of(recording.reader).values())
+        topics = list(topics_of(recording.reader).values())
     if only_count:
         click.echo(len(topics))
     elif as_json:
@@ -99,7 +100,7 @@ def _list_recorded(
         )
 
 
-def _type_of_recorded(topic: recorded.RecordedTopic) -> str:
+def _type_of_recorded(topic: RecordedTopic) -> str:
     return topic.type or "unknown"
 
 
@@ -191,9 +192,15 @@ def _type_of(info: TopicInfo) -> type:
 
 @command.command("type", epilog="Example: tfbus topic type turtle1/pose")
 @click.argument("topic", type=TopicName())
+@bag_options()
 @bus_options("topic")
-def type_command(settings: NodeSettings, topic: str) -> None:
+def type_command(settings: NodeSettings, bag: BagChoice | None, topic: str) -> None:
     """Print the type of TOPIC."""
+    if bag is not None:
+        with bag.opened() as recording:
+            found = recorded.find_topic(recording.reader, full_topic(topic, settings))
+        print_text(_type_of_recorded(found))
+        return
     with open_bus(settings) as session:
         print_text(_types(find_topic(look(session), relative(topic, settings.namespace))))
 

@@ -23,6 +23,7 @@ from tfbus.wire.codec import decode_map
 from tfbus.wire.keys import relative
 
 if TYPE_CHECKING:
+    from tfbus.cli.topic.recorded import RecordedMessage
     from tfbus.node.node import Node
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -78,7 +79,11 @@ def hz_command(
     """
     wanted = MessageFilter(expression) if expression else None
     if bag is not None:
-        _hz_recorded(bag, [full_topic(topic, settings) for topic in topics], wanted, how["as_json"])
+
+        def counted(message: "RecordedMessage") -> float | None:
+            return 0.0 if wanted is None or wanted.takes(message.values) else None
+
+        _run_recorded(settings, topics, bag, reports.RATE, counted, how["as_json"])
         return
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -91,38 +96,38 @@ def hz_command(
     _run(settings, topics, reports.RATE, number_of, **how)
 
 
-def _hz_recorded(
-    bag: BagChoice, topics: list[str], wanted: MessageFilter | None, as_json: bool
-) -> None:
-    from tfbus.cli.topic.recorded import arrivals_of
-
-    measured = {}
-    for topic in topics:
-        numbers = reports.RATE.numbers(arrivals_of(bag, topic, wanted), 0.0)
-        if numbers is None:
-            raise BusError(f"too few messages on {topic!r} in the recording")
-        measured[topic] = numbers
-    print_measured(measured, reports.RATE, as_table=len(topics) > 1, as_json=as_json)
-
-
 @click.command("bw", epilog="Example: tfbus topic bw turtle1/pose")
+@bag_options("begin", "end")
 @_measuring(100)
-def bw_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
+def bw_command(
+    settings: NodeSettings, topics: tuple[str, ...], bag: BagChoice | None, **how: Any
+) -> None:
     """Print the bandwidth of TOPIC and the sizes of its messages, once a second.
 
-    Counts the messages alone, without the network's overhead.
+    Counts the messages alone, without the network's overhead. With --bag, print that of a
+    recording, or of a span of it, once.
     """
+    if bag is not None:
+        _run_recorded(settings, topics, bag, reports.BANDWIDTH, lambda it: it.size, how["as_json"])
+        return
     _run(settings, topics, reports.BANDWIDTH, lambda node, topic: len, **how)
 
 
 @click.command("delay", epilog="Example: tfbus topic delay turtle1/pose")
+@bag_options("begin", "end")
 @_measuring(10_000)
-def delay_command(settings: NodeSettings, topics: tuple[str, ...], **how: Any) -> None:
+def delay_command(
+    settings: NodeSettings, topics: tuple[str, ...], bag: BagChoice | None, **how: Any
+) -> None:
     """Print the age of TOPIC's messages on arrival, by their stamps, once a second.
 
     The stamp is the field stamp_ns of the message or its header; for transforms, the newest
-    stamp. A difference between the clocks of two machines adds to the age.
+    stamp. A difference between the clocks of two machines adds to the age. With --bag, print that
+    of a recording, or of a span of it, once.
     """
+    if bag is not None:
+        _run_recorded(settings, topics, bag, reports.DELAY, _age_s, how["as_json"])
+        return
 
     def number_of(node: "Node", topic: str) -> Meter:
         is_of_transforms = type_of(look(node.session), topic) == TRANSFORMS_TYPE
@@ -145,6 +150,34 @@ def _run(
     with visiting(settings, report.name, goes_on=not once) as node:
         meters = {topic: number_of(node, topic) for topic in topics}
         measure(node, meters, report, once=once, **how)
+
+
+def _run_recorded(
+    settings: NodeSettings,
+    topics: tuple[str, ...],
+    bag: BagChoice,
+    report: reports.Report,
+    number_of: Callable[["RecordedMessage"], float | None],
+    as_json: bool,
+) -> None:
+    from tfbus.cli.topic.recorded import reading_of
+
+    measured = {}
+    for topic in topics:
+        reading = reading_of(bag, full_topic(topic, settings), number_of)
+        arrivals_s = reading.arrivals_s
+        has_span = len(arrivals_s) > 1 and arrivals_s[-1] > arrivals_s[0]
+        numbers = report.numbers(reading, arrivals_s[-1]) if has_span else None
+        if numbers is None:
+            raise BusError(f"too few messages on {topic!r} in the recording, or in that span of it")
+        measured[topic] = numbers
+    print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
+
+
+def _age_s(message: "RecordedMessage") -> float:
+    if message.stamp_ns is None:
+        raise _no_stamp(message.topic)
+    return (message.received_ns - message.stamp_ns) / 1e9
 
 
 class _Age:
@@ -175,10 +208,13 @@ def _newest_stamp(payload: bytes) -> int:
 
 
 def _stamp(topic: str, payload: bytes) -> int:
-    message = decode_map(payload)
-    header = message.get("header")
-    for fields in (message, header if isinstance(header, dict) else {}):
-        stamp_ns = fields.get("stamp_ns")
-        if type(stamp_ns) is int:
-            return stamp_ns
-    raise BusError(f"messages on {topic!r} have no field stamp_ns, so their age is unknown")
+    from tfbus.cli.topic.recorded import stamp_in
+
+    stamp_ns = stamp_in(decode_map(payload))
+    if stamp_ns is None:
+        raise _no_stamp(topic)
+    return stamp_ns
+
+
+def _no_stamp(topic: str) -> BusError:
+    return BusError(f"messages on {topic!r} have no field stamp_ns, so their age is unknown")

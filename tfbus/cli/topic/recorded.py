@@ -1,18 +1,25 @@
 """The topics of a recording: their list, their messages, and how often these came."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tfbus.cli.messages.message import transforms_map
-from tfbus.cli.messages.view import MessageFilter
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.errors import BusError
 from tfbus.monitor.window import Reading
 from tfbus.recording.items import TopicItem, TransformItem
+from tfbus.recording.pauses import recorded_ns
 from tfbus.recording.selection import Selection
+from tfbus.recording.topics import (
+    TRANSFORMS_TYPE,
+    RecordedTopic,
+    topic_of_stream,
+    topics_of,
+)
+from tfbus.wire.codec import encode_map
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
-from tfbus.wire.transforms import TransformMessage
+from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
@@ -20,46 +27,37 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RecordedTopic:
-    """A topic: its name, the name of its type, "" where unknown, and how many messages came."""
-
-    name: str
-    type: str
-    messages: int
-
-
-@dataclass(frozen=True)
 class RecordedMessage:
-    """A message of a topic as a map, and when it came."""
+    """A message of a topic, and when it came."""
 
+    topic: str
     received_ns: int
-    values: dict[str, Any]
+    item: TopicItem | TransformItem
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Its fields by name."""
+        if isinstance(self.item, TopicItem):
+            return dict(self.item.values)
+        return transforms_map(_message_of(self.item))
+
+    @property
+    def size(self) -> int:
+        """Its bytes as it is sent on a bus."""
+        if isinstance(self.item, TopicItem):
+            return len(encode_map(self.item.values))
+        return len(encode_transforms(_message_of(self.item)))
+
+    @property
+    def stamp_ns(self) -> int | None:
+        """Its stamp, or that of its header; of transforms the newest; None where it has none."""
+        if isinstance(self.item, TransformItem):
+            return max(self.item.rows.stamps_as_ints(), default=0)
+        return stamp_in(self.item.values)
 
 
-TRANSFORMS_TYPE = "TransformMessage"
-
-
-def topics_of(reader: "RecordingReader") -> dict[str, RecordedTopic]:
-    """All topics by name; `tf/STREAM` and `tf_static/STREAM` have the transforms of a stream."""
-    found: dict[str, RecordedTopic] = {}
-    for topic in reader.topics:
-        found[topic.name] = RecordedTopic(topic.name, topic.type_name, topic.messages)
-    for each in reader.streams:
-        for kind, count in (
-            (TRANSFORMS, each.messages),
-            (STATIC_TRANSFORMS, each.static_messages),
-        ):
-            name = _topic_of(kind, each.stream.name, each.stream.namespace)
-            if count:
-                before = found[name].messages if name in found else 0
-                found[name] = RecordedTopic(name, TRANSFORMS_TYPE, before + count)
-    return dict(sorted(found.items()))
-
-
-def _topic_of(kind: str, stream: str, namespace: str) -> str:
-    if not namespace:
-        return f"{kind}/{stream}"
-    return f"{namespace}/{kind}/{stream.removeprefix(f'{namespace}/')}"
+def _message_of(item: TransformItem) -> TransformMessage:
+    return TransformMessage(item.rows, item.stream.epoch_ns, item.seq)
 
 
 def find_topic(reader: "RecordingReader", name: str) -> RecordedTopic:
@@ -81,23 +79,39 @@ def messages_of(bag: OpenBag, name: str) -> Iterator[RecordedMessage]:
     if topic.type != TRANSFORMS_TYPE:
         for item in bag.reader.items(from_ns, to_ns, Selection(topics=(name,))):
             if isinstance(item, TopicItem):
-                yield RecordedMessage(item.log_ns, dict(item.values))
+                yield RecordedMessage(name, item.log_ns, item)
         return
     streams = tuple({each.stream.name for each in bag.reader.streams})
     for item in bag.reader.items(from_ns, to_ns, Selection(streams=streams)):
         if isinstance(item, TransformItem):
             kind = STATIC_TRANSFORMS if item.static else TRANSFORMS
-            if name in (kind, _topic_of(kind, item.stream.name, item.stream.namespace)):
-                message = TransformMessage(item.rows, item.stream.epoch_ns, item.seq)
-                yield RecordedMessage(item.log_ns, transforms_map(message))
+            if name in (kind, topic_of_stream(kind, item.stream.name, item.stream.namespace)):
+                yield RecordedMessage(name, item.log_ns, item)
 
 
-def arrivals_of(choice: BagChoice, name: str, wanted: MessageFilter | None) -> Reading:
-    """When the messages of a topic came, or those that the filter takes."""
+def stamp_in(message: Mapping[str, Any]) -> int | None:
+    """The field stamp_ns of a message, or of its header; None where it has none."""
+    header = message.get("header")
+    for fields in (message, header if isinstance(header, dict) else {}):
+        stamp_ns = fields.get("stamp_ns")
+        if type(stamp_ns) is int:
+            return stamp_ns
+    return None
+
+
+def reading_of(
+    choice: BagChoice, name: str, number_of: Callable[[RecordedMessage], float | None]
+) -> Reading:
+    """When the messages of a topic came, in seconds of time in which it was recorded, and a number
+    of each; those of which it is None are left out.
+    """
+    arrivals_s: list[float] = []
+    numbers: list[float] = []
     with choice.opened() as bag:
-        arrivals_s = tuple(
-            each.received_ns / 1e9
-            for each in messages_of(bag, name)
-            if wanted is None or wanted.takes(each.values)
-        )
-    return Reading(arrivals_s, (0.0,) * len(arrivals_s), len(arrivals_s))
+        start_ns, pauses = bag.reader.start_ns, bag.reader.pauses
+        for message in messages_of(bag, name):
+            number = number_of(message)
+            if number is not None:
+                arrivals_s.append(recorded_ns(pauses, start_ns, message.received_ns) / 1e9)
+                numbers.append(number)
+    return Reading(tuple(arrivals_s), tuple(numbers), len(numbers))

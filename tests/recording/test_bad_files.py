@@ -142,23 +142,6 @@ def test_spoilt_bytes_that_no_checksum_finds(tmp_path: Path) -> None:
             continue
 
 
-def test_a_damaged_chunk_names_the_file_and_what_to_do(tmp_path: Path) -> None:
-    """The items before it come; then it is said."""
-    data = bytearray(whole(tmp_path / "a.mcap"))
-    with RecordingReader(tmp_path / "a.mcap") as reader:
-        chunk = reader.chunks[2].chunk
-    data[chunk.offset + chunk.length - 3] ^= 255
-    (tmp_path / "b.mcap").write_bytes(data)
-    found = []
-    with (
-        RecordingReader(tmp_path / "b.mcap") as reader,
-        pytest.raises(DecodeError, match=r"b\.mcap is damaged: .*`tfbus bag recover`"),
-    ):
-        for item in reader.items():
-            found.append(item)
-    assert len(found) > 5
-
-
 def record(opcode: int, *fields: bytes) -> bytes:
     """A record of MCAP."""
     content = b"".join(fields)
@@ -202,7 +185,7 @@ from tfbus.errors import DecodeError
 from tfbus.recording.reader import RecordingReader
 resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30))
 try:
-    with RecordingReader({str(path)!r}) as reader:
+    with RecordingReader({str(path)!r}, on_damage=lambda part, damage: None) as reader:
         print(len(list(reader.items())))
 except DecodeError as error:
     print(error)

@@ -2,7 +2,7 @@
 
 import textwrap
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import click
 
@@ -94,6 +94,7 @@ def _check_recording(
         frames = frames_of(recording, settings, fleet)
         is_complete = recording.reader.is_complete
         seen = examine_recorded(frames, settings, from_ns, to_ns, is_complete=is_complete)
+        seen = replace(seen, damage=recording.reader.damage_texts())
         if not as_json:
             print_lines([span_line(bag, from_ns, to_ns)])
     return {

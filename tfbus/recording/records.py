@@ -29,6 +29,9 @@ _LAST_NS = 2**63 - 1
 # A chunk of more bytes is not decompressed; tfbus writes 128 KiB, rosbag2 768 KiB, mcap 1 MiB.
 MOST_CHUNK_BYTES = 256 * 2**20
 
+# Nor one of more messages, each of which takes memory of its own besides its bytes.
+MOST_CHUNK_MESSAGES = 1_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class Schema:

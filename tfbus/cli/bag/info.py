@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,17 @@ from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
 _S = 1_000_000_000
-_LABEL = 10
+_LABEL = 11
 
 # Where a longest gap began is shown where it is longer than this number of mean periods.
 _NOTABLE_PERIODS = 2.0
+
+# All messages of a recording are read, to find what is damaged, where they have at most this number
+# of bytes: that takes some seconds.
+_CHECKED_BYTES = 2 * 10**9
+
+# Of the damaged parts at most this number is listed.
+_MOST_DAMAGE = 10
 
 # Of the nodes at most this number is named.
 _MOST_NODES = 30
@@ -55,15 +62,24 @@ _MOST_EVENTS = 200
 @click.option(
     "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."
 )
+@click.option(
+    "--check/--no-check",
+    default=None,
+    help="Read all messages, to find what is damaged (default: of up to 2 GB of messages).",
+)
 @json_option("Print one JSON object: times in nanoseconds, all frames and events.")
-def command(files: tuple[Path, ...], verbose: bool, as_json: bool) -> None:
+def command(files: tuple[Path, ...], verbose: bool, check: bool | None, as_json: bool) -> None:
     """Show what is in a recording: streams, rates, gaps, static transforms, topics, events.
 
     Several files, or a folder of them, are one recording.
     """
     try:
-        with open_recording(*files) as reader:
-            summary = summary_of(reader)
+        with open_recording(*files, says_damage=False) as reader:
+            if check is None:
+                check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
+            if check:
+                reader.check()
+            summary = replace(summary_of(reader), is_checked=check)
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -92,9 +108,17 @@ def _as_map(summary: Summary) -> dict[str, Any]:
 def _head(summary: Summary) -> Iterator[str]:
     for file in summary.files:
         state = paint("complete", "good") if file.is_complete else paint("cut short", "warning")
-        if file.skipped_chunks:
-            state += f", {counted(file.skipped_chunks, 'damaged part')} left out"
+        if file.damage and file.is_complete:
+            state = paint("damaged", "bad")
+        elif file.damage:
+            state += f" and {paint('damaged', 'bad')}"
+        elif not summary.is_checked:
+            state += ", not checked for damage"
         yield _line("File", f"{printable(file.path)} ({size_text(file.size)}, {state})")
+        lost = [each.text(summary.start_ns) for each in file.damage[:_MOST_DAMAGE]]
+        if len(file.damage) > _MOST_DAMAGE:
+            lost.append(and_more(len(file.damage), _MOST_DAMAGE))
+        yield from _lines("Unreadable", lost) if lost else ()
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
     yield _line("Duration", duration(summary.duration_s))

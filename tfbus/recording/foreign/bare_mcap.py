@@ -37,12 +37,16 @@ class BareMcap:
         self._file.close()
 
     def messages(self) -> Iterator[ForeignMessage]:
-        """All messages in order of log time, whatever that of the file. Raises DecodeError where
-        the file is damaged.
+        """All messages in order of log time, whatever that of the file; without those that cannot
+        be read.
         """
-        groups = ((chunk.from_ns, self._file.messages(chunk)) for chunk in self._chunks)
-        for message in in_order(groups, lambda message: message.log_ns):
+        for message in in_order(self._groups(), lambda message: message.log_ns):
             yield self._message(message)
+
+    def _groups(self) -> Iterator[tuple[int, list[Message], int]]:
+        for chunk in self._chunks:
+            messages = self._file.messages(chunk)
+            yield chunk.from_ns, messages, sum([len(message.data) for message in messages])
 
     def _note(self) -> str:
         if not self._file.is_complete:

@@ -56,13 +56,15 @@ _MOST_LINES = 20
 class Loss:
     """What could not be read: `damage` in the middle, the bytes behind the last whole record, and
     how many messages are of no known channel, or none of its type. `is_cut_short` is whether the
-    file does not end as it should. The recording is from `start_ns` to `end_ns`.
+    file does not end as it should; `has_all_messages` whether that is behind the last of them. The
+    recording is from `start_ns` to `end_ns`.
     """
 
     damage: tuple[Damage, ...]
     tail_bytes: int
     messages: int
     is_cut_short: bool
+    has_all_messages: bool
     start_ns: int
     end_ns: int
 
@@ -74,7 +76,9 @@ class Loss:
         found = [each.text(self.start_ns) for each in self.damage if not each.what]
         if self.messages:
             found.append(f"{counted(self.messages, 'message')} that cannot be read")
-        if self.is_cut_short:
+        if self.is_cut_short and self.has_all_messages:
+            found.append("the end, its index, but no message")
+        elif self.is_cut_short:
             after = f"what came after {(self.end_ns - self.start_ns) / 1e9:+.2f}s"
             left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
             found.append(f"{after}{left}")
@@ -115,6 +119,7 @@ class Salvage:
             file.tail_bytes,
             file.orphans + self._part.unreadable,
             not file.is_complete,
+            file.has_all_messages,
             self.start_ns,
             self.end_ns,
         )
@@ -148,10 +153,12 @@ class _DamagedFile(McapFile):
     """Reads the records one after the other, and goes on at the next chunk where there is none.
 
     `tail_bytes` at the end were no records; `orphans` are messages of channels that are not known.
+    `has_all_messages` is whether the part with messages ends as it should.
     """
 
     def _open(self) -> None:
         self.tail_bytes = self.orphans = 0
+        self.has_all_messages = False
         # What the summary says, if there is one: the chunks by the places where they begin.
         self._stated: dict[int, Chunk] = {}
         self._counted: set[int] = set()
@@ -196,13 +203,15 @@ class _DamagedFile(McapFile):
                 end = self._next_chunk(at + 1)
                 if end == self.size:
                     self.tail_bytes += end - at
+                    # What tfbus writes between the last message and the end of that part.
+                    self.has_all_messages |= self._read(at, 1)[0] in (ATTACHMENT, DATA_END)
                 else:
                     self.note_damage(self._lost(at, end))
             elif opcode == FOOTER:
                 self.is_complete = self._ends_well(at)
                 return
             elif opcode == DATA_END:
-                is_summary = True
+                is_summary = self.has_all_messages = True
             elif is_summary and opcode in (SCHEMA, CHANNEL):
                 self._take_definition(opcode, self._content(opcode, at, end - at))
             elif opcode in (CHUNK, METADATA, ATTACHMENT):

@@ -97,6 +97,12 @@ def test_a_recording_is_filtered(drive: Path) -> None:
         "1 transform of 1 stream\n"
     )
     assert "1 topic" not in wrote("filter", drive, "--drop", "pose,laser", "-o", "b.mcap")
+    only_transforms = wrote("filter", drive, "--topics", "tf", "pose", "-o", "d.mcap")
+    assert only_transforms.endswith("101 transforms of 1 stream, 100 messages of 1 topic\n")
+    for wrong_name in ("--frames", "--drop"):
+        wrong = run("filter", drive, wrong_name, "bse", "-o", "c.mcap")
+        assert wrong.exit_code == 2
+        assert "'bse' in the recording; did you mean 'base'?" in " ".join(wrong.output.split())
     wrong = run("filter", drive, "--topics", "/pos", "-o", "c.mcap")
     assert wrong.exit_code == 2
     assert "there is no topic 'pos' in the recording; did you mean 'pose'?" in wrong.output
@@ -197,15 +203,81 @@ def test_a_mistake_is_named(drive: Path, arguments: tuple[str, ...], said: str) 
 
 
 def test_a_file_is_replaced_only_if_told(drive: Path) -> None:
-    """Also the one that is read."""
-    before = drive.read_bytes()
-    refused = run("cut", drive, "--to", "+1s", "-o", drive)
+    """And then whole."""
+    part = Path("part.mcap")
+    part.write_bytes(b"former")
+    refused = run("cut", drive, "--to", "+1s", "-o", part)
     assert refused.exit_code == 2
-    assert "drive.mcap exists" in refused.output
-    assert drive.read_bytes() == before
-    wrote("cut", drive, "--to", "+1s", "-o", drive, "--force")
-    with RecordingReader(drive) as reader:
+    assert "part.mcap exists" in refused.output
+    assert part.read_bytes() == b"former"
+    wrote("cut", drive, "--to", "+1s", "-o", part, "--force")
+    with RecordingReader(part) as reader:
         assert reader.end_ns == START_NS + S
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("cut", "--to", "+1s"), ("merge",), ("filter", "--drop", "pose"), ("recover",), ("export",)],
+)
+def test_the_recording_that_is_read_is_never_replaced(
+    drive: Path, arguments: tuple[str, ...]
+) -> None:
+    """Not even by another name of it."""
+    before = drive.read_bytes()
+    Path("same.csv" if arguments == ("export",) else "same.mcap").symlink_to(drive)
+    same = "same.csv" if arguments == ("export",) else "same.mcap"
+    refused = run(*arguments, drive, "-o", same, "--force")
+    assert refused.exit_code == 2, refused.output
+    assert f"{same} is the recording that is read" in refused.output
+    assert drive.read_bytes() == before
+
+
+def test_a_recording_that_is_given_twice_counts_once(drive: Path) -> None:
+    """Also as a copy."""
+    Path("copy.mcap").write_bytes(drive.read_bytes())
+    said = wrote("merge", drive, "copy.mcap", drive, "-o", "a.mcap")
+    assert "copy.mcap is the same as drive.mcap: it counts once" in said
+    assert said.endswith("9.9 s, 101 transforms of 1 stream, 100 messages of 1 topic\n")
+
+
+def test_what_the_recorder_said_of_itself_stays(drive: Path) -> None:
+    """And what was done, and lost, is added."""
+    drive.unlink()
+    about = {"host": "robot7", "version": "0.1"}
+    with RecordingWriter(drive, about=about) as writer:
+        for item in items():
+            writer.write(item)
+    wrote("cut", drive, "--to", "+5s", "-o", "a.mcap")
+    wrote("merge", drive, "a.mcap", "-o", "b.mcap")
+    wrote("filter", "b.mcap", "--topics", "pose", "-o", "c.mcap")
+    data = bytearray(drive.read_bytes())
+    Path("cut.mcap").write_bytes(data[: len(data) // 2])
+    wrote("recover", "cut.mcap", "-o", "d.mcap")
+    for name, edited in (
+        ("a.mcap", "cut of drive.mcap"),
+        ("b.mcap", "merge of drive.mcap, a.mcap"),
+        ("c.mcap", "filter of b.mcap"),
+        ("d.mcap", "recover of cut.mcap"),
+    ):
+        with RecordingReader(name) as reader:
+            assert about.items() <= reader.about.items()
+            assert reader.about["edited"] == edited
+    with RecordingReader("d.mcap") as reader:
+        assert reader.about["lost"].startswith("what came after +")
+    said = wrote("info", "d.mcap")
+    assert "tfbus 0.1 on robot7" in said and "recover of cut.mcap" in said
+    assert "what came after +" in said
+
+
+@pytest.mark.parametrize("verb", ["filter", "import"])
+@pytest.mark.parametrize("option", ["-e", "-x"])
+def test_what_is_no_regular_expression_is_a_usage_error(
+    drive: Path, verb: str, option: str
+) -> None:
+    """As in `tfbus bag record`."""
+    done = run(verb, drive, option, "[", "-o", "a.mcap")
+    assert done.exit_code == 2
+    assert "is no regular expression" in " ".join(done.output.split())
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
@@ -224,7 +296,7 @@ def test_an_end_in_the_middle_leaves_no_file(
         place.write_text("former")
     span = (START_NS, START_NS + S)
     with pytest.raises((SystemExit, TfbusError)):
-        write_recording(interrupted(), place, force=True, span=span)
+        write_recording(interrupted(), place, force=True, span=span, sources=())
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"] * exists
     assert not exists or place.read_text() == "former"
 

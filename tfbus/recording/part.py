@@ -101,9 +101,12 @@ class Part:
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself."""
-        said = next((record for name, record in self.file.metadata if name == ABOUT), {})
-        return {printable(name): printable(text) for name, text in said.items()}
+        """What the recorder said of itself, and a tool that wrote the file of others."""
+        said: dict[str, str] = {}
+        for name, record in self.file.metadata:
+            if name == ABOUT:
+                said |= record
+        return {printable(name): printable(text, 1000) for name, text in said.items()}
 
     @property
     def events(self) -> list[EventItem]:

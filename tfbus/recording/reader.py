@@ -179,6 +179,10 @@ class RecordingReader:
                 )
         return tuple(found[name] for name in sorted(found))
 
+    def child_frames(self) -> set[str]:
+        """The child frames of all transforms; reads the index."""
+        return {child for part in self._parts for _, child in part.index.edges}
+
     def items(
         self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
     ) -> Iterator[Item]:

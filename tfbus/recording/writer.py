@@ -116,6 +116,11 @@ class RecordingWriter:
         with self._failing():
             self._write(item)
 
+    def add_about(self, about: Mapping[str, str]) -> None:
+        """Say more of who recorded or wrote what, that was not known at the beginning."""
+        with self._failing():
+            self._mcap.add_metadata(ABOUT, dict(about))
+
     def flush(self) -> None:
         """End the chunk and give it to the system: what was written so far is safe from the end of
         this process.
@@ -169,7 +174,7 @@ class RecordingWriter:
     def _abandon(self) -> None:
         """Close the file without writing what Python holds of it still."""
         with suppress(OSError):
-            self._file.close()
+            self._file.raw.close()
 
     def _write_transforms(self, item: TransformItem) -> int:
         """Write transforms; the channel."""

@@ -6,15 +6,16 @@ import click
 
 from tfbus.cli.bag.new_file import (
     compression_option,
+    edited,
     needing,
     output_option,
     write_recording,
 )
+from tfbus.cli.bag.sources import SeveralNames, names_of, selected
 from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable
 from tfbus.recording.imported import Imported, imported
-from tfbus.recording.selection import Selection
 from tfbus.recording.writer import Compression
 from tfbus.wording import counted, listed, printable
 
@@ -34,12 +35,23 @@ _NAMED = 12
     metavar="FILE...",
 )
 @click.option("--only-tf", is_flag=True, help="Import transforms only.")
-@click.option("--topics", multiple=True, metavar="NAMES", help="Of topics import only these.")
+@click.option(
+    "--topics",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Of topics import only these.",
+)
 @click.option(
     "-e", "--regex", default="", metavar="REGEX", help="Import topics and streams that match."
 )
 @click.option(
-    "-x", "--exclude", default="", metavar="REGEX", help="Leave out topics and streams that match."
+    "-x",
+    "--exclude",
+    "--exclude-regex",
+    default="",
+    metavar="REGEX",
+    help="Leave out topics and streams that match.",
 )
 @click.option(
     "--stream",
@@ -67,12 +79,8 @@ def command(
     """
     if stream and ("/" in stream or not is_printable(stream)):
         raise click.BadParameter("letters without '/' are allowed", param_hint="--stream")
-    names = tuple(
-        name.strip().removeprefix("/")
-        for text in topics
-        for name in text.split(",")
-        if name.strip()
-    )
+    names = tuple(name.removeprefix("/") for name in names_of(topics))
+    selection = selected(regex=regex, exclude=exclude)
     counts = Imported()
     try:
         with needing("bags"):
@@ -85,7 +93,7 @@ def command(
                 items = imported(
                     sources.messages(),
                     counts,
-                    selection=Selection(regex=regex, exclude=exclude),
+                    selection=selection,
                     topics=names,
                     only_transforms=only_tf,
                     default_stream=stream,
@@ -95,8 +103,13 @@ def command(
                     output,
                     force=force,
                     span=(sources.start_ns, sources.end_ns),
+                    sources=files,
                     compression=compression,
+                    about={"edited": edited(files, "import")},
                 )
+                for source in sources.files:
+                    for lost in source.damage:
+                        warn(f"{source.name} is damaged: {lost} cannot be read; the rest is")
     except InvalidNameError as error:
         raise TfbusError(str(error)) from error
     _say_what_is_missing(counts)

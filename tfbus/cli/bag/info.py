@@ -130,6 +130,9 @@ def _head(summary: Summary) -> Iterator[str]:
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
     if said:
         yield _line("Recorder", " ".join(said))
+    for label, name in (("Edited", "edited"), ("Lost", "lost")):
+        if name in summary.about:
+            yield from _lines(label, summary.about[name].split(", "))
     if summary.dropped:
         what = f"{_many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))

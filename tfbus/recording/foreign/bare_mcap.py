@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tfbus.errors import DecodeError
+from tfbus.recording.damage import united
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
@@ -35,6 +36,11 @@ class BareMcap:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read so far: `128 kB with 98 messages from +3.21s to +3.44s`."""
+        return [each.text(self.start_ns) for each in united(self._file.damage)]
 
     def messages(self) -> Iterator[ForeignMessage]:
         """All messages in order of log time, whatever that of the file; without those that cannot

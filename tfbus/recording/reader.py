@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
-from types import TracebackType
-from typing import Self
 
 from tfbus.recording.damage import Damage, united
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
@@ -16,6 +14,7 @@ from tfbus.recording.parts import files_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
 from tfbus.ros.tf_message import TFMessageReader
+from tfbus.runtime.closing import Closing
 from tfbus.runtime.log import library_log
 from tfbus.runtime.log_once import LogOnce
 
@@ -45,7 +44,7 @@ class TopicSummary:
     is_readable: bool = True
 
 
-class RecordingReader:
+class RecordingReader(Closing):
     """Reads the items of one or several files, or of those in a folder, as one recording.
 
     What cannot be read in a file is left out. `on_damage` is called with the file and the damage
@@ -87,17 +86,6 @@ class RecordingReader:
     def chunks(self) -> Sequence[StoredChunk]:
         """The chunks of all files, by the log times of their first messages."""
         return self._chunks
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the files."""

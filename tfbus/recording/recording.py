@@ -8,11 +8,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import after_waiting
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -27,7 +25,8 @@ from tfbus.recording.filled_buffer import FilledBuffer
 from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.selection import ALL, Selection, is_of_transforms
+from tfbus.runtime.closing import Closing
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names
@@ -62,7 +61,7 @@ class RecordedFrame:
     last_ns: int
 
 
-class Recording:
+class Recording(Closing):
     """What a bus carried, from the files that `tfbus bag record` wrote; opened by the path of a
     file, of several, or of a folder with the files of one recording.
 
@@ -93,17 +92,6 @@ class Recording:
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
         self._last: Buffer | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the files."""
@@ -186,7 +174,10 @@ class Recording:
     ) -> Iterator[Item]:
         """All that was recorded from one log time to another, both included, in order of the log
         times; what only repeats what is in force comes once.
+
+        Raises InvalidArgumentException for a span that ends before it begins.
         """
+        _check_span(from_ns, to_ns)
         return self._reader.items(from_ns, to_ns, selection)
 
     @overload
@@ -215,9 +206,18 @@ class Recording:
         """The messages of a topic from one log time to another, both included: pairs of the log
         time and the message, of its type where one is given, else as a map of its fields.
 
-        Raises LookupException for a topic that is not in the recording, and DecodeError for a
-        message of another type.
+        `topic` is its full name, with or without a slash before it. Raises LookupException for one
+        that is not in the recording, InvalidArgumentException for `tf`, whose transforms `samples`,
+        `trajectory` and `buffer` have, and for a span that ends before it begins, and DecodeError
+        for a message of another type.
         """
+        _check_span(from_ns, to_ns)
+        topic = topic.removeprefix("/")
+        if is_of_transforms(topic):
+            raise InvalidArgumentException(
+                f"'{topic}' has transforms, which are no messages of a topic: samples(frame), "
+                "trajectory(target, source) and buffer() give them, and items() as they came"
+            )
         if topic not in {each.name for each in self.topics}:
             names = [each.name for each in self.topics]
             raise LookupException(
@@ -343,8 +343,10 @@ class Recording:
         """Where the source was, seen from the target, from one stamp to another, both included.
 
         It is at the stamps of the samples of the source, or of the first dynamic frame on the way
-        from it to the target, where all edges between have data. Raises as `Buffer.trajectory`.
+        from it to the target, where all edges between have data. Raises as `Buffer.trajectory`,
+        and InvalidArgumentException for a span that ends before it begins.
         """
+        _check_span(from_ns, to_ns)
         first_ns, last_ns = self._stamps_from(from_ns), self._stamps_to(to_ns)
         found: list[Trajectory] = []
         reason: TransformException | None = None
@@ -373,9 +375,11 @@ class Recording:
         """What was sent of a frame, from one stamp to another, both included: in the last frame
         above it, or in `parent`. Of equal stamps the one that came last.
 
-        Raises LookupException for a frame that is not in the recording.
+        Raises LookupException for a frame that is not in the recording, and
+        InvalidArgumentException for a span that ends before it begins.
         """
         check_frame_id(frame, "frame")
+        _check_span(from_ns, to_ns)
         known = {each.name: each for each in self.frames()}
         if frame not in known:
             raise LookupException(
@@ -411,12 +415,15 @@ class Recording:
         **arguments: Any,
     ) -> Buffer:
         """A buffer as a listener has it that began at one log time, when static transforms were
-        there already, and ended after another; by default of the whole recording.
+        there already, and ended after another; by default of the whole recording. Errors of its
+        lookups do not advise to wait. Raises InvalidArgumentException for a span that ends before
+        it begins.
 
         It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
         frames whose publisher was gone at the end are marked so.
         """
+        _check_span(from_ns, to_ns)
         filled = FilledBuffer(Buffer(**{"cache_time_s": math.inf, **arguments}))
         with self._lock:
             if from_ns is not None:
@@ -424,6 +431,7 @@ class Recording:
                     filled.take(item)
             for item in self._reader.items(from_ns, to_ns, selection):
                 filled.take(item)
+        filled.buffer.expect_no_more()
         return filled.buffer
 
     # How it finds them
@@ -476,14 +484,10 @@ class Recording:
 
     @contextmanager
     def _telling_of_all(self, span: Span) -> Iterator[None]:
-        """Inside the `with` an error of a span's buffer tells of all samples, and does not advise
-        to wait.
-        """
+        """Inside the `with` an error of a span's buffer tells of all samples."""
         try:
             yield
         except ExtrapolationException as error:
-            error.args = (after_waiting(error),)
-            error.retry_after_s = None
             known = self._samples().range_of(error.child_frame_id, span.keys)
             if known is not None:
                 error.oldest_ns, error.newest_ns = known
@@ -519,6 +523,17 @@ class Recording:
             return error
         return NoDataException(
             f"no samples between '{target_frame}' and '{source_frame}' in that span"
+        )
+
+
+def _check_span(from_ns: int | None, to_ns: int | None) -> None:
+    """Raise InvalidArgumentException for no stamps, and a span that ends before it begins."""
+    for stamp_ns in (from_ns, to_ns):
+        if stamp_ns is not None:
+            check_stamp(stamp_ns)
+    if from_ns is not None and to_ns is not None and to_ns < from_ns:
+        raise InvalidArgumentException(
+            f"the span ends before it begins: from_ns is {from_ns}, to_ns is {to_ns}"
         )
 
 

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from heapq import merge
 
@@ -213,7 +214,8 @@ class _DamagedFile(McapFile):
             elif opcode == DATA_END:
                 is_summary = self.has_all_messages = True
             elif is_summary and opcode in (SCHEMA, CHANNEL):
-                self._take_definition(opcode, self._content(opcode, at, end - at))
+                with suppress(DecodeError):
+                    self._take_definition(opcode, self._content(opcode, at, end - at))
             elif opcode in (CHUNK, METADATA, ATTACHMENT):
                 self._scan_record(opcode, at, end - at)
             elif opcode in (MESSAGE, SCHEMA, CHANNEL) and bare_at is None:

@@ -193,6 +193,7 @@ class Samples:
         sampling: Sampling,
     ) -> Span:
         buffer = Buffer(math.inf, sampling=sampling)
+        buffer.expect_no_more()
         for item in self._statics_at(first_ns):
             rows = item.rows if children is None else item.rows.only(children)
             buffer.set_transforms(rows, static=True, authority=item.stream.name)

@@ -4,8 +4,7 @@ import errno
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.index import IndexBuilder
@@ -27,6 +26,7 @@ from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter
+from tfbus.runtime.closing import Closing
 from tfbus.runtime.version import installed_version
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _SEQUENCES = 2**32
 _MESSAGE_BYTES = 31
 
 
-class RecordingWriter:
+class RecordingWriter(Closing):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
     After an OSError, as of a full disk, the file has what was there at the last `flush`, and takes
@@ -89,17 +89,6 @@ class RecordingWriter:
         self._mcap.add_metadata(
             ABOUT, {"version": installed_version(), **{k: str(v) for k, v in (about or {}).items()}}
         )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def size(self) -> int:

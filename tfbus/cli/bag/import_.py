@@ -1,6 +1,8 @@
 """`tfbus bag import`: recordings of ROS and Foxglove as recordings of tfbus."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,8 +18,12 @@ from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable
 from tfbus.recording.imported import Imported, imported
+from tfbus.recording.items import Item
 from tfbus.recording.writer import Compression
 from tfbus.wording import counted, listed, printable
+
+if TYPE_CHECKING:
+    from tfbus.recording.foreign.files import ForeignFiles
 
 # Of the topics that were left out, as many are named, each with its reason.
 _NAMED = 12
@@ -99,7 +105,7 @@ def command(
                     default_stream=stream,
                 )
                 written = write_recording(
-                    items,
+                    _some(items, sources),
                     output,
                     force=force,
                     span=(sources.start_ns, sources.end_ns),
@@ -112,8 +118,22 @@ def command(
                         warn(f"{source.name} is damaged: {lost} cannot be read; the rest is")
     except InvalidNameError as error:
         raise TfbusError(str(error)) from error
-    _say_what_is_missing(counts)
+    finally:
+        _say_what_is_missing(counts)
+    if not counts.transforms and not counts.static_transforms:
+        say("There are no transforms in it: no message of TFMessage or FrameTransform")
     click.echo(f"Wrote {output}: {written}")
+
+
+def _some(items: Iterator[Item], sources: "ForeignFiles") -> Iterator[Item]:
+    """The items. Raises TfbusError where there are none."""
+    is_empty = True
+    for item in items:
+        is_empty = False
+        yield item
+    if is_empty:
+        names = listed([source.name for source in sources.files])
+        raise TfbusError(f"nothing was imported: no message of {names} is one that was asked for")
 
 
 def _say_what_is_missing(counts: Imported) -> None:
@@ -127,5 +147,3 @@ def _say_what_is_missing(counts: Imported) -> None:
             f"left out {counted(count, 'message')} of {printable(topic, 60)}: "
             f"{counts.why_failed[topic]}"
         )
-    if not counts.transforms and not counts.static_transforms:
-        say("There are no transforms in it: no message of TFMessage or FrameTransform")

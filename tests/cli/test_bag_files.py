@@ -263,10 +263,10 @@ def test_what_the_recorder_said_of_itself_stays(drive: Path) -> None:
             assert about.items() <= reader.about.items()
             assert reader.about["edited"] == edited
     with RecordingReader("d.mcap") as reader:
-        assert reader.about["lost"].startswith("what came after +")
+        assert reader.about["lost"].startswith("what came after 2023-11-14T22:13:2")
     said = wrote("info", "d.mcap")
     assert "tfbus 0.1 on robot7" in said and "recover of cut.mcap" in said
-    assert "what came after +" in said
+    assert "what came after 2023-11-14T22:13:2" in said
 
 
 @pytest.mark.parametrize("verb", ["filter", "import"])
@@ -307,3 +307,24 @@ def test_the_list_of_verbs_says_what_each_help_says() -> None:
         verb = group.get_command(click.Context(group), name)
         assert verb is not None
         assert " ".join((verb.help or "").partition("\n\n")[0].split()) == text
+
+
+def test_what_is_lost_on_the_way_is_said_in_the_new_file(drive: Path) -> None:
+    """By its time of day, as the new file may begin elsewhere."""
+    with RecordingWriter("bad.mcap") as writer:
+        for number, item in enumerate(items()):
+            writer.write(item)
+            if number % 50 == 0:
+                writer.flush()
+    with RecordingReader("bad.mcap") as reader:
+        chunk = reader.chunks[2].chunk
+    data = bytearray(Path("bad.mcap").read_bytes())
+    data[chunk.offset + chunk.length - 3] ^= 255
+    Path("bad.mcap").write_bytes(data)
+    said = wrote("filter", "bad.mcap", "--exclude", "none", "-o", "a.mcap")
+    assert "bad.mcap is damaged: " in said
+    wrote("merge", "a.mcap", drive, "-o", "b.mcap")
+    for name in ("a.mcap", "b.mcap"):
+        with RecordingReader(name) as reader:
+            lost = reader.about["lost"]
+        assert lost.endswith("50 messages from 2023-11-14T22:13:22.50Z to 2023-11-14T22:13:24.90Z")

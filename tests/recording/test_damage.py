@@ -84,7 +84,7 @@ def test_what_is_around_the_damage_is_read(tmp_path: Path, is_complete: bool) ->
         assert reader.is_complete == is_complete
         assert numbers(reader) == numbers(reader) == ALL[:60] + ALL[80:]
         assert reader.is_damaged
-        [text] = reader.damage_texts()
+        [text] = [each.text(reader.start_ns) for each in reader.damage]
     [damage] = met
     assert (damage.from_ns, damage.to_ns, damage.messages) == (moment(60), moment(79), 20)
     assert text.endswith("with 20 messages from +6.00s to +7.90s")
@@ -97,7 +97,7 @@ def test_damage_side_by_side_is_one(tmp_path: Path) -> None:
     spoil(path, 3, 4, 7)
     with RecordingReader(path, on_damage=lambda *_: None) as reader:
         reader.check()
-        texts = reader.damage_texts()
+        texts = [each.text(reader.start_ns) for each in reader.damage]
     assert [text.partition(" with ")[2] for text in texts] == [
         "40 messages from +6.00s to +9.90s",
         "20 messages from +14.00s to +15.90s",

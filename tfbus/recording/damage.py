@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 from tfbus.wire.limits import size_text
 
@@ -23,20 +24,23 @@ class Damage:
     messages: int | None = None
     what: str = ""
 
-    def text(self, start_ns: int) -> str:
+    def text(self, start_ns: int | None = None) -> str:
         """What is damaged, with times since the beginning of the recording: `128 kB with 98
-        messages from +3.21s to +3.44s`.
+        messages from +3.21s to +3.44s`; in UTC where that is None.
         """
         found = f"messages of {self.what}" if self.what else size_text(self.size)
         if self.messages is not None and not self.what:
             found += f" with {self.messages:,} message{'' if self.messages == 1 else 's'}"
-        if self.from_ns is None or self.to_ns is None or not start_ns:
+        if self.from_ns is None or self.to_ns is None or start_ns == 0:
             return found
-        begin, end = (_since(log_ns, start_ns) for log_ns in (self.from_ns, self.to_ns))
+        begin, end = (time_text(log_ns, start_ns) for log_ns in (self.from_ns, self.to_ns))
         return f"{found} at {begin}" if begin == end else f"{found} from {begin} to {end}"
 
 
-def _since(log_ns: int, start_ns: int) -> str:
+def time_text(log_ns: int, start_ns: int | None) -> str:
+    """A log time since the beginning of the recording, or in UTC."""
+    if start_ns is None:
+        return f"{datetime.fromtimestamp(log_ns / 1e9, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-4] + "Z"
     if log_ns < start_ns:
         return f"{(start_ns - log_ns) / 1e9:.2f}s before the beginning"
     return f"+{(log_ns - start_ns) / 1e9:.2f}s"

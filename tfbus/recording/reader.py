@@ -118,13 +118,10 @@ class RecordingReader(Closing):
         """Whether something could not be read of what was asked for so far."""
         return any(part.file.damage for part in self._parts)
 
-    def damage_texts(self) -> tuple[str, ...]:
-        """What could not be read of what was asked for so far: `128 kB from +3.2s to +3.4s`."""
-        return tuple(
-            damage.text(self.start_ns)
-            for part in self._parts
-            for damage in united(part.file.damage)
-        )
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What could not be read of what was asked for so far."""
+        return tuple(damage for part in self._parts for damage in united(part.file.damage))
 
     def check(self) -> None:
         """Read all chunks, to meet all damage."""

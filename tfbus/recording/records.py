@@ -221,7 +221,7 @@ def _of_zstd(data: bytes, size: int) -> bytes:
             raise DecodeError(f"a chunk has {said:,} bytes in the place of {size:,}")
         found: bytes = zstandard.ZstdDecompressor().decompress(data, max_output_size=size or 1)
     except zstandard.ZstdError as error:
-        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+        raise DecodeError("a chunk cannot be decompressed") from error
     return found
 
 
@@ -231,7 +231,7 @@ def _of_lz4(data: bytes, size: int) -> bytes:
     try:
         found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     except (RuntimeError, EOFError) as error:
-        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+        raise DecodeError("a chunk cannot be decompressed") from error
     return found
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from heapq import merge
 
 from tfbus.errors import DecodeError
-from tfbus.recording.damage import Damage, united
+from tfbus.recording.damage import Damage, time_text, united
 from tfbus.recording.items import Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
@@ -49,7 +49,7 @@ _COMPRESSIONS = (b"zstd", b"lz4", b"")
 
 _SEARCH_BYTES = 2**22
 
-# Of the losses this number is listed.
+# Of the losses a file lists this number of itself.
 _MOST_LINES = 20
 
 
@@ -72,21 +72,22 @@ class Loss:
     def __bool__(self) -> bool:
         return bool(self.damage or self.tail_bytes or self.messages or self.is_cut_short)
 
-    def lines(self) -> list[str]:
-        """Each loss in a line, with times since the beginning of the recording."""
-        found = [each.text(self.start_ns) for each in self.damage if not each.what]
+    def lines(self, *, in_utc: bool = False) -> list[str]:
+        """Each loss in a line, with times since the beginning of the recording, or in UTC."""
+        start_ns = None if in_utc else self.start_ns
+        found = [each.text(start_ns) for each in self.damage if not each.what]
         if self.messages:
             found.append(f"{counted(self.messages, 'message')} that cannot be read")
         if self.is_cut_short and self.has_all_messages:
             found.append("the end, its index, but no message")
         elif self.is_cut_short:
-            after = f"what came after {(self.end_ns - self.start_ns) / 1e9:+.2f}s"
+            after = f"what came after {time_text(self.end_ns, start_ns)}"
             left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
             found.append(f"{after}{left}")
         return found
 
     def __str__(self) -> str:
-        return listed(self.lines(), most=_MOST_LINES)
+        return listed(self.lines(in_utc=True), most=_MOST_LINES)
 
 
 class Salvage:

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.bag.new_file import about_edited, compression_option, output_option, write_recording
+from tfbus.cli.bag.new_file import (
+    about_edited,
+    compression_option,
+    lost_of,
+    output_option,
+    write_recording,
+)
 from tfbus.cli.bag.sources import (
     SeveralNames,
     names_of,
@@ -120,6 +126,7 @@ def command(
             sources=[part.path for part in reader.parts],
             compression=compression,
             about=about_edited([reader], "filter"),
+            about_at_end=lambda: lost_of([reader]),
         )
     click.echo(f"Wrote {output}: {written}")
 

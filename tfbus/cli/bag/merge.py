@@ -5,7 +5,13 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.bag.new_file import about_edited, compression_option, output_option, write_recording
+from tfbus.cli.bag.new_file import (
+    about_edited,
+    compression_option,
+    lost_of,
+    output_option,
+    write_recording,
+)
 from tfbus.cli.bag.sources import recordings_argument, warn_of_unreadable
 from tfbus.cli.output import warn
 from tfbus.command.recordings import open_recording
@@ -30,7 +36,9 @@ def command(
         readers = [stack.enter_context(open_recording(path)) for path in recordings]
         for again, first in repeated(readers):
             readers.remove(again)
-            warn(f"{again.parts[0].name} is the same as {first.parts[0].name}: it counts once")
+            name, other = again.parts[0].name, first.parts[0].name
+            same = "is given twice" if name == other else f"is the same as {other}"
+            warn(f"{name} {same}: it counts once")
         for reader in readers:
             warn_of_unreadable(reader)
         if names := conflicting_epochs(readers):
@@ -49,5 +57,6 @@ def command(
             sources=[part.path for reader in readers for part in reader.parts],
             compression=compression,
             about=about_edited(readers, "merge"),
+            about_at_end=lambda: lost_of(readers),
         )
     click.echo(f"Wrote {output}: {written}")

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+# A file says this number of losses of itself.
+_MOST_LOST = 20
+
 # The bar moves this many times.
 _STEPS = 200
 
@@ -192,6 +195,17 @@ def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, s
     if hosts := list(dict.fromkeys(each.about["host"] for each in readers if "host" in each.about)):
         about["host"] = ", ".join(hosts)
     return about | {"edited": edited([part.path for each in readers for part in each.parts], verb)}
+
+
+def lost_of(readers: Iterable["RecordingReader"]) -> dict[str, str]:
+    """What a recording made of others says of what was lost: what they say, and what of them could
+    not be read.
+    """
+    lost: list[str] = []
+    for reader in readers:
+        lost += filter(None, [reader.about.get("lost", "")])
+        lost += [damage.text() for damage in reader.damage]
+    return {"lost": listed(lost, most=_MOST_LOST)} if lost else {}
 
 
 def edited(sources: Collection[Path], verb: str) -> str:

@@ -269,6 +269,16 @@ def test_what_the_recorder_said_of_itself_stays(drive: Path) -> None:
     assert "what came after 2023-11-14T22:13:2" in said
 
 
+def test_a_topic_that_an_import_does_not_meet_is_said(tmp_path: Path) -> None:
+    """With one that is near."""
+    os.chdir(tmp_path)
+    row = RawTransform(START_NS, "map", "base", (0, 0, 0, 0, 0, 0, 1))
+    write_bag(Path("r.bag"), [Sent(START_NS, [row])])
+    said = wrote("import", "r.bag", "--topics", "tff", "tf", "-o", "r.mcap")
+    assert "there is no topic 'tff'; did you mean 'tf'?" in said and said.count("no topic") == 1
+    assert run("import", "r.bag", "--topics", "a", "--only-tf", "-o", "s.mcap").exit_code == 2
+
+
 @pytest.mark.parametrize("verb", ["filter", "import"])
 @pytest.mark.parametrize("option", ["-e", "-x"])
 def test_what_is_no_regular_expression_is_a_usage_error(

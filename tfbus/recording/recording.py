@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.core.sampling import Sampling
@@ -87,7 +87,17 @@ class Recording(Closing):
                     f"path: expected the name of a file, got a {type(path).__name__}; several "
                     "files are given one after the other: Recording(first, second)"
                 )
-        self._reader = RecordingReader(*paths)
+        self._begin(RecordingReader(*paths))
+
+    @classmethod
+    def of_reader(cls, reader: RecordingReader) -> Self:
+        """The recording that an open reader reads; `close` closes the reader."""
+        recording = cls.__new__(cls)
+        recording._begin(reader)
+        return recording
+
+    def _begin(self, reader: RecordingReader) -> None:
+        self._reader = reader
         self._lock = threading.RLock()
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()

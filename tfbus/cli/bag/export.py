@@ -159,14 +159,14 @@ def _pair(
 ) -> str:
     from tfbus.recording.recording import Recording
 
-    with Recording(*bag.choice.paths) as recording:
-        first_ns, last_ns = None, None
-        if bag.choice.begin is not None or bag.choice.end is not None:
-            first_ns, last_ns = stamps_received(bag.reader, *bag.span)
-        if stamps_of is None:
-            poses = recording.trajectory(*pair, first_ns, last_ns)
-        else:
-            poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
+    recording = Recording.of_reader(bag.reader)
+    first_ns, last_ns = None, None
+    if bag.choice.begin is not None or bag.choice.end is not None:
+        first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+    if stamps_of is None:
+        poses = recording.trajectory(*pair, first_ns, last_ns)
+    else:
+        poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
     write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
     with new_file(output, force=force, sources=_sources(bag)) as beside:
         write(beside)

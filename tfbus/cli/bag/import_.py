@@ -19,8 +19,9 @@ from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable
 from tfbus.recording.imported import Imported, imported
 from tfbus.recording.items import Item
+from tfbus.recording.selection import is_of_transforms
 from tfbus.recording.writer import Compression
-from tfbus.wording import counted, listed, printable
+from tfbus.wording import counted, did_you_mean, listed, printable
 
 if TYPE_CHECKING:
     from tfbus.recording.foreign.files import ForeignFiles
@@ -86,6 +87,8 @@ def command(
     if stream and ("/" in stream or not is_printable(stream)):
         raise click.BadParameter("letters without '/' are allowed", param_hint="--stream")
     names = tuple(name.removeprefix("/") for name in names_of(topics))
+    if only_tf and names:
+        raise click.UsageError("--only-tf and --topics are mutually exclusive")
     selection = selected(regex=regex, exclude=exclude)
     counts = Imported()
     try:
@@ -119,7 +122,7 @@ def command(
     except InvalidNameError as error:
         raise TfbusError(str(error)) from error
     finally:
-        _say_what_is_missing(counts)
+        _say_what_is_missing(counts, names)
     if not counts.transforms and not counts.static_transforms:
         say("There are no transforms in it: no message of TFMessage or FrameTransform")
     click.echo(f"Wrote {output}: {written}")
@@ -136,7 +139,10 @@ def _some(items: Iterator[Item], sources: "ForeignFiles") -> Iterator[Item]:
         raise TfbusError(f"nothing was imported: no message of {names} is one that was asked for")
 
 
-def _say_what_is_missing(counts: Imported) -> None:
+def _say_what_is_missing(counts: Imported, names: tuple[str, ...]) -> None:
+    for name in names:
+        if counts.topics and name not in counts.topics and not is_of_transforms(name):
+            warn(f"there is no topic '{printable(name, 60)}'{did_you_mean(name, counts.topics)}")
     by_reason: dict[str, list[str]] = {}
     for topic, reason in sorted(counts.left_out.items()):
         by_reason.setdefault(reason, []).append(printable(topic, 60))

@@ -128,7 +128,7 @@ def _head(summary: Summary) -> Iterator[str]:
     yield _line("Messages", f"{summary.messages:,}, with {_many(transforms, 'dynamic transform')}")
     said = [f"tfbus {summary.about['version']}"] if "version" in summary.about else []
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
-    if said:
+    if said and ("host" in summary.about or "edited" not in summary.about):
         yield _line("Recorder", " ".join(said))
     for label, name in (("Edited", "edited"), ("Lost", "lost")):
         if name in summary.about:
@@ -178,8 +178,11 @@ def _streams(summary: Summary) -> Iterator[str]:
     if not summary.streams:
         return
     yield ""
+    # Without restarts that column has nothing to say, and others need the room.
+    restarts = any(stream.restarts for stream in summary.streams)
+    header = ["STREAM", "NODE", "FRAMES", "STATIC", "MESSAGES", "HZ", "LONGEST GAP"]
     yield from table(
-        ["STREAM", "NODE", "FRAMES", "STATIC", "MESSAGES", "HZ", "LONGEST GAP", "RESTARTS"],
+        [*header, "RESTARTS"] if restarts else header,
         [
             [
                 paint(stream.name, "name") + (paint(" gone", "bad") if _is_gone(stream) else ""),
@@ -189,12 +192,16 @@ def _streams(summary: Summary) -> Iterator[str]:
                 f"{stream.flow.messages:,}",
                 _rate(stream.flow),
                 _gap(stream.flow, summary),
-                paint(str(stream.restarts), "warning") if stream.restarts else "-",
+                *([_restarts(stream)] if restarts else []),
             ]
             for stream in summary.streams
         ],
         right=(2, 3, 4, 5, 7),
     )
+
+
+def _restarts(stream: StreamFacts) -> str:
+    return paint(str(stream.restarts), "warning") if stream.restarts else "-"
 
 
 def _is_gone(stream: StreamFacts) -> bool:

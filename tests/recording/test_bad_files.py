@@ -26,7 +26,7 @@ from tfbus.recording.records import (
     records_in,
 )
 from tfbus.recording.summary import summary_of
-from tfbus.recording.writer import RecordingWriter
+from tfbus.recording.writer import Compression, RecordingWriter
 
 T0 = 1_700_000_000 * S
 
@@ -44,9 +44,9 @@ def items() -> list[Item]:
     return found
 
 
-def whole(path: Path, compression: str = "zstd") -> bytes:
+def whole(path: Path, compression: Compression = "zstd") -> bytes:
     """The bytes of a recording of these items, in four chunks."""
-    with RecordingWriter(path, compression=compression) as writer:  # type: ignore[arg-type]
+    with RecordingWriter(path, compression=compression) as writer:
         for number, item in enumerate(items()):
             writer.write(item)
             if number % 5 == 4:
@@ -71,7 +71,7 @@ def look_at_all(path: Path) -> list[tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
-def test_a_file_cut_anywhere(tmp_path: Path, compression: str) -> None:
+def test_a_file_cut_anywhere(tmp_path: Path, compression: Compression) -> None:
     """What is there is the beginning of the whole, more the later it is cut; it is cut short."""
     data = whole(tmp_path / "a.mcap", compression)
     expected = [as_values(item) for item in items()]
@@ -96,7 +96,7 @@ def test_bytes_that_are_no_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_spoilt_bytes(tmp_path: Path, compression: str) -> None:
+def test_spoilt_bytes(tmp_path: Path, compression: Compression) -> None:
     """Anywhere: what cannot be read is a DecodeError, never another error."""
     data = whole(tmp_path / "a.mcap", compression)
     spoilt, rng = tmp_path / "b.mcap", random.Random(1)

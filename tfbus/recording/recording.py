@@ -74,6 +74,8 @@ class Recording(Closing):
     and those of items and messages, are log times: when the recorder received them. Both are
     nanoseconds since the Unix epoch.
 
+    What of a file cannot be read is left out, and logged once.
+
     Needs the extra `bag`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is
     no recording. Safe from any thread.
     """
@@ -257,7 +259,7 @@ class Recording(Closing):
         """The transform that takes data in `source_frame` into `target_frame` at a stamp; None
         means the latest time for which every edge between the two has data.
 
-        Raises as `Buffer.lookup_transform`, and DecodeError where a file is damaged.
+        Raises as `Buffer.lookup_transform`.
         """
         if stamp_ns is None:
             return self._latest(target_frame, source_frame, sampling)

@@ -127,7 +127,7 @@ class RecordingWriter(Closing):
                 with self._failing():
                     self._end_chunk()
                     self._index.write(self._mcap)
-                    self._mcap.finish()  # type: ignore[no-untyped-call]
+                    self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
                     self._file.flush()
         finally:
             self._size = self._file.tell()
@@ -239,7 +239,7 @@ class RecordingWriter(Closing):
     def _end_chunk(self) -> None:
         if self._pending:
             self._index.end_chunk(self._file.tell())
-            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._mcap.flush()  # type: ignore[no-untyped-call]  # the same
             self._pending = 0
 
 

@@ -220,7 +220,7 @@ def test_a_summary_that_names_a_record_twice_is_not_believed(tmp_path: Path) -> 
         if opcode == STATISTICS:
             (count,) = struct.unpack_from("<I", content, 18)
             struct.pack_into("<I", content, 18, count + 1)
-        summary.append(record(opcode, content))
+        summary.append(record(opcode, bytes(content)))
         if opcode == METADATA_INDEX and opcode not in [each[0] for each in summary[:-1]]:
             summary.append(summary[-1])
     spoilt = data[:start] + b"".join(summary)

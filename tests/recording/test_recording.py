@@ -311,14 +311,14 @@ def test_transforms_are_no_messages_of_a_topic(tmp_path: Path, topic: str) -> No
 
 def test_a_span_that_ends_before_it_begins_is_refused(tmp_path: Path) -> None:
     """A ValueError says so, at once."""
-    span = {"from_ns": T0 + 2, "to_ns": T0 + 1}
+    begin, end = T0 + 2, T0 + 1
     with tfbus.Recording(written(tmp_path / "a.mcap", robot(1))) as bag:
         for ask in (
-            lambda: bag.buffer(**span),
-            lambda: bag.trajectory("slow", "fast", **span),
-            lambda: bag.samples("fast", **span),
-            lambda: bag.items(**span),
-            lambda: bag.messages("pose", **span),
+            lambda: bag.buffer(begin, end),
+            lambda: bag.trajectory("slow", "fast", begin, end),
+            lambda: bag.samples("fast", begin, end),
+            lambda: bag.items(begin, end),
+            lambda: bag.messages("pose", from_ns=begin, to_ns=end),
         ):
             with pytest.raises(ValueError, match="the span ends before it begins"):
                 ask()

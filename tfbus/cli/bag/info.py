@@ -18,7 +18,7 @@ from tfbus.wire.limits import size_text
 from tfbus.wording import and_more, columns, counted, cut, duration, printable
 
 _S = 1_000_000_000
-_LABEL = 11
+_LABEL = 10
 
 # Where a longest gap began is shown where it is longer than this number of mean periods.
 _NOTABLE_PERIODS = 2.0
@@ -118,7 +118,7 @@ def _head(summary: Summary) -> Iterator[str]:
         lost = [each.text(summary.start_ns) for each in file.damage[:_MOST_DAMAGE]]
         if len(file.damage) > _MOST_DAMAGE:
             lost.append(and_more(len(file.damage), _MOST_DAMAGE))
-        yield from _lines("Unreadable", lost) if lost else ()
+        yield from _lines("Damaged", lost) if lost else ()
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
     yield _line("Duration", duration(summary.duration_s))

@@ -37,7 +37,7 @@ def _write(path: str, messages: Iterable[tuple[int, bytes]], compression: str) -
         channel = writer.register_channel("/tf", "cdr", schema)
         for sequence, (log_ns, data) in enumerate(messages):
             writer.add_message(channel, log_ns, data, log_ns, sequence)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
 
 
 def read(path: str) -> None:

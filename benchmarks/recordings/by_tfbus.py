@@ -2,6 +2,7 @@
 
 import random
 import time
+from collections.abc import Iterable
 from statistics import median
 
 from benchmarks.bus.place import say
@@ -9,7 +10,7 @@ from benchmarks.recordings import robot
 from benchmarks.recordings.cost import cpu_s, say_cost
 from benchmarks.recordings.robot import HOUR, LAST, PERIOD_NS
 from tfbus import Buffer, Recording
-from tfbus.recording.items import TransformItem
+from tfbus.recording.items import Item, TransformItem
 from tfbus.recording.writer import Compression, RecordingWriter
 
 _LOOKUPS = 100
@@ -30,10 +31,10 @@ def write(folder: str, count: int, compression: Compression) -> None:
     )
 
 
-def _write(path: str, items: object, compression: Compression) -> None:
+def _write(path: str, items: Iterable[Item], compression: Compression) -> None:
     with RecordingWriter(path, compression=compression) as writer:
         writer.write(robot.description())
-        for item in items:  # type: ignore[attr-defined]
+        for item in items:
             writer.write(item)
 
 

@@ -114,14 +114,16 @@ def _files(cpu_s: Mapping[str, Mapping[str, float | str]]) -> str:
         peers = [who for who in cpu_s[what] if who != TFBUS]
         for who in peers or [""]:
             theirs = cpu_s[what].get(who)
-            is_ratio = isinstance(ours, float) and isinstance(theirs, float)
+            ratio = ""
+            if isinstance(ours, float) and isinstance(theirs, float):
+                ratio = f"{theirs / ours:.2f} x"
             cells.append(
                 [
                     text,
                     who,
                     "" if theirs is None else _taken(theirs),
                     _taken(ours),
-                    f"{theirs / ours:.2f} x" if is_ratio else "",  # type: ignore[operator]
+                    ratio,
                 ]
             )
     return markdown_table(["measure", "peer", "peer takes", "tfbus takes", "ratio"], cells, words=2)

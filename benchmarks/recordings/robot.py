@@ -6,7 +6,7 @@ import numpy as np
 
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, RecordedStream, TransformItem
-from tfbus.ros.tf_message import encode_tf_message
+from tfbus.ros.tf_message import TFMessageWriter
 
 FRAMES = 50
 RATE_HZ = 50
@@ -46,7 +46,9 @@ def description() -> EventItem:
 
 def messages(count: int) -> list[tuple[int, bytes]]:
     """The same as log times and bytes of ROS, without the static transforms."""
-    return [(log_ns(message), encode_tf_message(columns(message))) for message in range(count)]
+    return [
+        (log_ns(message), TFMessageWriter().write(columns(message))) for message in range(count)
+    ]
 
 
 def columns(message: int) -> Columns:

@@ -100,6 +100,12 @@ def test_a_recording_is_filtered(drive: Path) -> None:
         "1 transform of 1 stream\n"
     )
     assert "1 topic" not in wrote("filter", drive, "--drop", "pose,laser", "-o", "b.mcap")
+    only_transforms = wrote("filter", drive, "--topics", "tf", "pose", "-o", "d.mcap")
+    assert only_transforms.endswith("101 transforms of 1 stream, 100 messages of 1 topic\n")
+    for wrong_name in ("--frames", "--drop"):
+        wrong = run("filter", drive, wrong_name, "bse", "-o", "c.mcap")
+        assert wrong.exit_code == 2
+        assert "'bse' in the recording; did you mean 'base'?" in " ".join(wrong.output.split())
     wrong = run("filter", drive, "--topics", "/pos", "-o", "c.mcap")
     assert wrong.exit_code == 2
     assert "there is no topic 'pos' in the recording; did you mean 'pose'?" in wrong.output
@@ -119,7 +125,9 @@ def test_a_damaged_recording_is_recovered(drive: Path) -> None:
     assert "drive.mcap was whole: nothing is lost" in wrote("recover", drive, "-o", "a.mcap")
     data = drive.read_bytes()
     drive.write_bytes(data[: len(data) - 700])
-    assert "Lost of drive.mcap: the end" in wrote("recover", drive, "-o", "b.mcap")
+    assert "Lost of drive.mcap: the end, its index, but no message" in wrote(
+        "recover", drive, "-o", "b.mcap"
+    )
     drive.write_bytes(b"nothing")
     done = run("recover", drive, "-o", "c.mcap")
     assert (done.exit_code, done.output) == (
@@ -198,15 +206,91 @@ def test_a_mistake_is_named(drive: Path, arguments: tuple[str, ...], said: str) 
 
 
 def test_a_file_is_replaced_only_if_told(drive: Path) -> None:
-    """Also the one that is read."""
-    before = drive.read_bytes()
-    refused = run("cut", drive, "--to", "+1s", "-o", drive)
+    """And then whole."""
+    part = Path("part.mcap")
+    part.write_bytes(b"former")
+    refused = run("cut", drive, "--to", "+1s", "-o", part)
     assert refused.exit_code == 2
-    assert "drive.mcap exists" in refused.output
-    assert drive.read_bytes() == before
-    wrote("cut", drive, "--to", "+1s", "-o", drive, "--force")
-    with RecordingReader(drive) as reader:
+    assert "part.mcap exists" in refused.output
+    assert part.read_bytes() == b"former"
+    wrote("cut", drive, "--to", "+1s", "-o", part, "--force")
+    with RecordingReader(part) as reader:
         assert reader.end_ns == START_NS + S
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("cut", "--to", "+1s"), ("merge",), ("filter", "--drop", "pose"), ("recover",), ("export",)],
+)
+def test_the_recording_that_is_read_is_never_replaced(
+    drive: Path, arguments: tuple[str, ...]
+) -> None:
+    """Not even by another name of it."""
+    before = drive.read_bytes()
+    Path("same.csv" if arguments == ("export",) else "same.mcap").symlink_to(drive)
+    same = "same.csv" if arguments == ("export",) else "same.mcap"
+    refused = run(*arguments, drive, "-o", same, "--force")
+    assert refused.exit_code == 2, refused.output
+    assert f"{same} is the recording that is read" in refused.output
+    assert drive.read_bytes() == before
+
+
+def test_a_recording_that_is_given_twice_counts_once(drive: Path) -> None:
+    """Also as a copy."""
+    Path("copy.mcap").write_bytes(drive.read_bytes())
+    said = wrote("merge", drive, "copy.mcap", drive, "-o", "a.mcap")
+    assert "copy.mcap is the same as drive.mcap: it counts once" in said
+    assert said.endswith("9.9 s, 101 transforms of 1 stream, 100 messages of 1 topic\n")
+
+
+def test_what_the_recorder_said_of_itself_stays(drive: Path) -> None:
+    """And what was done, and lost, is added."""
+    drive.unlink()
+    about = {"host": "robot7", "version": "0.1"}
+    with RecordingWriter(drive, about=about) as writer:
+        for item in items():
+            writer.write(item)
+    wrote("cut", drive, "--to", "+5s", "-o", "a.mcap")
+    wrote("merge", drive, "a.mcap", "-o", "b.mcap")
+    wrote("filter", "b.mcap", "--topics", "pose", "-o", "c.mcap")
+    data = bytearray(drive.read_bytes())
+    Path("cut.mcap").write_bytes(data[: len(data) // 2])
+    wrote("recover", "cut.mcap", "-o", "d.mcap")
+    for name, edited in (
+        ("a.mcap", "cut of drive.mcap"),
+        ("b.mcap", "merge of drive.mcap, a.mcap"),
+        ("c.mcap", "filter of b.mcap"),
+        ("d.mcap", "recover of cut.mcap"),
+    ):
+        with RecordingReader(name) as reader:
+            assert about.items() <= reader.about.items()
+            assert reader.about["edited"] == edited
+    with RecordingReader("d.mcap") as reader:
+        assert reader.about["lost"].startswith("what came after 2023-11-14T22:13:2")
+    said = wrote("info", "d.mcap")
+    assert "tfbus 0.1 on robot7" in said and "recover of cut.mcap" in said
+    assert "what came after 2023-11-14T22:13:2" in said
+
+
+def test_a_topic_that_an_import_does_not_meet_is_said(tmp_path: Path) -> None:
+    """With one that is near."""
+    os.chdir(tmp_path)
+    row = RawTransform(START_NS, "map", "base", (0, 0, 0, 0, 0, 0, 1))
+    write_bag(Path("r.bag"), [Sent(START_NS, [row])])
+    said = wrote("import", "r.bag", "--topics", "tff", "tf", "-o", "r.mcap")
+    assert "there is no topic 'tff'; did you mean 'tf'?" in said and said.count("no topic") == 1
+    assert run("import", "r.bag", "--topics", "a", "--only-tf", "-o", "s.mcap").exit_code == 2
+
+
+@pytest.mark.parametrize("verb", ["filter", "import"])
+@pytest.mark.parametrize("option", ["-e", "-x"])
+def test_what_is_no_regular_expression_is_a_usage_error(
+    drive: Path, verb: str, option: str
+) -> None:
+    """As in `tfbus bag record`."""
+    done = run(verb, drive, option, "[", "-o", "a.mcap")
+    assert done.exit_code == 2
+    assert "is no regular expression" in " ".join(done.output.split())
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(28, "No space left on device")])
@@ -225,7 +309,7 @@ def test_an_end_in_the_middle_leaves_no_file(
         place.write_text("former")
     span = (START_NS, START_NS + S)
     with pytest.raises((SystemExit, TfbusError)):
-        write_recording(interrupted(), place, force=True, span=span)
+        write_recording(interrupted(), place, force=True, span=span, sources=())
     assert [path.name for path in tmp_path.iterdir()] == ["out.mcap"] * exists
     assert not exists or place.read_text() == "former"
 
@@ -236,3 +320,24 @@ def test_the_list_of_verbs_says_what_each_help_says() -> None:
         verb = group.get_command(click.Context(group), name)
         assert verb is not None
         assert " ".join((verb.help or "").partition("\n\n")[0].split()) == text
+
+
+def test_what_is_lost_on_the_way_is_said_in_the_new_file(drive: Path) -> None:
+    """By its time of day, as the new file may begin elsewhere."""
+    with RecordingWriter("bad.mcap") as writer:
+        for number, item in enumerate(items()):
+            writer.write(item)
+            if number % 50 == 0:
+                writer.flush()
+    with RecordingReader("bad.mcap") as reader:
+        chunk = reader.chunks[2].chunk
+    data = bytearray(Path("bad.mcap").read_bytes())
+    data[chunk.offset + chunk.length - 3] ^= 255
+    Path("bad.mcap").write_bytes(data)
+    said = wrote("filter", "bad.mcap", "--exclude", "none", "-o", "a.mcap")
+    assert "bad.mcap is damaged: " in said
+    wrote("merge", "a.mcap", drive, "-o", "b.mcap")
+    for name in ("a.mcap", "b.mcap"):
+        with RecordingReader(name) as reader:
+            lost = reader.about["lost"]
+        assert lost.endswith("50 messages from 2023-11-14T22:13:22.50Z to 2023-11-14T22:13:24.90Z")

@@ -9,6 +9,8 @@ from click.testing import CliRunner, Result
 from tests.builders import S, at, in_recording
 from tfbus.cli.bag.info import command
 from tfbus.recording.items import EventItem, Item, TopicItem
+from tfbus.recording.reader import RecordingReader
+from tfbus.recording.records import MAGIC
 from tfbus.recording.writer import RecordingWriter
 
 T0 = 1_700_000_000 * S
@@ -97,7 +99,12 @@ def test_a_file_cut_short(bag: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [(b"text", "is not a recording"), (b"", "is not a recording")]
+    ("content", "said"),
+    [
+        (b"text", "is not a recording: it does not begin as MCAP files do"),
+        (b"", "is not a recording: it is an empty file, of 0 bytes"),
+        (MAGIC + bytes(300), "is cut short before its first message: nothing is in it"),
+    ],
 )
 def test_another_file(tmp_path: Path, content: bytes, said: str) -> None:
     """It is one sentence, and the exit code 1."""
@@ -105,6 +112,24 @@ def test_another_file(tmp_path: Path, content: bytes, said: str) -> None:
     done = info(tmp_path / "x.txt")
     assert done.exit_code == 1 and said in done.output
     assert len(done.output.splitlines()) == 1
+
+
+def test_a_damaged_file(bag: Path) -> None:
+    """It is said what cannot be read; without reading all it is not known."""
+    with RecordingReader(bag) as reader:
+        chunk = reader.chunks[0].chunk
+    data = bytearray(bag.read_bytes())
+    data[chunk.offset + chunk.length - 3] ^= 255
+    bag.write_bytes(data)
+    done = info(bag)
+    assert done.exit_code == 0
+    assert "damaged" in done.output and "Damaged:" in done.output and "from +0.00s" in done.output
+    unchecked = info("--no-check", bag)
+    assert "not checked for damage" in unchecked.output and "Damaged:" not in unchecked.output
+    told = json.loads(info("--json", bag).stdout)
+    assert told["is_complete"] is False
+    [file] = told["files"]
+    assert [each["offset"] for each in file["damage"]] == [chunk.offset]
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

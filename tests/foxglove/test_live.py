@@ -26,7 +26,7 @@ from tfbus.foxglove.serving import Serving
 from tfbus.messages import Clock, Pose, Spawn, Twist, Vector3
 from tfbus.ros.definitions import Definition
 from tfbus.ros.schema import MessageCodec
-from tfbus.ros.tf_message import decode_tf_message
+from tfbus.ros.tf_message import TFMessageReader
 
 POSE = Pose(1670400305709085026, 1.5, -2.0, 0.25, 0.5, -0.125)
 
@@ -47,7 +47,7 @@ def client(bridge: LiveBridge) -> Iterator[Client]:
 
 def transforms_of(client: Client, topic: str) -> list[TransformStamped]:
     """All transforms that came on a topic."""
-    return [each for data in client.of(topic) for each in decode_tf_message(data)]
+    return [each for data in client.of(topic) for each in TFMessageReader().read(data)]
 
 
 # Frames

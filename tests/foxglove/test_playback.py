@@ -20,7 +20,7 @@ from tfbus.foxglove.serving import Serving
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
-from tfbus.ros.tf_message import decode_tf_message
+from tfbus.ros.tf_message import TFMessageReader
 
 START = 1670400300 * S
 END = START + 10 * S
@@ -102,7 +102,7 @@ def watching(bridge: PlaybackBridge) -> Iterator[Client]:
 
 def x_of(client: Client, topic: str = "/tf") -> list[float]:
     """The x of all transforms that came on a topic."""
-    return [each.transform.x for data in client.of(topic) for each in decode_tf_message(data)]
+    return [each.transform.x for data in client.of(topic) for each in TFMessageReader().read(data)]
 
 
 def test_it_stands_at_the_beginning_with_its_statics(client: Client) -> None:
@@ -201,7 +201,7 @@ def test_the_frames_of_a_fleet_have_their_namespace_in_front(tmp_path: Path) -> 
                 {
                     each.child_frame_id
                     for data in client.of("/tf_static")
-                    for each in decode_tf_message(data)
+                    for each in TFMessageReader().read(data)
                 }
                 == {"robot3/base_link", "robot7/base_link"}
             )

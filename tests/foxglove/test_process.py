@@ -14,7 +14,7 @@ from tests import needs
 from tests.foxglove.client import Client
 from tests.live_bus import DEADLINE_S, Bus, Process, eventually, free_port, send_until
 from tfbus import TransformStamped
-from tfbus.ros.tf_message import decode_tf_message
+from tfbus.ros.tf_message import TFMessageReader
 
 SLOW_S = 3 * DEADLINE_S
 
@@ -28,7 +28,7 @@ def foxglove(bus: Bus, *arguments: str) -> tuple[Process, int]:
 
 def transforms_of(client: Client, child: str) -> list[TransformStamped]:
     """All transforms of a frame that came."""
-    found = [each for data in client.of("/tf") for each in decode_tf_message(data)]
+    found = [each for data in client.of("/tf") for each in TFMessageReader().read(data)]
     return [each for each in found if each.child_frame_id == child]
 
 
@@ -64,7 +64,7 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
     with Client(port) as late:
         late.subscribe("/tf_static")
         eventually(lambda: late.of("/tf_static"))
-        [lamp] = decode_tf_message(late.of("/tf_static")[0])
+        [lamp] = TFMessageReader().read(late.of("/tf_static")[0])
         assert (lamp.frame_id, lamp.child_frame_id, lamp.transform.x) == ("world", "lamp", 1.5)
     assert process.stop() == 0
     assert process.out == []

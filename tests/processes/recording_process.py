@@ -14,6 +14,7 @@ from tfbus.bag.parts_written import PartsWritten
 from tfbus.bag.raw_queue import RawQueue
 from tfbus.bag.recorder import Recorder
 from tfbus.bag.sources import TransformSource
+from tfbus.recording.items import Item
 from tfbus.recording.selection import ALL
 from tfbus.recording.writer import RecordingWriter
 from tfbus.wire.transforms import TransformReader
@@ -24,9 +25,9 @@ class Telling(PartsWritten):
 
     messages = 0
 
-    def write(self, item: object) -> None:
+    def write(self, item: Item) -> None:
         """Write and count."""
-        super().write(item)  # type: ignore[arg-type]
+        super().write(item)
         self.messages += 1
 
     def flush(self) -> None:

@@ -26,7 +26,7 @@ from tfbus.recording.records import (
     records_in,
 )
 from tfbus.recording.summary import summary_of
-from tfbus.recording.writer import RecordingWriter
+from tfbus.recording.writer import Compression, RecordingWriter
 
 T0 = 1_700_000_000 * S
 
@@ -44,9 +44,9 @@ def items() -> list[Item]:
     return found
 
 
-def whole(path: Path, compression: str = "zstd") -> bytes:
+def whole(path: Path, compression: Compression = "zstd") -> bytes:
     """The bytes of a recording of these items, in four chunks."""
-    with RecordingWriter(path, compression=compression) as writer:  # type: ignore[arg-type]
+    with RecordingWriter(path, compression=compression) as writer:
         for number, item in enumerate(items()):
             writer.write(item)
             if number % 5 == 4:
@@ -71,7 +71,7 @@ def look_at_all(path: Path) -> list[tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none"])
-def test_a_file_cut_anywhere(tmp_path: Path, compression: str) -> None:
+def test_a_file_cut_anywhere(tmp_path: Path, compression: Compression) -> None:
     """What is there is the beginning of the whole, more the later it is cut; it is cut short."""
     data = whole(tmp_path / "a.mcap", compression)
     expected = [as_values(item) for item in items()]
@@ -96,7 +96,7 @@ def test_bytes_that_are_no_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_spoilt_bytes(tmp_path: Path, compression: str) -> None:
+def test_spoilt_bytes(tmp_path: Path, compression: Compression) -> None:
     """Anywhere: what cannot be read is a DecodeError, never another error."""
     data = whole(tmp_path / "a.mcap", compression)
     spoilt, rng = tmp_path / "b.mcap", random.Random(1)
@@ -142,23 +142,6 @@ def test_spoilt_bytes_that_no_checksum_finds(tmp_path: Path) -> None:
             continue
 
 
-def test_a_damaged_chunk_names_the_file_and_what_to_do(tmp_path: Path) -> None:
-    """The items before it come; then it is said."""
-    data = bytearray(whole(tmp_path / "a.mcap"))
-    with RecordingReader(tmp_path / "a.mcap") as reader:
-        chunk = reader.chunks[2].chunk
-    data[chunk.offset + chunk.length - 3] ^= 255
-    (tmp_path / "b.mcap").write_bytes(data)
-    found = []
-    with (
-        RecordingReader(tmp_path / "b.mcap") as reader,
-        pytest.raises(DecodeError, match=r"b\.mcap is damaged: .*`tfbus bag recover`"),
-    ):
-        for item in reader.items():
-            found.append(item)
-    assert len(found) > 5
-
-
 def record(opcode: int, *fields: bytes) -> bytes:
     """A record of MCAP."""
     content = b"".join(fields)
@@ -202,7 +185,7 @@ from tfbus.errors import DecodeError
 from tfbus.recording.reader import RecordingReader
 resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30))
 try:
-    with RecordingReader({str(path)!r}) as reader:
+    with RecordingReader({str(path)!r}, on_damage=lambda part, damage: None) as reader:
         print(len(list(reader.items())))
 except DecodeError as error:
     print(error)
@@ -237,7 +220,7 @@ def test_a_summary_that_names_a_record_twice_is_not_believed(tmp_path: Path) -> 
         if opcode == STATISTICS:
             (count,) = struct.unpack_from("<I", content, 18)
             struct.pack_into("<I", content, 18, count + 1)
-        summary.append(record(opcode, content))
+        summary.append(record(opcode, bytes(content)))
         if opcode == METADATA_INDEX and opcode not in [each[0] for each in summary[:-1]]:
             summary.append(summary[-1])
     spoilt = data[:start] + b"".join(summary)

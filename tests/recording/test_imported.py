@@ -3,6 +3,7 @@
 import sqlite3
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,7 @@ from tests.recording.foreign_files import (
 from tfbus.errors import DecodeError
 from tfbus.recording.foreign.files import opened
 from tfbus.recording.imported import Imported, imported
-from tfbus.recording.items import Item, TransformItem
+from tfbus.recording.items import Item, TopicItem, TransformItem
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
 
@@ -55,10 +56,24 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
 }
 
 
-def items_of(*paths: Path, counts: Imported | None = None, **options: object) -> list[Item]:
+def items_of(*paths: Path, counts: Imported | None = None, **options: Any) -> list[Item]:
     """What is imported of these files."""
     with opened(*paths) as files:
-        return list(imported(files.messages(), counts or Imported(), **options))  # type: ignore[arg-type]
+        return list(imported(files.messages(), counts or Imported(), **options))
+
+
+def transforms_of(*paths: Path, **options: Any) -> list[TransformItem]:
+    """The same, where it is transforms alone."""
+    items = items_of(*paths, **options)
+    assert all(isinstance(item, TransformItem) for item in items)
+    return [item for item in items if isinstance(item, TransformItem)]
+
+
+def messages_of(*paths: Path, **options: Any) -> list[TopicItem]:
+    """The same, where it is messages of topics alone."""
+    items = items_of(*paths, **options)
+    assert all(isinstance(item, TopicItem) for item in items)
+    return [item for item in items if isinstance(item, TopicItem)]
 
 
 def rows_of(item: TransformItem) -> list[Row]:
@@ -124,8 +139,8 @@ def test_each_publisher_of_ros_1_is_a_stream(tmp_path: Path) -> None:
         Sent(START_NS + 1, [raw(1, "map", "odom")], "/tf", "/slam"),
         Sent(START_NS + 2, [raw(2, "odom", "base")], "/tf", "/robot/ekf"),
     ]
-    items = items_of(write_bag(tmp_path / "r.bag", sent))
-    assert [(item.stream.name, item.stream.node) for item in items] == [  # type: ignore[union-attr]
+    items = transforms_of(write_bag(tmp_path / "r.bag", sent))
+    assert [(item.stream.name, item.stream.node) for item in items] == [
         ("slam", "/slam"),
         ("robot_ekf", "/robot/ekf"),
     ]
@@ -169,18 +184,19 @@ def test_topics_keep_their_type_and_bytes(tmp_path: Path) -> None:
             name = message.__msgtype__
             connection = bag.add_connection(topic, name, typestore=store)
             bag.write(connection, START_NS + at, bytes(store.serialize_ros1(message, name)))
-    goal, clock = items_of(tmp_path / "r.bag")
-    assert (goal.topic, goal.type_name) == ("goal", "geometry_msgs/msg/PointStamped")  # type: ignore[union-attr]
-    assert goal.values == {  # type: ignore[union-attr]
+    goal, clock = messages_of(tmp_path / "r.bag")
+    assert (goal.topic, goal.type_name) == ("goal", "geometry_msgs/msg/PointStamped")
+    assert goal.values == {
         "header": {"stamp": {"sec": 5, "nanosec": 7}, "frame_id": "base"},
         "point": {"x": 1.0, "y": 2.0, "z": 3.0},
     }
-    assert (clock.topic, clock.type_name, clock.values["stamp_ns"]) == (  # type: ignore[union-attr]
+    assert (clock.topic, clock.type_name, clock.values["stamp_ns"]) == (
         "clock",
         "Clock",
         5 * S + 7,
     )
-    definition, data = goal.encoded  # type: ignore[union-attr,misc]
+    assert goal.encoded is not None
+    definition, data = goal.encoded
     assert store_of(2).deserialize_cdr(data, definition.name).header.frame_id == "base"
 
 
@@ -200,8 +216,8 @@ def test_files_of_rosbag2_without_definitions_are_read(tmp_path: Path) -> None:
     database.execute("UPDATE schema SET schema_version = 3")
     database.commit()
     database.close()
-    [goal] = items_of(tmp_path / "r" / "r.db3")
-    assert goal.values == {"x": 1.0, "y": 2.0, "z": 3.0}  # type: ignore[union-attr]
+    [goal] = messages_of(tmp_path / "r" / "r.db3")
+    assert goal.values == {"x": 1.0, "y": 2.0, "z": 3.0}
 
 
 def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
@@ -217,7 +233,7 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
         writer.add_message(2, START_NS + 1, b"{", START_NS)
         writer.finish()
     counts = Imported()
-    assert [item.values for item in items_of(path, counts=counts)] == [{"x": 1}]  # type: ignore[union-attr]
+    assert [item.values for item in messages_of(path, counts=counts)] == [{"x": 1}]
     assert sorted(counts.left_out) == ["/a b", "/points"]
     assert "flatbuffer" in counts.left_out["/points"]
     assert counts.failed == {"/pose": 1}
@@ -237,7 +253,8 @@ def test_a_stamp_that_a_recording_cannot_hold_is_told(tmp_path: Path) -> None:
 def test_a_selection_is_imported(tmp_path: Path) -> None:
     """Streams by a regular expression, and transforms alone."""
     path = write_bag(tmp_path / "r.bag", SENT)
-    streams = {item.stream.name for item in items_of(path, selection=Selection(exclude="arm"))}  # type: ignore[union-attr]
+    items = transforms_of(path, selection=Selection(exclude="arm"))
+    streams = {item.stream.name for item in items}
     assert streams == {"ros", "robot7/ros"}
     assert len(items_of(path, only_transforms=True)) == len(SENT)
 

@@ -294,8 +294,56 @@ def test_messages_of_a_topic(tmp_path: Path) -> None:
     assert list(bag.messages("turtle1/pose"))[3] == (T0 + 3, pose | {"x": 3.0})
     typed = list(bag.messages("turtle1/pose", tfbus.messages.Pose, from_ns=T0 + 1, to_ns=T0 + 2))
     assert [(log_ns, message.x) for log_ns, message in typed] == [(T0 + 1, 1.0), (T0 + 2, 2.0)]
+    assert list(bag.messages("/turtle1/pose")) == list(bag.messages("turtle1/pose"))
     with pytest.raises(tfbus.LookupException, match="did you mean 'turtle1/pose'"):
         bag.messages("turtle/pose")
+
+
+@pytest.mark.parametrize("topic", ["tf", "/tf_static", "robot7/tf"])
+def test_transforms_are_no_messages_of_a_topic(tmp_path: Path, topic: str) -> None:
+    """The error names what gives them."""
+    with (
+        tfbus.Recording(written(tmp_path / "a.mcap", robot(1))) as bag,
+        pytest.raises(tfbus.InvalidArgumentException, match=r"samples\(frame\)"),
+    ):
+        bag.messages(topic)
+
+
+def test_a_span_that_ends_before_it_begins_is_refused(tmp_path: Path) -> None:
+    """A ValueError says so, at once."""
+    begin, end = T0 + 2, T0 + 1
+    with tfbus.Recording(written(tmp_path / "a.mcap", robot(1))) as bag:
+        for ask in (
+            lambda: bag.buffer(begin, end),
+            lambda: bag.trajectory("slow", "fast", begin, end),
+            lambda: bag.samples("fast", begin, end),
+            lambda: bag.items(begin, end),
+            lambda: bag.messages("pose", from_ns=begin, to_ns=end),
+        ):
+            with pytest.raises(ValueError, match="the span ends before it begins"):
+                ask()
+
+
+def test_no_error_advises_to_wait_for_what_was_recorded(tmp_path: Path) -> None:
+    """Neither of the recording nor of its buffers."""
+    with tfbus.Recording(written(tmp_path / "a.mcap", robot(5))) as bag:
+        for lookup in (bag.lookup_transform, bag.buffer().lookup_transform):
+            with pytest.raises(tfbus.ExtrapolationException) as late:
+                lookup("slow", "fast", T0 + 9 * S)
+            assert "wait" not in str(late.value) and "query the latest" in str(late.value)
+            assert late.value.retry_after_s is None
+
+
+def test_stamp_0_is_not_the_latest(tmp_path: Path) -> None:
+    """As it is in tf2: the error of a recording, of its buffer and of any other says so."""
+    with tfbus.Recording(written(tmp_path / "a.mcap", robot(5))) as bag:
+        for lookup in (
+            bag.lookup_transform,
+            bag.buffer().lookup_transform,
+            filled(robot(5)).lookup_transform,
+        ):
+            with pytest.raises(tfbus.ExtrapolationException, match="not the latest as in tf2"):
+                lookup("slow", "fast", 0)
 
 
 def test_a_recording_that_is_closed_says_so(tmp_path: Path) -> None:

@@ -17,6 +17,18 @@ def test_streams_that_are_long_gone_are_no_longer_in_force() -> None:
     assert state.streams.keys() == state.gone.keys()
 
 
+def test_the_end_of_a_node_is_said_once() -> None:
+    """Until it is there again."""
+    state = BusState()
+    gone, there = EventItem(1, "node gone", "/sim"), EventItem(0, "node", "/sim", {"host": "a"})
+    state.take(there)
+    assert not state.says(gone)
+    state.take(gone)
+    assert state.says(gone)
+    state.take(there)
+    assert not state.says(gone)
+
+
 def test_a_stream_that_is_there_stays_in_force() -> None:
     """However many others go."""
     state = BusState()

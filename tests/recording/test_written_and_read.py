@@ -1,5 +1,6 @@
 """What is written comes back, bit by bit, in order of time, from any moment on."""
 
+import errno
 import math
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from tests.builders import S, as_values, at, in_recording
 from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
+from tfbus.recording.index import IndexBuilder
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
@@ -277,3 +279,24 @@ def test_two_recordings_of_the_same_time_are_one(tmp_path: Path) -> None:
                     writer.flush()
     times = [values[0] if len(values) > 1 else values[0].log_ns for values in read(tmp_path)]  # type: ignore[attr-defined]
     assert times == sorted(times) and len(times) >= len(items)
+
+
+def test_after_an_error_nothing_more_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What Python holds of the file stays out of it: the disk may have room again at its end."""
+    writer = RecordingWriter(tmp_path / "a.mcap", compression="none")
+    writer.write(in_recording(T0, [at(1, "base", T0)], seq=0))
+    writer.flush()
+    size = (tmp_path / "a.mcap").stat().st_size
+    writer.write(EventItem(T0, "paused"))
+    writer.write(in_recording(T0, [at(2, "base", T0)], seq=1))
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(IndexBuilder, "end_chunk", full)
+    with pytest.raises(OSError, match="No space left"):
+        writer.flush()
+    writer.close()
+    assert (tmp_path / "a.mcap").stat().st_size == size

@@ -12,7 +12,7 @@ from tfbus import DecodeError
 from tfbus.geometry.columns import Columns
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import RAW, MessageCodec
-from tfbus.ros.tf_message import TFMessageReader, decode_tf_message, encode_tf_message
+from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
 
 # What a wrong count or length is likely to be.
 _COUNTS = (0, 1, 2, 3, 7, 255, 65_536, 10**9, 2**31 - 1, 2**31, 2**32 - 1)
@@ -30,7 +30,7 @@ def transforms(count: int) -> list[bytes]:
     """The message with `count` transforms, and one of the same size with other names."""
     rows = [at(0.1 * row, f"joint{row}", 10**18 + row) for row in range(count)]
     others = [at(0.1 * row, f"wheel{row}", 10**18 + row) for row in range(count)]
-    return [encode_tf_message(Columns.of_transforms(each)) for each in (rows, others)]
+    return [TFMessageWriter().write(Columns.of_transforms(each)) for each in (rows, others)]
 
 
 def big_endian() -> bytes:
@@ -79,7 +79,7 @@ def test_spoilt_transforms_are_read_or_refused(pytestconfig: pytest.Config) -> N
     for _ in range(pytestconfig.getoption("--fuzz-messages") // 2):
         data = spoilt(chance.choice(samples), chance)
         try:
-            expected = contents(decode_tf_message(data))
+            expected = contents(TFMessageReader().read(data))
         except DecodeError:
             with pytest.raises(DecodeError):
                 reader.read(data)
@@ -173,7 +173,7 @@ def test_a_large_count_takes_no_memory(definition: Definition, count: int) -> No
             codec.decode(data)
         if definition is TF_MESSAGE:
             with pytest.raises(DecodeError):
-                decode_tf_message(data)
+                TFMessageReader().read(data)
         assert tracemalloc.get_traced_memory()[1] < 100_000
     finally:
         tracemalloc.stop()

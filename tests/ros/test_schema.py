@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tfbus import DecodeError, InvalidArgumentException, messages
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import RAW, MessageCodec, MessageCodecs
-from tfbus.ros.tf_message import decode_tf_message
+from tfbus.ros.tf_message import TFMessageReader
 from tfbus.wire.codec import as_map, from_map
 
 SEPARATOR = "=" * 80
@@ -424,7 +424,7 @@ def test_the_definition_of_transforms_is_that_of_ros() -> None:
     store = get_typestore(Stores.LATEST)
     assert store.generate_msgdef(TF_MESSAGE.name, ros_version=2)[0] == TF_MESSAGE.text
     data = MessageCodec.of_definition(TF_MESSAGE).encode({"transforms": []})
-    assert data is not None and decode_tf_message(data).count == 0
+    assert data is not None and TFMessageReader().read(data).count == 0
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,11 @@ import pytest
 
 from tests.builders import at
 from tfbus.geometry.columns import Columns
-from tfbus.ros.tf_message import TFMessageReader, encode_tf_message
+from tfbus.ros.tf_message import TFMessageReader, TFMessageWriter
 from tfbus.ros.tf_messages import equal_parts, read_many
 
-EMPTY = encode_tf_message(Columns.of_transforms([]))
-TWO = encode_tf_message(Columns.of_transforms([at(1.0, "drone"), at(2.0, "laser")]))
+EMPTY = TFMessageWriter().write(Columns.of_transforms([]))
+TWO = TFMessageWriter().write(Columns.of_transforms([at(1.0, "drone"), at(2.0, "laser")]))
 
 
 @pytest.mark.parametrize("messages", [[EMPTY] * 9, [TWO] * 9, [EMPTY, TWO] * 9])

@@ -321,6 +321,12 @@ class Buffer:
         """
         return self._store.expect_past(authority)
 
+    def expect_no_more(self) -> None:
+        """Note that no more data will come, as for a buffer of a file: errors no longer advise to
+        wait.
+        """
+        self._store.is_ended = True
+
     # Notifying
 
     def on_change(self, listener: Callable[[Change], None]) -> Callable[[], None]:

@@ -108,6 +108,14 @@ def after_waiting(error: TransformException) -> str:
     return _WAIT.sub(lambda found: f"; {found[1]}" if found[1] else "", str(error))
 
 
+def without_waiting(error: TransformException) -> TransformException:
+    """The error, for a buffer that gets no more data: it does not advise to wait."""
+    error.args = (after_waiting(error),)
+    if isinstance(error, ExtrapolationException):
+        error.retry_after_s = None
+    return error
+
+
 def without_timeout(error: TransformException, *, many: bool = False) -> TransformException:
     """The error, for a call that has no `timeout_s`: it advises to ask again later; with `many`
     stamps also to leave out those without an answer, where it would have one ask for the latest.
@@ -227,6 +235,8 @@ def _no_data(
             return _error(ExtrapolationException, history, stamp_ns, reason)
         return _too_far(history, stamp_ns) if sampling.interpolation == "nearest" else None
     confused = _confused_units(stamp_ns, newest) or other_clock(stamp_ns, newest)
+    if confused and stamp_ns == 0:
+        confused = "the stamp 0 is the year 1970, not the latest as in tf2; omit it for the latest"
     if history.count() == 1:
         remedy = "wait for another" if stamp_ns > newest else "query a later time"
         away = confused or f"its only sample is {_far(newest - stamp_ns)}; {remedy}"

@@ -14,6 +14,7 @@ from tfbus.buffer.explain import (
     may_come,
     unknown_frame,
     why_not,
+    without_waiting,
 )
 from tfbus.buffer.store import Store
 from tfbus.buffer.waiting import Bell, Question, Waiter
@@ -170,8 +171,8 @@ class Lookup:
             store.report_questions()
         store.expired_lookups.note(reason)
         if isinstance(reason, LookupException | ConnectivityException):
-            return store.explained(reason, self._questions)
-        return reason
+            reason = store.explained(reason, self._questions)
+        return without_waiting(reason) if store.is_ended else reason
 
     def _now_ns(self) -> int:
         """The time that ages are from; not with the lock held, as the clock may be any function of

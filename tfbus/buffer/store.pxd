@@ -15,6 +15,7 @@ cdef class Store:
     cdef BatchInserter inserter
     cdef readonly object sampling, rejected, expired_lookups, waiters
     cdef public object clock
+    cdef public bint is_ended
     cdef readonly dict expected_pasts
     cdef list _listeners, _watchers
     cdef object _once

@@ -44,6 +44,7 @@ class Store:
     ) -> None:
         self.sampling = TF2 if sampling == TF2 else sampling
         self.clock = clock
+        self.is_ended = False
         self.rejected = Rejections()
         self.expired_lookups = ExpiredLookups(cache_time_s)
         self.tree = Tree(round(min(cache_time_s * 1e9, LONGEST_NS)), max_samples)

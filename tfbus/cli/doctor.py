@@ -2,7 +2,7 @@
 
 import textwrap
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import click
 
@@ -94,6 +94,8 @@ def _check_recording(
         frames = frames_of(recording, settings, fleet)
         is_complete = recording.reader.is_complete
         seen = examine_recorded(frames, settings, from_ns, to_ns, is_complete=is_complete)
+        damage = tuple(each.text(frames.start_ns) for each in recording.reader.damage)
+        seen = replace(seen, damage=damage)
         if not as_json:
             print_lines(span_lines(bag, frames, from_ns, to_ns))
     return {

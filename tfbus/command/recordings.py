@@ -15,14 +15,20 @@ from tfbus.command.extras import install_command
 from tfbus.command.moment import Moment
 from tfbus.command.types import MomentType
 from tfbus.errors import TfbusError
-from tfbus.wording import duration, printable
+from tfbus.wire.limits import size_text
+from tfbus.wording import counted, duration, printable
 
 if TYPE_CHECKING:
+    from tfbus.recording.damage import Damage
+    from tfbus.recording.part import Part
     from tfbus.recording.reader import RecordingReader
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _S = 1_000_000_000
+
+# Of the places that cannot be read this number is said one by one.
+_MOST_DAMAGE = 3
 
 _MOMENTS = {
     "at": ("The moment to show: 3 is 3 s after its beginning, -3 is 3 s before its end.", "--at"),
@@ -162,15 +168,17 @@ def bag_choice(bags: tuple[Path, ...], **moments: Moment | None) -> BagChoice | 
 
 
 @contextmanager
-def open_recording(*paths: Path) -> "Iterator[RecordingReader]":
+def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[RecordingReader]":
     """The recording in these files or folders.
 
-    Raises TfbusError where it cannot be read. One that is cut short is said on stderr.
+    Raises TfbusError where it cannot be read. On stderr it is said where it is cut short and,
+    unless the tool says it itself, what of it cannot be read.
     """
+    met = _Damage()
     try:
         from tfbus.recording.reader import RecordingReader
 
-        reader = RecordingReader(*paths)
+        reader = RecordingReader(*paths, on_damage=met.take)
     except ImportError as error:
         raise TfbusError(
             f"recordings need {error.name or 'mcap'}, which is not installed: "
@@ -181,14 +189,68 @@ def open_recording(*paths: Path) -> "Iterator[RecordingReader]":
         raise TfbusError(f"{name} cannot be read: {error.strerror}") from error
     with reader:
         if not reader.end_ns:
-            raise TfbusError(f"{printable(str(paths[0]))} is an empty recording")
+            raise TfbusError(_why_empty(reader, printable(str(paths[0])), met))
         if not reader.is_complete:
             click.echo(
                 f"The recording is cut short: it ends at {wall(reader.end_ns)} "
                 "(tfbus bag recover writes a whole file)",
                 err=True,
             )
-        yield reader
+        if not says_damage:
+            yield reader
+            return
+        met.say_of(reader)
+        try:
+            yield reader
+        finally:
+            met.say_rest()
+
+
+def _why_empty(reader: "RecordingReader", name: str, met: "_Damage") -> str:
+    if met.found:
+        return f"nothing of {name} can be read: {met.found[0][1].reason}"
+    if not reader.is_complete:
+        return f"{name} is cut short before its first message: nothing is in it"
+    return f"{name} is an empty recording: it has no message"
+
+
+class _Damage:
+    """Says on stderr what cannot be read of a recording, as it is met: the first places one by
+    one, further ones together at the end.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[tuple[Part, Damage]] = []
+        self._reader: RecordingReader | None = None
+
+    def take(self, part: "Part", damage: "Damage") -> None:
+        self.found.append((part, damage))
+        if self._reader is not None and len(self.found) <= _MOST_DAMAGE:
+            self._say([(part, damage)], self._reader.start_ns)
+
+    def say_of(self, reader: "RecordingReader") -> None:
+        """Say what was met so far, and what will be, of a reader that is open."""
+        self._reader = reader
+        self._say(self.found[:_MOST_DAMAGE], reader.start_ns)
+
+    def say_rest(self) -> None:
+        rest = [damage for _, damage in self.found[_MOST_DAMAGE:]]
+        if rest:
+            messages = sum(each.messages or 0 for each in rest)
+            with_them = f", with {counted(messages, 'message')}" if messages else ""
+            click.echo(
+                f"{counted(len(rest), 'more part')} of the recording cannot be read: "
+                f"{size_text(sum(each.size for each in rest))}{with_them}",
+                err=True,
+            )
+
+    def _say(self, found: "list[tuple[Part, Damage]]", start_ns: int) -> None:
+        for part, damage in found:
+            click.echo(
+                f"{part.name} is damaged: {damage.text(start_ns)} cannot be read "
+                f"({printable(damage.reason)}); the rest is",
+                err=True,
+            )
 
 
 def wall(stamp_ns: int) -> str:

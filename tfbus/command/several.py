@@ -15,13 +15,16 @@ class Several(click.Option):
         super().add_to_parser(parser, ctx)
         for name in self.opts:
             option = parser._long_opt.get(name) or parser._short_opt.get(name)
-            option.process = _taking_several(option.process)
+            option.process = self._taking_several(option.process)
 
+    def takes(self, word: str) -> bool:
+        """Whether the next word is a value."""
+        return not word.startswith("-")
 
-def _taking_several(process: Any) -> Any:
-    def take(value: Any, state: Any) -> None:
-        process(value, state)
-        while state.rargs and not state.rargs[0].startswith("-"):
-            process(state.rargs.pop(0), state)
+    def _taking_several(self, process: Any) -> Any:
+        def take(value: Any, state: Any) -> None:
+            process(value, state)
+            while state.rargs and self.takes(state.rargs[0]):
+                process(state.rargs.pop(0), state)
 
-    return take
+        return take

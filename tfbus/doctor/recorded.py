@@ -39,7 +39,8 @@ class RecordedExamination(Examination):
     """A span of a recording; `tree` and `nodes` are those at its end.
 
     `start_ns` is the beginning of the recording. `restarts` are the log times at which streams
-    began new epochs, by stream. `lost` counts messages that the recorder dropped.
+    began new epochs, by stream. `lost` counts messages that the recorder dropped; `damage` says
+    what cannot be read.
     """
 
     start_ns: int
@@ -49,6 +50,7 @@ class RecordedExamination(Examination):
     samples: dict[Edge, EdgeSamples]
     lost: int = 0
     paused: int = 0
+    damage: tuple[str, ...] = ()
 
     def time(self, log_ns: int) -> str:
         """A log time as `--at` takes it: `+12.345s`."""

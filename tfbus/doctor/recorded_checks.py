@@ -12,7 +12,7 @@ from tfbus.frames.snapshot import ProblemKind, who
 from tfbus.frames.state import is_another_time
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.recorded import EdgeSamples
-from tfbus.wording import counted, duration
+from tfbus.wording import counted, duration, listed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,6 +37,8 @@ def check_complete(seen: RecordedExamination) -> Finding:
     evidence = []
     if not seen.is_complete:
         evidence.append("it is cut short: the recorder was killed, or its disk was full")
+    if seen.damage:
+        evidence.append(f"it is damaged: {listed(seen.damage)} cannot be read")
     if seen.lost:
         evidence.append(
             f"the recorder dropped {counted(seen.lost, 'message')}: its disk or host was too slow"
@@ -46,7 +48,7 @@ def check_complete(seen: RecordedExamination) -> Finding:
         "warn",
         evidence,
         "tfbus bag recover writes a whole file of what is there"
-        if not seen.is_complete
+        if not seen.is_complete or seen.damage
         else "record less (--exclude), or onto a faster disk",
         f"{duration(seen.listened_s)}, whole{pauses}",
     )

@@ -1,5 +1,6 @@
 """Recordings out of recordings: a part of one, several in one, and with less in it."""
 
+import filecmp
 from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -140,6 +141,29 @@ def conflicting_epochs(readers: Sequence[RecordingReader]) -> tuple[str, ...]:
             ours, others = _epochs(first), _epochs(second)
             found |= {name for name in ours.keys() & others.keys() if ours[name] != others[name]}
     return tuple(sorted(found))
+
+
+def repeated(
+    readers: Sequence[RecordingReader],
+) -> list[tuple[RecordingReader, RecordingReader]]:
+    """The recordings that are the same files, byte by byte, as one before; each with that one."""
+    found: list[tuple[RecordingReader, RecordingReader]] = []
+    different: list[RecordingReader] = []
+    for reader in readers:
+        first = next((each for each in different if _are_same_files(each, reader)), None)
+        if first is None:
+            different.append(reader)
+        else:
+            found.append((reader, first))
+    return found
+
+
+def _are_same_files(first: RecordingReader, second: RecordingReader) -> bool:
+    pairs = list(zip(first.parts, second.parts, strict=False))
+    return len(first.parts) == len(second.parts) and all(
+        one.size == other.size and filecmp.cmp(one.path, other.path, shallow=False)
+        for one, other in pairs
+    )
 
 
 def _epochs(reader: RecordingReader) -> dict[str, set[int]]:

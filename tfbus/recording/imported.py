@@ -36,12 +36,14 @@ _Read = Callable[[ForeignMessage], Item | None]
 @dataclass
 class Imported:
     """Counts what was imported. `left_out` says by topic why none of its messages was, `failed` how
-    many of a topic could not be read, and `why_failed` the first reason.
+    many of a topic could not be read, and `why_failed` the first reason. `topics` are all that the
+    files have.
     """
 
     transforms: int = 0
     static_transforms: int = 0
     topic_messages: int = 0
+    topics: set[str] = field(default_factory=set)
     left_out: dict[str, str] = field(default_factory=dict)
     failed: Counter[str] = field(default_factory=Counter)
     why_failed: dict[str, str] = field(default_factory=dict)
@@ -87,6 +89,7 @@ class _Importer:
         for message in messages:
             channel = message.channel
             if channel not in self._reads:
+                self._counts.topics.add(channel.topic.lstrip("/"))
                 self._reads[channel] = self._read_of(channel)
             read = self._reads[channel]
             if read is None:

@@ -4,9 +4,12 @@ import errno
 import os
 import zlib
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from tfbus.errors import DecodeError, InvalidArgumentException
+from tfbus.recording.damage import Damage
 from tfbus.recording.records import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -22,6 +25,7 @@ from tfbus.recording.records import (
     MESSAGE_INDEX,
     METADATA,
     METADATA_INDEX,
+    MOST_CHUNK_MESSAGES,
     PREFIX,
     SCHEMA,
     STATISTICS,
@@ -30,6 +34,7 @@ from tfbus.recording.records import (
     Fields,
     Message,
     Schema,
+    check_log_time,
     chunk_records,
     read_attachment,
     read_channel,
@@ -56,7 +61,9 @@ class McapFile:
     the `metadata` records, and how many messages each channel has.
 
     `is_complete` is whether it ends as it should. A file that was cut short is read from its
-    beginning to where it ends; `skipped_chunks` of it were damaged.
+    beginning to where it ends. What cannot be read in the middle is left out: `on_damage` is called
+    with it when it is met first, and `damage` has what was met so far.
+
     Raises DecodeError for what is no MCAP file, and OSError.
     """
 
@@ -69,7 +76,9 @@ class McapFile:
         self.metadata: list[tuple[str, dict[str, str]]] = []
         self.counts: Counter[int] = Counter()
         self.is_complete = False
-        self.skipped_chunks = 0
+        self.on_damage: Callable[[Damage], object] = lambda damage: None
+        # By the place in the file or, of messages that are whole, by their channel.
+        self._damage: dict[tuple[str, int], Damage] = {}
         self._attachments: dict[str, tuple[int, int]] = {}
         self._file = os.open(self.path, os.O_RDONLY)
         try:
@@ -84,16 +93,29 @@ class McapFile:
             os.close(self._file)
             self._file = -1
 
+    @property
+    def damage(self) -> list[Damage]:
+        """What could not be read of what was asked for so far."""
+        return list(self._damage.values())
+
+    def is_damaged(self, offset: int) -> bool:
+        """Whether the chunk that begins here was asked for, and could not be read."""
+        return ("", offset) in self._damage
+
+    def note_damage(self, damage: Damage) -> None:
+        """Take note of what cannot be read: once for each place, and each `what` it is of."""
+        key = damage.what, 0 if damage.what else damage.offset
+        if key not in self._damage:
+            self._damage[key] = damage
+            self.on_damage(damage)
+
     def messages(self, chunk: Chunk) -> list[Message]:
-        """The messages of a chunk in the order of the file. Raises DecodeError where it is
-        damaged.
-        """
+        """The messages of a chunk in the order of the file; none where it is damaged."""
         try:
             return self._messages(chunk)
-        except DecodeError as error:
-            raise DecodeError(
-                f"{self._name} is damaged: {error}; `tfbus bag recover` saves what can be read"
-            ) from error
+        except (DecodeError, OSError) as error:  # the latter where the disk cannot read it
+            self.note_damage(self._damage_of(chunk, error))
+            return []
 
     def attachment(self, name: str) -> bytes | None:
         """The bytes of the last attachment of this name; None where there is none, or it is
@@ -112,26 +134,57 @@ class McapFile:
         """The log times of a chunk's messages by channel, in the order of the file: of the index
         behind the chunk, without decompressing it, where there is one.
         """
-        times: dict[int, list[int]] = {}
-        if chunk.index_length:
-            try:
-                index = self._read(chunk.offset + chunk.length, chunk.index_length)
-                for opcode, start, end in records_in(index):
-                    if opcode == MESSAGE_INDEX:
-                        channel, found = read_message_index(index[start:end])
-                        times[channel] = found
-            except DecodeError:
-                times.clear()
+        times = self._indexed_times(chunk)
         if not times:
             for message in self.messages(chunk):
                 times.setdefault(message.channel, []).append(message.log_ns)
         return times
 
+    def _indexed_times(self, chunk: Chunk) -> dict[int, list[int]]:
+        """The same of the index; empty where there is none, or it is damaged."""
+        times: dict[int, list[int]] = {}
+        try:
+            index = self._read(chunk.offset + chunk.length, chunk.index_length)
+            for opcode, start, end in records_in(index):
+                if opcode == MESSAGE_INDEX:
+                    channel, found = read_message_index(index[start:end])
+                    times[channel] = found
+        except (DecodeError, OSError):
+            times.clear()
+        return times
+
+    def _damage_of(self, chunk: Chunk, error: Exception) -> Damage:
+        """What is lost with a chunk: its index says it, and else its first fields."""
+        indexed = [time for times in self._indexed_times(chunk).values() for time in times]
+        said = [time for time in (chunk.from_ns, chunk.to_ns) if time] or indexed
+        if not said and not chunk.is_bare:
+            said = self._said_times(chunk)
+        return Damage(
+            chunk.offset,
+            chunk.length + chunk.index_length,
+            str(error),
+            min(said, default=None),
+            max(said, default=None),
+            len(indexed) or None,
+        )
+
+    def _said_times(self, chunk: Chunk) -> list[int]:
+        try:
+            fields = Fields(self._read(chunk.offset + PREFIX.size, 16))
+            times = [fields.number(8), fields.number(8)]
+            check_log_time(max(times))
+        except (DecodeError, OSError):
+            return []
+        return times if 0 < times[0] <= times[1] else []
+
     def _open(self) -> None:
         self.size = os.fstat(self._file).st_size
         if os.path.isdir(self.path):
             raise IsADirectoryError(errno.EISDIR, "is a folder", str(self.path))
-        if os.pread(self._file, len(MAGIC), 0) != MAGIC:
+        begin = os.pread(self._file, len(MAGIC), 0)
+        if not begin:
+            raise DecodeError(f"{self._name} is not a recording: it is an empty file, of 0 bytes")
+        if begin != MAGIC:
             raise DecodeError(
                 f"{self._name} is not a recording: it does not begin as MCAP files do"
             )
@@ -150,6 +203,7 @@ class McapFile:
         for each in (self.schemas, self.channels, self.chunks, self.metadata, self.counts):
             each.clear()
         self._attachments.clear()
+        self._damage.clear()
         self.is_complete = False
 
     def _read(self, offset: int, length: int) -> bytes:
@@ -300,15 +354,17 @@ class McapFile:
             elif opcode == ATTACHMENT:
                 name, _ = read_attachment(self._content(opcode, offset, length))
                 self._attachments[name] = (offset, length)
-        except DecodeError:
-            self.skipped_chunks += opcode == CHUNK
+        except DecodeError as error:
+            if opcode != ATTACHMENT:  # an index, which is made again
+                self.note_damage(Damage(offset, length, str(error)))
 
     def _scan_chunk(self, chunk: Chunk) -> None:
         """Take what is in a chunk that no index names."""
         try:
             messages = self._messages(chunk)
-        except DecodeError:
-            self.skipped_chunks += 1
+        except DecodeError as error:
+            indexed = replace(chunk, index_length=self._index_length(chunk.offset + chunk.length))
+            self.note_damage(self._damage_of(indexed, error))
             return
         if not messages:
             return
@@ -326,13 +382,25 @@ class McapFile:
             )
         )
 
+    def _index_length(self, at: int) -> int:
+        """How many bytes of the index of a chunk's messages are here."""
+        end = at
+        while end + PREFIX.size <= self.size:
+            opcode, length = PREFIX.unpack(self._read(end, PREFIX.size))
+            if opcode != MESSAGE_INDEX or end + PREFIX.size + length > self.size:
+                break
+            end += PREFIX.size + length
+        return end - at
+
     def _messages(self, chunk: Chunk) -> list[Message]:
         if chunk.is_bare:
             data = self._read(chunk.offset, chunk.length)
         else:
             data = chunk_records(self._content(CHUNK, chunk.offset, chunk.length))
         messages = []
-        for opcode, start, end in records_in(data):
+        for number, (opcode, start, end) in enumerate(records_in(data)):
+            if number > MOST_CHUNK_MESSAGES:
+                raise DecodeError(f"a chunk of more than {MOST_CHUNK_MESSAGES:,} messages")
             if opcode == MESSAGE:
                 messages.append(read_message(data, start, end))
             else:

@@ -3,7 +3,7 @@
 import os
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Container, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from tfbus.core.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.errors import DecodeError
 from tfbus.geometry.columns import Columns
+from tfbus.recording.damage import Damage
 from tfbus.recording.index import ATTACHMENT, Index, IndexBuilder, decode_index
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
@@ -86,6 +87,7 @@ class Part:
         self.stream_channels: dict[int, StreamChannel] = {}
         self.topic_channels: dict[int, TopicChannel] = {}
         self.tf = TFMessageReader()
+        self.unreadable = 0
         for channel in self.file.channels.values():
             self._take_channel(channel, self.file.schemas.get(channel.schema_id))
         self.chunks = [StoredChunk(self, chunk) for chunk in self.file.chunks]
@@ -101,9 +103,12 @@ class Part:
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself."""
-        said = next((record for name, record in self.file.metadata if name == ABOUT), {})
-        return {printable(name): printable(text) for name, text in said.items()}
+        """What the recorder said of itself, and a tool that wrote the file of others."""
+        said: dict[str, str] = {}
+        for name, record in self.file.metadata:
+            if name == ABOUT:
+                said |= record
+        return {printable(name): printable(text, 1000) for name, text in said.items()}
 
     @property
     def events(self) -> list[EventItem]:
@@ -143,15 +148,18 @@ class Part:
             builder.end_chunk(chunk.offset)
         return builder.build()
 
-    @contextmanager
-    def reading(self, channel: StreamChannel) -> Iterator[None]:
-        """Inside the `with` a DecodeError names the file and the stream."""
-        try:
-            yield
-        except DecodeError as error:
-            raise DecodeError(
-                f"{self.name} is damaged: transforms of stream '{channel.stream.name}': {error}"
-            ) from error
+    def note_unreadable(self, chunk: Chunk, message: Message, error: DecodeError) -> None:
+        """Count a message that is not what its channel says; the first of a channel is damage."""
+        self.unreadable += 1
+        stream = self.stream_channels.get(message.channel)
+        topic = self.topic_channels.get(message.channel)
+        if stream is not None:
+            what = f"stream '{stream.stream.name}'"
+        else:
+            what = f"topic '{topic.topic}'" if topic is not None else "no topic"
+        log_ns = message.log_ns
+        size = len(message.data)
+        self.file.note_damage(Damage(chunk.offset, size, str(error), log_ns, log_ns, None, what))
 
     def _take_channel(self, channel: Channel, schema: Schema | None) -> None:
         is_tf = schema is not None and schema.name == TF_MESSAGE.name
@@ -227,7 +235,9 @@ class Group:
 
 
 class StoredChunk:
-    """A chunk of a file; log times in nanoseconds."""
+    """A chunk of a file; log times in nanoseconds. What of it cannot be read is left out, and
+    noted by the file.
+    """
 
     __slots__ = ("chunk", "from_ns", "length", "offset", "part", "static_streams", "to_ns")
 
@@ -248,22 +258,26 @@ class StoredChunk:
             return True
         return any(self._is_taken(channel, selection) for channel in self.chunk.channels)
 
-    def items(self, selection: Selection, messages: list[Message] | None = None) -> Iterator[Item]:
-        """The items of the channels that the selection takes, whole, in the order of the file: of
-        all messages, or of these.
+    def items(self, selection: Selection, tf: TFMessageReader) -> tuple[list[Item], int]:
+        """The items of the channels that the selection takes, whole, in the order of the file, and
+        the bytes of their messages. `tf` reads transforms: of one thread, as it is not safe from
+        several.
         """
-        if messages is None:
-            messages = self.part.file.messages(self.chunk)
+        messages = self.part.file.messages(self.chunk)
         channels = {message.channel for message in messages}
         taken = {channel for channel in channels if self._is_taken(channel, selection)}
         messages = [message for message in messages if message.channel in taken]
-        rows = self._rows_of(messages)
+        rows = self._rows_of(messages, tf)
+        items: list[Item] = []
         for at, message in enumerate(messages):
             stream = self.part.stream_channels.get(message.channel)
-            if stream is not None:
-                yield _transforms(message, stream, rows[at])
-            elif (item := self._topic_item(message)) is not None:
-                yield item
+            if stream is None:
+                item: Item | None = self._topic_item(message)
+            else:
+                item = _transforms(message, stream, rows[at]) if at in rows else None
+            if item is not None:
+                items.append(item)
+        return items, sum([len(message.data) for message in messages])
 
     def groups(
         self, channels: Container[int], children: Collection[str] | None = None
@@ -278,9 +292,7 @@ class StoredChunk:
         found = []
         for number, messages in of_channel.items():
             channel = self.part.stream_channels[number]
-            with self.part.reading(channel):
-                groups = read_many(self.part.tf, [message.data for message in messages], children)
-            for members, rows in groups:
+            for members, rows in self._groups_of(messages, self.part.tf, children):
                 found.append(Group(channel, [messages[at].log_ns for at in members], rows))
         return found
 
@@ -290,8 +302,11 @@ class StoredChunk:
         for message in self.part.file.messages(self.chunk):
             channel = streams.get(message.channel)
             if channel is not None and channel.is_static:
-                with self.part.reading(channel):
+                try:
                     rows = self.part.tf.read(message.data)
+                except DecodeError as error:
+                    self.part.note_unreadable(self.chunk, message, error)
+                    continue
                 yield _transforms(message, channel, rows), channel
 
     def _is_taken(self, channel: int, selection: Selection) -> bool:
@@ -301,17 +316,38 @@ class StoredChunk:
         topic = self.part.topic_channels.get(channel)
         return topic is not None and topic.is_readable and selection.takes_topic(topic.topic)
 
-    def _rows_of(self, messages: list[Message]) -> dict[int, Columns]:
+    def _groups_of(
+        self,
+        messages: list[Message],
+        tf: TFMessageReader,
+        children: Collection[str] | None = None,
+    ) -> list[tuple[list[int], Columns]]:
+        """The transforms of messages that are alike, with their indices; those that cannot be read
+        are left out.
+        """
+        try:
+            return read_many(tf, [message.data for message in messages], children)
+        except DecodeError:
+            pass
+        found = []
+        for at, message in enumerate(messages):
+            try:
+                groups = read_many(tf, [message.data], children)
+            except DecodeError as error:
+                self.part.note_unreadable(self.chunk, message, error)
+                continue
+            found += [([at], rows) for _, rows in groups]
+        return found
+
+    def _rows_of(self, messages: list[Message], tf: TFMessageReader) -> dict[int, Columns]:
         """The transforms of those of the messages that have some, by their indices."""
         members: dict[int, list[int]] = {}
         for at, message in enumerate(messages):
             if message.channel in self.part.stream_channels:
                 members.setdefault(message.channel, []).append(at)
         found: dict[int, Columns] = {}
-        for number, of_channel in members.items():
-            with self.part.reading(self.part.stream_channels[number]):
-                groups = read_many(self.part.tf, [messages[at].data for at in of_channel])
-            for group, rows in groups:
+        for of_channel in members.values():
+            for group, rows in self._groups_of([messages[at] for at in of_channel], tf):
                 for at, each in zip(group, equal_parts(rows, len(group)), strict=True):
                     found[of_channel[at]] = each
         return found
@@ -323,9 +359,8 @@ class StoredChunk:
         try:
             values = topic.decode(message.data)
         except DecodeError as error:
-            raise DecodeError(
-                f"{self.part.name} is damaged: a message of topic '{topic.topic}': {error}"
-            ) from error
+            self.part.note_unreadable(self.chunk, message, error)
+            return None
         encoded = None if topic.definition is None else (topic.definition, message.data)
         return TopicItem(message.log_ns, topic.topic, topic.type_name, values, encoded)
 

@@ -1,23 +1,25 @@
 """Reads recordings: the items of one or several files, in order of time, from any moment on."""
 
-import heapq
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate
-from types import TracebackType
-from typing import Self
 
-from tfbus.errors import DecodeError
+from tfbus.recording.damage import Damage, united
 from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
+from tfbus.recording.ordered import in_order
 from tfbus.recording.part import Part, StoredChunk
 from tfbus.recording.parts import files_of
 from tfbus.recording.pauses import RECORDING, Pause, pauses_between, pauses_of
 from tfbus.recording.selection import ALL, Selection
 from tfbus.recording.state import BusState
+from tfbus.ros.tf_message import TFMessageReader
+from tfbus.runtime.closing import Closing
+from tfbus.runtime.log import library_log
+from tfbus.runtime.log_once import LogOnce
 
-# Chunks whose log times overlap are in memory together; more of them are refused.
-_MOST_WAITING = 2**30
+_LOG = library_log("tfbus.recording")
 
 
 @dataclass(frozen=True)
@@ -43,17 +45,26 @@ class TopicSummary:
     is_readable: bool = True
 
 
-class RecordingReader:
+class RecordingReader(Closing):
     """Reads the items of one or several files, or of those in a folder, as one recording.
 
+    What cannot be read in a file is left out. `on_damage` is called with the file and the damage
+    when it is met first; by default the first of each file is logged.
+
     Use it in a `with`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is no
-    recording. Not thread-safe.
+    recording. Not thread-safe, but for `items`.
     """
 
-    def __init__(self, *paths: str | os.PathLike[str]) -> None:
+    def __init__(
+        self,
+        *paths: str | os.PathLike[str],
+        on_damage: Callable[[Part, Damage], object] | None = None,
+    ) -> None:
         import zstandard  # noqa: F401 - the extra `bag`
 
         self._parts: list[Part] = []
+        self._once = LogOnce(_LOG)
+        self._on_damage = on_damage or self._log_damage
         try:
             for place in files_of(paths):
                 self._parts.append(Part(place, len(self._parts)))
@@ -67,22 +78,15 @@ class RecordingReader:
         )
         # Up to each chunk, the last log time of those before it and of its own.
         self._until = list(accumulate((chunk.to_ns for chunk in self._chunks), max))
+        for part in self._parts:
+            for damage in part.file.damage:
+                self._on_damage(part, damage)
+            part.file.on_damage = partial(self._on_damage, part)
 
     @property
     def chunks(self) -> Sequence[StoredChunk]:
         """The chunks of all files, by the log times of their first messages."""
         return self._chunks
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the files."""
@@ -114,6 +118,21 @@ class RecordingReader:
     def is_complete(self) -> bool:
         """Whether no file was cut short, as by a power failure: then what is there is read."""
         return all(part.is_complete for part in self._parts)
+
+    @property
+    def is_damaged(self) -> bool:
+        """Whether something could not be read of what was asked for so far."""
+        return any(part.file.damage for part in self._parts)
+
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What could not be read of what was asked for so far."""
+        return tuple(damage for part in self._parts for damage in united(part.file.damage))
+
+    def check(self) -> None:
+        """Read all chunks, to meet all damage."""
+        for chunk in self._chunks:
+            chunk.part.file.messages(chunk.chunk)
 
     @property
     def about(self) -> Mapping[str, str]:
@@ -151,12 +170,16 @@ class RecordingReader:
                 )
         return tuple(found[name] for name in sorted(found))
 
+    def child_frames(self) -> set[str]:
+        """The child frames of all transforms; reads the index."""
+        return {child for part in self._parts for _, child in part.index.edges}
+
     def items(
         self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
     ) -> Iterator[Item]:
         """The items from one log time to another, both included, in order of their log times.
 
-        What only repeats what is in force comes once. Raises DecodeError where a file is damaged.
+        What only repeats what is in force comes once. Each iterator may be in a thread of its own.
         """
         state = BusState()
         for item in self._in_order(from_ns, to_ns, selection):
@@ -210,31 +233,35 @@ class RecordingReader:
     def _in_order(
         self, from_ns: int | None, to_ns: int | None, selection: Selection
     ) -> Iterator[Item]:
+        return in_order(self._groups(from_ns, to_ns, selection), _log_ns)
+
+    def _groups(
+        self, from_ns: int | None, to_ns: int | None, selection: Selection
+    ) -> Iterator[tuple[int, list[Item], int]]:
+        """The items between two log times, chunk by chunk, with the bytes of their messages.
+
+        All events come first: before messages of the same time.
+        """
         first = -1 if from_ns is None else from_ns
         last = 2**64 if to_ns is None else to_ns
-        waiting: list[tuple[int, int, int, Item]] = [
-            (event.log_ns, -1, at, event)
-            for at, event in enumerate(self.events)
-            if first <= event.log_ns <= last
-        ]
-        # The chunks that overlap the present one: when each ends, and its size.
-        open_chunks: list[tuple[int, int]] = []
-        number = 0
+        yield -1, [event for event in self.events if first <= event.log_ns <= last], 0
+        tf = TFMessageReader()
         for chunk in self._chunks:
             if chunk.from_ns > last or chunk.to_ns < first or not chunk.is_taken(selection):
                 continue
-            while waiting and waiting[0][0] < chunk.from_ns:
-                yield heapq.heappop(waiting)[3]
-            open_chunks = [each for each in open_chunks if each[0] >= chunk.from_ns]
-            open_chunks.append((chunk.to_ns, chunk.chunk.size))
-            if sum(size for _, size in open_chunks) > _MOST_WAITING:
-                raise DecodeError("the chunks of the recording overlap in time too much to be read")
-            for item in chunk.items(selection):
-                if first <= item.log_ns <= last:
-                    number += 1
-                    heapq.heappush(waiting, (item.log_ns, 0, number, item))
-        while waiting:
-            yield heapq.heappop(waiting)[3]
+            items, size = chunk.items(selection, tf)
+            if from_ns is not None or to_ns is not None:
+                items = [item for item in items if first <= item.log_ns <= last]
+            yield chunk.from_ns, items, size
+
+    def _log_damage(self, part: Part, damage: Damage) -> None:
+        self._once.warning(
+            part.number,
+            "%s is damaged: %s cannot be read (%s), the rest is",
+            part.name,
+            damage.text(self.start_ns),
+            damage.reason,
+        )
 
     def _last_statics(self, names: set[str], log_ns: int) -> list[TransformItem]:
         """Of each of these streams its last static set up to a log time."""
@@ -256,3 +283,7 @@ class RecordingReader:
                 if name not in found or found[name].log_ns < last[name].log_ns:
                     found[name] = last[name]
         return list(found.values())
+
+
+def _log_ns(item: Item) -> int:
+    return item.log_ns

@@ -8,11 +8,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import after_waiting
 from tfbus.core.sampling import Sampling
 from tfbus.errors import (
     ExtrapolationException,
@@ -28,7 +26,8 @@ from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.recording.pauses import Pause
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
-from tfbus.recording.selection import ALL, Selection
+from tfbus.recording.selection import ALL, Selection, is_of_transforms
+from tfbus.runtime.closing import Closing
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names
@@ -63,7 +62,7 @@ class RecordedFrame:
     last_ns: int
 
 
-class Recording:
+class Recording(Closing):
     """What a bus carried, from the files that `tfbus bag record` wrote; opened by the path of a
     file, of several, or of a folder with the files of one recording.
 
@@ -76,6 +75,8 @@ class Recording:
     pause of the recorder: lookups in it raise ExtrapolationException. The times `start_ns` and
     `end_ns`, and those of items and messages, are log times: when the recorder received them. Both
     are nanoseconds since the Unix epoch.
+
+    What of a file cannot be read is left out, and logged once.
 
     Needs the extra `bag`. Raises FileNotFoundError and other OSErrors, and DecodeError for what is
     no recording. Safe from any thread.
@@ -90,22 +91,21 @@ class Recording:
                     f"path: expected the name of a file, got a {type(path).__name__}; several "
                     "files are given one after the other: Recording(first, second)"
                 )
-        self._reader = RecordingReader(*paths)
+        self._begin(RecordingReader(*paths))
+
+    @classmethod
+    def of_reader(cls, reader: RecordingReader) -> Self:
+        """The recording that an open reader reads; `close` closes the reader."""
+        recording = cls.__new__(cls)
+        recording._begin(reader)
+        return recording
+
+    def _begin(self, reader: RecordingReader) -> None:
+        self._reader = reader
         self._lock = threading.RLock()
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
         self._last: Buffer | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the files."""
@@ -193,7 +193,10 @@ class Recording:
     ) -> Iterator[Item]:
         """All that was recorded from one log time to another, both included, in order of the log
         times; what only repeats what is in force comes once.
+
+        Raises InvalidArgumentException for a span that ends before it begins.
         """
+        _check_span(from_ns, to_ns)
         return self._reader.items(from_ns, to_ns, selection)
 
     @overload
@@ -222,9 +225,18 @@ class Recording:
         """The messages of a topic from one log time to another, both included: pairs of the log
         time and the message, of its type where one is given, else as a map of its fields.
 
-        Raises LookupException for a topic that is not in the recording, and DecodeError for a
-        message of another type.
+        `topic` is its full name, with or without a slash before it. Raises LookupException for one
+        that is not in the recording, InvalidArgumentException for `tf`, whose transforms `samples`,
+        `trajectory` and `buffer` have, and for a span that ends before it begins, and DecodeError
+        for a message of another type.
         """
+        _check_span(from_ns, to_ns)
+        topic = topic.removeprefix("/")
+        if is_of_transforms(topic):
+            raise InvalidArgumentException(
+                f"'{topic}' has transforms, which are no messages of a topic: samples(frame), "
+                "trajectory(target, source) and buffer() give them, and items() as they came"
+            )
         if topic not in {each.name for each in self.topics}:
             names = [each.name for each in self.topics]
             raise LookupException(
@@ -254,7 +266,7 @@ class Recording:
         """The transform that takes data in `source_frame` into `target_frame` at a stamp; None
         means the latest time for which every edge between the two has data.
 
-        Raises as `Buffer.lookup_transform`, and DecodeError where a file is damaged.
+        Raises as `Buffer.lookup_transform`.
         """
         if stamp_ns is None:
             return self._latest(target_frame, source_frame, sampling)
@@ -350,8 +362,10 @@ class Recording:
         """Where the source was, seen from the target, from one stamp to another, both included.
 
         It is at the stamps of the samples of the source, or of the first dynamic frame on the way
-        from it to the target, where all edges between have data. Raises as `Buffer.trajectory`.
+        from it to the target, where all edges between have data. Raises as `Buffer.trajectory`,
+        and InvalidArgumentException for a span that ends before it begins.
         """
+        _check_span(from_ns, to_ns)
         first_ns, last_ns = self._stamps_from(from_ns), self._stamps_to(to_ns)
         found: list[Trajectory] = []
         reason: TransformException | None = None
@@ -380,9 +394,11 @@ class Recording:
         """What was sent of a frame, from one stamp to another, both included: in the last frame
         above it, or in `parent`. Of equal stamps the one that came last.
 
-        Raises LookupException for a frame that is not in the recording.
+        Raises LookupException for a frame that is not in the recording, and
+        InvalidArgumentException for a span that ends before it begins.
         """
         check_frame_id(frame, "frame")
+        _check_span(from_ns, to_ns)
         known = {each.name: each for each in self.frames()}
         if frame not in known:
             raise LookupException(
@@ -418,13 +434,16 @@ class Recording:
         **arguments: Any,
     ) -> Buffer:
         """A buffer as a listener has it that began at one log time, when static transforms were
-        there already, and ended after another; by default of the whole recording.
+        there already, and ended after another; by default of the whole recording. Errors of its
+        lookups do not advise to wait. Raises InvalidArgumentException for a span that ends before
+        it begins.
 
         It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
         frames whose publisher was gone at the end are marked so. In a pause of the recorder
         lookups raise ExtrapolationException.
         """
+        _check_span(from_ns, to_ns)
         buffer = Buffer(**{"cache_time_s": math.inf, **arguments})
         filled = FilledBuffer(buffer, self.start_ns)
         with self._lock:
@@ -433,6 +452,7 @@ class Recording:
                     filled.take(item)
             for item in self._reader.items(from_ns, to_ns, selection):
                 filled.take(item)
+        filled.buffer.expect_no_more()
         return filled.buffer
 
     # How it finds them
@@ -485,14 +505,10 @@ class Recording:
 
     @contextmanager
     def _telling_of_all(self, span: Span) -> Iterator[None]:
-        """Inside the `with` an error of a span's buffer tells of all samples, and does not advise
-        to wait.
-        """
+        """Inside the `with` an error of a span's buffer tells of all samples."""
         try:
             yield
         except ExtrapolationException as error:
-            error.args = (after_waiting(error),)
-            error.retry_after_s = None
             known = self._samples().range_of(error.child_frame_id, span.keys)
             if known is not None:
                 error.oldest_ns, error.newest_ns = known
@@ -528,6 +544,17 @@ class Recording:
             return error
         return NoDataException(
             f"no samples between '{target_frame}' and '{source_frame}' in that span"
+        )
+
+
+def _check_span(from_ns: int | None, to_ns: int | None) -> None:
+    """Raise InvalidArgumentException for no stamps, and a span that ends before it begins."""
+    for stamp_ns in (from_ns, to_ns):
+        if stamp_ns is not None:
+            check_stamp(stamp_ns)
+    if from_ns is not None and to_ns is not None and to_ns < from_ns:
+        raise InvalidArgumentException(
+            f"the span ends before it begins: from_ns is {from_ns}, to_ns is {to_ns}"
         )
 
 

@@ -29,6 +29,9 @@ _LAST_NS = 2**63 - 1
 # A chunk of more bytes is not decompressed; tfbus writes 128 KiB, rosbag2 768 KiB, mcap 1 MiB.
 MOST_CHUNK_BYTES = 256 * 2**20
 
+# Nor one of more messages, each of which takes memory of its own besides its bytes.
+MOST_CHUNK_MESSAGES = 1_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class Schema:
@@ -218,7 +221,7 @@ def _of_zstd(data: bytes, size: int) -> bytes:
             raise DecodeError(f"a chunk has {said:,} bytes in the place of {size:,}")
         found: bytes = zstandard.ZstdDecompressor().decompress(data, max_output_size=size or 1)
     except zstandard.ZstdError as error:
-        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+        raise DecodeError("a chunk cannot be decompressed") from error
     return found
 
 
@@ -228,7 +231,7 @@ def _of_lz4(data: bytes, size: int) -> bytes:
     try:
         found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     except (RuntimeError, EOFError) as error:
-        raise DecodeError(f"a chunk cannot be decompressed: {error}") from error
+        raise DecodeError("a chunk cannot be decompressed") from error
     return found
 
 

@@ -2,15 +2,17 @@
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from heapq import merge
 
 from tfbus.errors import DecodeError
+from tfbus.recording.damage import Damage, time_text, united
 from tfbus.recording.items import Item
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
-from tfbus.recording.part import Part, StoredChunk
+from tfbus.recording.part import Part
 from tfbus.recording.records import (
     ATTACHMENT,
     CHANNEL,
@@ -47,37 +49,45 @@ _COMPRESSIONS = (b"zstd", b"lz4", b"")
 
 _SEARCH_BYTES = 2**22
 
+# Of the losses a file lists this number of itself.
+_MOST_LINES = 20
+
 
 @dataclass(frozen=True)
 class Loss:
-    """What could not be read: damaged chunks and other bytes, those behind the last whole record,
-    messages whose channel is not known, and messages that are none. `is_cut_short` is whether the
-    file does not end as it should.
+    """What could not be read: `damage` in the middle, the bytes behind the last whole record, and
+    how many messages are of no known channel, or none of its type. `is_cut_short` is whether the
+    file does not end as it should; `has_all_messages` whether that is behind the last of them. The
+    recording is from `start_ns` to `end_ns`.
     """
 
-    chunks: int
-    bytes: int
+    damage: tuple[Damage, ...]
     tail_bytes: int
     messages: int
     is_cut_short: bool
+    has_all_messages: bool
+    start_ns: int
+    end_ns: int
 
     def __bool__(self) -> bool:
-        return bool(
-            self.chunks or self.bytes or self.tail_bytes or self.messages or self.is_cut_short
-        )
+        return bool(self.damage or self.tail_bytes or self.messages or self.is_cut_short)
+
+    def lines(self, *, in_utc: bool = False) -> list[str]:
+        """Each loss in a line, with times since the beginning of the recording, or in UTC."""
+        start_ns = None if in_utc else self.start_ns
+        found = [each.text(start_ns) for each in self.damage if not each.what]
+        if self.messages:
+            found.append(f"{counted(self.messages, 'message')} that cannot be read")
+        if self.is_cut_short and self.has_all_messages:
+            found.append("the end, its index, but no message")
+        elif self.is_cut_short:
+            after = f"what came after {time_text(self.end_ns, start_ns)}"
+            left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
+            found.append(f"{after}{left}")
+        return found
 
     def __str__(self) -> str:
-        parts = []
-        if self.chunks:
-            parts.append(counted(self.chunks, "damaged chunk"))
-        if self.bytes:
-            parts.append(f"{size_text(self.bytes)} that are no records")
-        if self.messages:
-            parts.append(counted(self.messages, "message"))
-        if self.is_cut_short:
-            left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
-            parts.append(f"the end{left}")
-        return listed(parts)
+        return listed(self.lines(in_utc=True), most=_MOST_LINES)
 
 
 class Salvage:
@@ -88,16 +98,15 @@ class Salvage:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._file = file = _DamagedFile(path)
         self._part = Part(path, read=lambda _: file)
-        self._unreadable = 0
         if not file.chunks and not self._part.events:
             self.close()
             raise DecodeError(f"{self._part.name} holds no recording that could be read")
         self.topics_left_out = tuple(
             sorted({each.topic for each in self._part.topic_channels.values() if not each.decode})
         )
-        chunks = file.chunks
-        self.start_ns = min((chunk.from_ns for chunk in chunks), default=0)
-        self.end_ns = max((chunk.to_ns for chunk in chunks), default=0)
+        events = [event.log_ns for event in self._part.events]
+        self.start_ns = min([*(chunk.from_ns for chunk in file.chunks), *events])
+        self.end_ns = max([*(chunk.to_ns for chunk in file.chunks), *events])
 
     def close(self) -> None:
         """Close the file."""
@@ -108,12 +117,19 @@ class Salvage:
         """What could not be read, once the items were."""
         file = self._file
         return Loss(
-            file.skipped_chunks,
-            file.lost_bytes,
+            tuple(united(file.damage)),
             file.tail_bytes,
-            file.orphans + self._unreadable,
+            file.orphans + self._part.unreadable,
             not file.is_complete,
+            file.has_all_messages,
+            self.start_ns,
+            self.end_ns,
         )
+
+    @property
+    def about(self) -> Mapping[str, str]:
+        """What the recorder said of itself."""
+        return self._part.about
 
     def items(self) -> Iterator[Item]:
         """The items in order of log time."""
@@ -121,26 +137,14 @@ class Salvage:
         state = BusState()
         for item in merge(
             sorted(self._part.events, key=_log_ns),
-            in_order(((chunk.from_ns, self._items(chunk)) for chunk in chunks), _log_ns),
+            in_order(
+                ((chunk.from_ns, *chunk.items(ALL, self._part.tf)) for chunk in chunks), _log_ns
+            ),
             key=_log_ns,
         ):
             if not state.says(item):
                 state.take(item)
                 yield item
-
-    def _items(self, chunk: StoredChunk) -> list[Item]:
-        messages = self._file.messages(chunk.chunk)
-        try:
-            return list(chunk.items(ALL, messages))
-        except DecodeError:
-            return [item for message in messages for item in self._item(chunk, message)]
-
-    def _item(self, chunk: StoredChunk, message: Message) -> list[Item]:
-        try:
-            return list(chunk.items(ALL, [message]))
-        except DecodeError:
-            self._unreadable += 1
-            return []
 
 
 def _log_ns(item: Item) -> int:
@@ -150,12 +154,15 @@ def _log_ns(item: Item) -> int:
 class _DamagedFile(McapFile):
     """Reads the records one after the other, and goes on at the next chunk where there is none.
 
-    `lost_bytes` were no records, `tail_bytes` neither, at the end; `orphans` are messages of
-    channels that are not known.
+    `tail_bytes` at the end were no records; `orphans` are messages of channels that are not known.
+    `has_all_messages` is whether the part with messages ends as it should.
     """
 
     def _open(self) -> None:
-        self.lost_bytes = self.tail_bytes = self.orphans = 0
+        self.tail_bytes = self.orphans = 0
+        self.has_all_messages = False
+        # What the summary says, if there is one: the chunks by the places where they begin.
+        self._stated: dict[int, Chunk] = {}
         self._counted: set[int] = set()
         self.size = os.fstat(self._file).st_size
         self._read_header()
@@ -174,12 +181,13 @@ class _DamagedFile(McapFile):
         except DecodeError:
             self._clear()
             return
+        self._stated = {chunk.offset: chunk for chunk in self.chunks}
         self._forget_all_but_definitions()
 
     def _forget_all_but_definitions(self) -> None:
         schemas, channels = dict(self.schemas), dict(self.channels)
         self._clear()
-        self.lost_bytes = self.tail_bytes = self.orphans = self.skipped_chunks = 0
+        self.tail_bytes = self.orphans = 0
         self._counted.clear()
         self.schemas.update(schemas)
         self.channels.update(channels)
@@ -197,15 +205,18 @@ class _DamagedFile(McapFile):
                 end = self._next_chunk(at + 1)
                 if end == self.size:
                     self.tail_bytes += end - at
+                    # What tfbus writes between the last message and the end of that part.
+                    self.has_all_messages |= self._read(at, 1)[0] in (ATTACHMENT, DATA_END)
                 else:
-                    self.lost_bytes += end - at
+                    self.note_damage(self._lost(at, end))
             elif opcode == FOOTER:
                 self.is_complete = self._ends_well(at)
                 return
             elif opcode == DATA_END:
-                is_summary = True
+                is_summary = self.has_all_messages = True
             elif is_summary and opcode in (SCHEMA, CHANNEL):
-                self._take_definition(opcode, self._content(opcode, at, end - at))
+                with suppress(DecodeError):
+                    self._take_definition(opcode, self._content(opcode, at, end - at))
             elif opcode in (CHUNK, METADATA, ATTACHMENT):
                 self._scan_record(opcode, at, end - at)
             elif opcode in (MESSAGE, SCHEMA, CHANNEL) and bare_at is None:
@@ -213,6 +224,26 @@ class _DamagedFile(McapFile):
             at = end
         if bare_at is not None:
             self._scan_chunk(Chunk(bare_at, at - bare_at, 0, 0, is_bare=True))
+
+    def _lost(self, at: int, end: int) -> Damage:
+        """Bytes in the middle that are no records: the summary says what they were and, without
+        one, the chunks around them between which times that was.
+        """
+        stated = [chunk for offset, chunk in self._stated.items() if at <= offset < end]
+        indexed = [self._damage_of(chunk, DecodeError("")) for chunk in stated]
+        counts = [each.messages for each in indexed if each.messages]
+        if stated:
+            begin = min(chunk.from_ns for chunk in stated)
+            until = max(chunk.to_ns for chunk in stated)
+            return Damage(at, end - at, "no records", begin, until, sum(counts) or None)
+        before = max((chunk.to_ns for chunk in self.chunks), default=None)
+        behind = self._said_times(Chunk(end, 0, 0, 0)) if self._is_chunk(end) else []
+        return Damage(
+            at,
+            end - at,
+            "no records",
+            *((before, behind[0]) if before and behind else (None, None)),
+        )
 
     def _record_at(self, at: int) -> tuple[int, int]:
         """The opcode of the record here, and where it ends; opcode 0 where there is none."""

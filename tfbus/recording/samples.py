@@ -194,10 +194,13 @@ class Samples:
         sampling: Sampling,
     ) -> Span:
         buffer = Buffer(math.inf, sampling=sampling)
+        buffer.expect_no_more()
         for item in self._statics_at(first_ns):
             rows = item.rows if children is None else item.rows.only(children)
             buffer.set_transforms(rows, static=True, authority=item.stream.name)
         groups = self._read(self._wanted(first_ns, last_ns, keys, children), children)
+        while self._drop_damaged():
+            groups = self._read(self._wanted(first_ns, last_ns, keys, children), children)
         for section, reason in self._sections(groups):
             for group in section:
                 buffer.set_transforms(group.rows, authority=group.channel.stream.name)
@@ -261,6 +264,22 @@ class Samples:
             found += chunk.groups(self._channels(chunk.part, keys), children)
         return found
 
+    def _drop_damaged(self) -> bool:
+        """Forget the rows of chunks that could not be read; whether there were some."""
+        if not self._reader.is_damaged:
+            return False
+        numbers = [
+            number
+            for number, chunk in enumerate(self._chunks)
+            if chunk.part.file.is_damaged(chunk.offset)
+        ]
+        is_damaged = np.isin(self._dynamic[:, 0], numbers)
+        if not is_damaged.any():
+            return False
+        self._dynamic = self._dynamic[~is_damaged]
+        self._sort()
+        return True
+
     def _channels(self, part: Part, keys: set[int]) -> set[int]:
         """The channels of a file with dynamic transforms of these streams."""
         return {
@@ -300,7 +319,8 @@ class Samples:
         found: dict[str, TransformItem] = {}
         for log_ns in set(firsts.values()):
             statics = self._reader.state_at(log_ns).statics
-            found |= {name: statics[name] for name in firsts if firsts[name] == log_ns}
+            names = [name for name in statics if firsts.get(name) == log_ns]
+            found |= {name: statics[name] for name in names}
         return found
 
     def _static_versions(self) -> list[tuple[int, int]]:

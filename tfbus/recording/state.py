@@ -13,7 +13,7 @@ class BusState:
 
     `statics` are the static transforms by the name of their stream, `streams` and `nodes` the
     events that describe them; `gone` are the streams that have gone, whose frames are still shown:
-    the last thousand.
+    the last thousand. Of nodes that have gone the last thousand are known too.
     """
 
     def __init__(self) -> None:
@@ -21,6 +21,7 @@ class BusState:
         self.streams: dict[str, EventItem] = {}
         self.nodes: dict[str, EventItem] = {}
         self.gone: dict[str, EventItem] = {}
+        self._gone_nodes: dict[str, None] = {}
 
     def take(self, item: Item) -> None:
         """Take an item; items come in order of their log times."""
@@ -43,6 +44,8 @@ class BusState:
                 return _is_same(self.nodes.get(item.name), item)
             case "stream gone":
                 return item.name in self.gone
+            case "node gone":
+                return item.name in self._gone_nodes
         return False
 
     def items(self, log_ns: int) -> list[Item]:
@@ -64,8 +67,12 @@ class BusState:
                     self._forget(next(iter(self.gone)))
             case "node":
                 self.nodes[item.name] = item
+                self._gone_nodes.pop(item.name, None)
             case "node gone":
                 self.nodes.pop(item.name, None)
+                self._gone_nodes[item.name] = None
+                if len(self._gone_nodes) > MOST_GONE:
+                    del self._gone_nodes[next(iter(self._gone_nodes))]
 
     def _forget(self, stream: str) -> None:
         for known in (self.gone, self.streams, self.statics):

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from tfbus.recording.damage import Damage, united
 from tfbus.recording.items import EventItem
 from tfbus.recording.pauses import Pause, recorded_ns, waits_between
 from tfbus.recording.samples import FrameFacts, Samples
@@ -25,7 +26,7 @@ class FileFacts:
     path: str
     size: int
     is_complete: bool
-    skipped_chunks: int
+    damage: tuple[Damage, ...]
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,9 @@ class NodeFacts:
 
 @dataclass(frozen=True)
 class Summary:
-    """What is in a recording. Times are log times, nanoseconds since the Unix epoch."""
+    """What is in a recording. Times are log times, nanoseconds since the Unix epoch. With
+    `is_checked` all messages were read, and so all damage is known.
+    """
 
     files: tuple[FileFacts, ...]
     start_ns: int
@@ -99,11 +102,12 @@ class Summary:
     events: tuple[EventItem, ...]
     pauses: tuple[Pause, ...]
     dropped: int
+    is_checked: bool = False
 
     @property
     def is_complete(self) -> bool:
         """Whether no file was cut short or is damaged."""
-        return all(file.is_complete for file in self.files)
+        return all(file.is_complete and not file.damage for file in self.files)
 
     @property
     def size(self) -> int:
@@ -132,7 +136,7 @@ def summary_of(reader: "RecordingReader") -> Summary:
     flows = _flows(reader)
     return Summary(
         tuple(
-            FileFacts(str(part.path), part.size, part.is_complete, part.file.skipped_chunks)
+            FileFacts(str(part.path), part.size, part.is_complete, tuple(united(part.file.damage)))
             for part in reader.parts
         ),
         reader.start_ns,

@@ -4,8 +4,7 @@ import errno
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from types import TracebackType
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal
 
 from tfbus.errors import InvalidArgumentException
 from tfbus.recording.index import IndexBuilder
@@ -27,6 +26,7 @@ from tfbus.recording.state import BusState
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.schema import MessageCodecs
 from tfbus.ros.tf_message import TFMessageWriter, only_stamp
+from tfbus.runtime.closing import Closing
 from tfbus.runtime.version import installed_version
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ _SEQUENCES = 2**32
 _MESSAGE_BYTES = 31
 
 
-class RecordingWriter:
+class RecordingWriter(Closing):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
     After an OSError, as of a full disk, the file has what was there at the last `flush`, and takes
@@ -90,17 +90,6 @@ class RecordingWriter:
             ABOUT, {"version": installed_version(), **{k: str(v) for k, v in (about or {}).items()}}
         )
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     @property
     def size(self) -> int:
         """How many bytes have been written, with those that wait for the end of their chunk."""
@@ -115,6 +104,11 @@ class RecordingWriter:
         check_log_time(item.log_ns)
         with self._failing():
             self._write(item)
+
+    def add_about(self, about: Mapping[str, str]) -> None:
+        """Say more of who recorded or wrote what, that was not known at the beginning."""
+        with self._failing():
+            self._mcap.add_metadata(ABOUT, dict(about))
 
     def flush(self) -> None:
         """End the chunk and give it to the system: what was written so far is safe from the end of
@@ -133,7 +127,7 @@ class RecordingWriter:
                 with self._failing():
                     self._end_chunk()
                     self._index.write(self._mcap)
-                    self._mcap.finish()  # type: ignore[no-untyped-call]
+                    self._mcap.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
                     self._file.flush()
         finally:
             self._size = self._file.tell()
@@ -169,7 +163,7 @@ class RecordingWriter:
     def _abandon(self) -> None:
         """Close the file without writing what Python holds of it still."""
         with suppress(OSError):
-            self._file.close()
+            self._file.raw.close()
 
     def _write_transforms(self, item: TransformItem) -> int:
         """Write transforms; the channel."""
@@ -246,7 +240,7 @@ class RecordingWriter:
     def _end_chunk(self) -> None:
         if self._pending:
             self._index.end_chunk(self._file.tell())
-            self._mcap.flush()  # type: ignore[no-untyped-call]
+            self._mcap.flush()  # type: ignore[no-untyped-call]  # the same
             self._pending = 0
 
 

@@ -157,16 +157,6 @@ class TFMessageReader:
         self._rows += rows.count
 
 
-def encode_tf_message(rows: Columns) -> bytes:
-    """One message with these transforms. Raises as `TFMessageWriter.write`."""
-    return TFMessageWriter().write(rows)
-
-
-def decode_tf_message(data: bytes) -> Columns:
-    """The transforms in one message. Raises as `TFMessageReader.read`."""
-    return TFMessageReader().read(data)
-
-
 class _Layout:
     """Where the numbers of a message are, by its frames and edges.
 

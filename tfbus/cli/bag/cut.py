@@ -4,7 +4,13 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.bag.new_file import compression_option, output_option, write_recording
+from tfbus.cli.bag.new_file import (
+    about_edited,
+    compression_option,
+    lost_of,
+    output_option,
+    write_recording,
+)
 from tfbus.cli.bag.sources import recordings_argument, warn_of_unreadable
 from tfbus.command.moment import Moment
 from tfbus.command.recordings import BagChoice, OpenBag
@@ -59,7 +65,10 @@ def command(
             output,
             force=force,
             span=(min(each.from_ns for each in spans), max(each.to_ns for each in spans)),
+            sources=[part.path for part in bag.reader.parts],
             compression=compression,
+            about=about_edited([bag.reader], "cut"),
+            about_at_end=lambda: lost_of([bag.reader]),
         )
     click.echo(f"Wrote {output}: {written}")
 

@@ -167,18 +167,18 @@ def _pair(
 ) -> str:
     from tfbus.recording.recording import Recording
 
-    with Recording(*bag.choice.paths) as recording:
-        first_ns, last_ns = None, None
-        if bag.choice.begin is not None or bag.choice.end is not None:
-            first_ns, last_ns = stamps_received(bag.reader, *bag.span)
-            if first_ns is None:
-                raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
-        if stamps_of is None:
-            poses = recording.trajectory(*pair, first_ns, last_ns)
-        else:
-            poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
+    recording = Recording.of_reader(bag.reader)
+    first_ns, last_ns = None, None
+    if bag.choice.begin is not None or bag.choice.end is not None:
+        first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+        if first_ns is None:
+            raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
+    if stamps_of is None:
+        poses = recording.trajectory(*pair, first_ns, last_ns)
+    else:
+        poses = poses_at(recording, *pair, stamps_of(recording, first_ns, last_ns))
     write = {"csv": poses.write_csv, "tum": poses.write_tum, "kitti": poses.write_kitti}[form]
-    with new_file(output, force=force) as beside:
+    with new_file(output, force=force, sources=_sources(bag)) as beside:
         write(beside)
     if form == "kitti":
         say("KITTI's format has no times: .csv and .tum have them")
@@ -194,10 +194,14 @@ def _paused(bag: OpenBag) -> str:
     return next((f": {each.said(bag.reader.start_ns)}" for each in pauses), "")
 
 
+def _sources(bag: OpenBag) -> list[Path]:
+    return [part.path for part in bag.reader.parts]
+
+
 def _all(bag: OpenBag, output: Path, form: str, force: bool) -> str:
     write = write_transforms_npz if form == "npz" else write_transforms_csv
     items = with_progress(bag.reader.items(*bag.span, _no_topics(bag)), bag.span, output.name)
-    with new_file(output, force=force) as beside:
+    with new_file(output, force=force, sources=_sources(bag)) as beside:
         count = write(items, beside)
     return f"{count:,} transforms"
 
@@ -218,6 +222,6 @@ def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
     def messages() -> Iterator[Item]:
         return bag.reader.items(*bag.span, Selection(topics=(topic,)))
 
-    with new_file(output, force=force) as beside:
+    with new_file(output, force=force, sources=_sources(bag)) as beside:
         count = write_topic_csv(messages, beside)
     return counted(count, "message")

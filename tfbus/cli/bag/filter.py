@@ -5,8 +5,20 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.bag.new_file import compression_option, output_option, write_recording
-from tfbus.cli.bag.sources import recordings_argument, warn_of_unreadable
+from tfbus.cli.bag.new_file import (
+    about_edited,
+    compression_option,
+    lost_of,
+    output_option,
+    write_recording,
+)
+from tfbus.cli.bag.sources import (
+    SeveralNames,
+    names_of,
+    recordings_argument,
+    selected,
+    warn_of_unreadable,
+)
 from tfbus.command.recordings import open_recording
 from tfbus.errors import InvalidNameError
 from tfbus.recording.edit import in_namespace, without
@@ -15,7 +27,7 @@ from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.recording.writer import Compression
 from tfbus.wire.keys import check_namespace
-from tfbus.wording import did_you_mean
+from tfbus.wording import did_you_mean, printable
 
 
 @click.command(
@@ -23,17 +35,49 @@ from tfbus.wording import did_you_mean
     "tfbus bag filter drive.mcap --drop camera/image -o small.mcap"
 )
 @recordings_argument
-@click.option("--topics", multiple=True, metavar="NAMES", help="Keep only these topics.")
-@click.option("--streams", multiple=True, metavar="NAMES", help="Keep only these streams.")
-@click.option("--frames", multiple=True, metavar="NAMES", help="Keep only these child frames.")
 @click.option(
-    "-e", "--regex", default="", metavar="REGEX", help="Keep topics and streams that match."
+    "--topics",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Keep only these topics; tf stands for all transforms.",
 )
 @click.option(
-    "-x", "--exclude", default="", metavar="REGEX", help="Drop topics and streams that match."
+    "--streams",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Keep only transforms of these streams.",
 )
 @click.option(
-    "--drop", "dropped", multiple=True, metavar="NAMES", help="Drop these topics, streams, frames."
+    "--frames",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Keep only transforms of these child frames.",
+)
+@click.option(
+    "-e",
+    "--regex",
+    default="",
+    metavar="REGEX",
+    help="Keep topics and streams in whose names this is found.",
+)
+@click.option(
+    "-x",
+    "--exclude",
+    "--exclude-regex",
+    default="",
+    metavar="REGEX",
+    help="Drop topics and streams in whose names this is found.",
+)
+@click.option(
+    "--drop",
+    "dropped",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Drop these topics, streams, frames.",
 )
 @click.option(
     "--namespace", default="", metavar="NAME", help="Put streams, topics and nodes in a namespace."
@@ -55,18 +99,12 @@ def command(
 ) -> None:
     """Write a recording without some of its topics, streams and frames.
 
-    NAMES are separated by commas, and the options repeatable. Among the topics, tf stands for
-    dynamic transforms, tf_static for static ones: with --topics without them no transforms are
-    kept, with --streams or --frames no topics.
+    Names follow an option one by one, or with commas. Among the topics, tf stands for dynamic
+    transforms, tf_static for static ones: with --topics without them no transforms are kept, with
+    --streams or --frames no topics.
     """
-    selection = Selection(
-        topics=tuple(name.removeprefix("/") for name in _names(topics)),
-        streams=_names(streams),
-        frames=_names(frames),
-        regex=regex,
-        exclude=exclude,
-    )
-    drop = frozenset(_names(dropped))
+    selection = selected(names_of(topics), names_of(streams), names_of(frames), regex, exclude)
+    drop = frozenset(name.removeprefix("/") for name in names_of(dropped))
     if selection.is_all and not drop and not namespace:
         raise click.UsageError("say what to keep or drop: --topics, --frames, --drop, …")
     try:
@@ -86,26 +124,30 @@ def command(
             output,
             force=force,
             span=(reader.start_ns, reader.end_ns),
+            sources=[part.path for part in reader.parts],
             compression=compression,
+            about=about_edited([reader], "filter"),
+            about_at_end=lambda: lost_of([reader]),
         )
     click.echo(f"Wrote {output}: {written}")
 
 
-def _names(given: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(name.strip() for text in given for name in text.split(",") if name.strip())
-
-
 def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[str]) -> None:
-    """Raises click.UsageError for a topic or stream that is not in the recording."""
+    """Raises click.UsageError for a topic, stream or frame that is not in the recording."""
     topics = {topic.name for topic in reader.topics}
     streams = {each.stream.name for each in reader.streams}
-    for names, known, kind in (
-        (selection.topics, topics, "topic"),
-        (selection.streams, streams, "stream"),
-    ):
-        for name in names:
-            if name not in known and not (kind == "topic" and is_of_transforms(name)):
-                raise click.UsageError(
-                    f"there is no {kind} {name!r} in the recording"
-                    + did_you_mean(name, known, none=f", which has no {kind}s")
-                )
+    asked = [
+        *(("topic", name, topics) for name in selection.topics if not is_of_transforms(name)),
+        *(("stream", name, streams) for name in selection.streams),
+    ]
+    if selection.frames or drop:  # reads the index, which takes a moment of a long recording
+        frames = reader.child_frames()
+        asked += [("child frame", name, frames) for name in selection.frames]
+        every = topics | streams | frames
+        asked += [("topic, stream or child frame", name, every) for name in sorted(drop)]
+    for kind, name, known in asked:
+        if name not in known:
+            raise click.UsageError(
+                f"there is no {kind} '{printable(name, 60)}' in the recording"
+                + did_you_mean(name, known, none=f", which has no {kind}s")
+            )

@@ -1,22 +1,30 @@
 """`tfbus bag import`: recordings of ROS and Foxglove as recordings of tfbus."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tfbus.cli.bag.new_file import (
     compression_option,
+    edited,
     needing,
     output_option,
     write_recording,
 )
+from tfbus.cli.bag.sources import SeveralNames, names_of, selected
 from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import is_printable
 from tfbus.recording.imported import Imported, imported
-from tfbus.recording.selection import Selection
+from tfbus.recording.items import Item
+from tfbus.recording.selection import is_of_transforms
 from tfbus.recording.writer import Compression
-from tfbus.wording import counted, listed, printable
+from tfbus.wording import counted, did_you_mean, listed, printable
+
+if TYPE_CHECKING:
+    from tfbus.recording.foreign.files import ForeignFiles
 
 # Of the topics that were left out, as many are named, each with its reason.
 _NAMED = 12
@@ -34,12 +42,23 @@ _NAMED = 12
     metavar="FILE...",
 )
 @click.option("--only-tf", is_flag=True, help="Import transforms only.")
-@click.option("--topics", multiple=True, metavar="NAMES", help="Of topics import only these.")
+@click.option(
+    "--topics",
+    cls=SeveralNames,
+    multiple=True,
+    metavar="NAME...",
+    help="Of topics import only these.",
+)
 @click.option(
     "-e", "--regex", default="", metavar="REGEX", help="Import topics and streams that match."
 )
 @click.option(
-    "-x", "--exclude", default="", metavar="REGEX", help="Leave out topics and streams that match."
+    "-x",
+    "--exclude",
+    "--exclude-regex",
+    default="",
+    metavar="REGEX",
+    help="Leave out topics and streams that match.",
 )
 @click.option(
     "--stream",
@@ -67,12 +86,10 @@ def command(
     """
     if stream and ("/" in stream or not is_printable(stream)):
         raise click.BadParameter("letters without '/' are allowed", param_hint="--stream")
-    names = tuple(
-        name.strip().removeprefix("/")
-        for text in topics
-        for name in text.split(",")
-        if name.strip()
-    )
+    names = tuple(name.removeprefix("/") for name in names_of(topics))
+    if only_tf and names:
+        raise click.UsageError("--only-tf and --topics are mutually exclusive")
+    selection = selected(regex=regex, exclude=exclude)
     counts = Imported()
     try:
         with needing("bags"):
@@ -85,25 +102,47 @@ def command(
                 items = imported(
                     sources.messages(),
                     counts,
-                    selection=Selection(regex=regex, exclude=exclude),
+                    selection=selection,
                     topics=names,
                     only_transforms=only_tf,
                     default_stream=stream,
                 )
                 written = write_recording(
-                    items,
+                    _some(items, sources),
                     output,
                     force=force,
                     span=(sources.start_ns, sources.end_ns),
+                    sources=files,
                     compression=compression,
+                    about={"edited": edited(files, "import")},
                 )
+                for source in sources.files:
+                    for lost in source.damage:
+                        warn(f"{source.name} is damaged: {lost} cannot be read; the rest is")
     except InvalidNameError as error:
         raise TfbusError(str(error)) from error
-    _say_what_is_missing(counts)
+    finally:
+        _say_what_is_missing(counts, names)
+    if not counts.transforms and not counts.static_transforms:
+        say("There are no transforms in it: no message of TFMessage or FrameTransform")
     click.echo(f"Wrote {output}: {written}")
 
 
-def _say_what_is_missing(counts: Imported) -> None:
+def _some(items: Iterator[Item], sources: "ForeignFiles") -> Iterator[Item]:
+    """The items. Raises TfbusError where there are none."""
+    is_empty = True
+    for item in items:
+        is_empty = False
+        yield item
+    if is_empty:
+        names = listed([source.name for source in sources.files])
+        raise TfbusError(f"nothing was imported: no message of {names} is one that was asked for")
+
+
+def _say_what_is_missing(counts: Imported, names: tuple[str, ...]) -> None:
+    for name in names:
+        if counts.topics and name not in counts.topics and not is_of_transforms(name):
+            warn(f"there is no topic '{printable(name, 60)}'{did_you_mean(name, counts.topics)}")
     by_reason: dict[str, list[str]] = {}
     for topic, reason in sorted(counts.left_out.items()):
         by_reason.setdefault(reason, []).append(printable(topic, 60))
@@ -114,5 +153,3 @@ def _say_what_is_missing(counts: Imported) -> None:
             f"left out {counted(count, 'message')} of {printable(topic, 60)}: "
             f"{counts.why_failed[topic]}"
         )
-    if not counts.transforms and not counts.static_transforms:
-        say("There are no transforms in it: no message of TFMessage or FrameTransform")

@@ -25,6 +25,13 @@ _LABEL = 10
 # Where a longest gap began is shown where it is longer than this number of mean periods.
 _NOTABLE_PERIODS = 2.0
 
+# All messages of a recording are read, to find what is damaged, where they have at most this number
+# of bytes: that takes some seconds.
+_CHECKED_BYTES = 2 * 10**9
+
+# Of the damaged parts at most this number is listed.
+_MOST_DAMAGE = 10
+
 # Of the nodes at most this number is named.
 _MOST_NODES = 30
 
@@ -78,20 +85,34 @@ _MOST_EVENTS = 200
     show_default=True,
     help="The order of streams and topics.",
 )
+@click.option(
+    "--check/--no-check",
+    default=None,
+    help="Read all messages, to find what is damaged (default: of up to 2 GB of messages).",
+)
 @json_option("Print one JSON object: times in nanoseconds, all frames and events.")
 def command(
-    files: tuple[Path, ...], verbose: bool, names_only: bool, order: str, as_json: bool
+    files: tuple[Path, ...],
+    verbose: bool,
+    names_only: bool,
+    order: str,
+    check: bool | None,
+    as_json: bool,
 ) -> None:
     """Show what is in a recording: streams, rates, gaps, static transforms, topics, events.
 
     Several files, or a folder of them, are one recording.
     """
     try:
-        with open_recording(*files) as reader:
+        with open_recording(*files, says_damage=False) as reader:
             if names_only:
                 print_lines(topics_of(reader))
                 return
-            summary = _sorted(summary_of(reader), order)
+            if check is None:
+                check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
+            if check:
+                reader.check()
+            summary = replace(_sorted(summary_of(reader), order), is_checked=check)
     except TfbusError as error:
         raise click.ClickException(str(error)) from error
     if as_json:
@@ -130,9 +151,17 @@ def _as_map(summary: Summary) -> dict[str, Any]:
 def _head(summary: Summary) -> Iterator[str]:
     for file in summary.files:
         state = paint("complete", "good") if file.is_complete else paint("cut short", "warning")
-        if file.skipped_chunks:
-            state += f", {counted(file.skipped_chunks, 'damaged part')} left out"
+        if file.damage and file.is_complete:
+            state = paint("damaged", "bad")
+        elif file.damage:
+            state += f" and {paint('damaged', 'bad')}"
+        elif not summary.is_checked:
+            state += ", not checked for damage"
         yield _line("File", f"{printable(file.path)} ({size_text(file.size)}, {state})")
+        lost = [each.text(summary.start_ns) for each in file.damage[:_MOST_DAMAGE]]
+        if len(file.damage) > _MOST_DAMAGE:
+            lost.append(and_more(len(file.damage), _MOST_DAMAGE))
+        yield from _lines("Damaged", lost) if lost else ()
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
     recorded = f", of which {duration(summary.recorded_s)} recorded" if summary.pauses else ""
@@ -143,7 +172,7 @@ def _head(summary: Summary) -> Iterator[str]:
     yield _line("Messages", f"{summary.messages:,}, with {_many(transforms, 'dynamic transform')}")
     said = [f"tfbus {summary.about['version']}"] if "version" in summary.about else []
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
-    if said:
+    if said and ("host" in summary.about or "edited" not in summary.about):
         yield _line("Recorder", " ".join(said))
     noted = [
         f"{key.removeprefix(CUSTOM)}={value}"
@@ -153,6 +182,9 @@ def _head(summary: Summary) -> Iterator[str]:
     if noted:
         yield from _lines("Noted", [printable(each) for each in noted])
     yield from _pauses(summary)
+    for label, name in (("Edited", "edited"), ("Lost", "lost")):
+        if name in summary.about:
+            yield from _lines(label, summary.about[name].split(", "))
     if summary.dropped:
         what = f"{_many(summary.dropped, 'message')} dropped while recording"
         yield _line("Lost", paint(what, "bad"))
@@ -210,8 +242,11 @@ def _streams(summary: Summary) -> Iterator[str]:
     if not summary.streams:
         return
     yield ""
+    # Without restarts that column has nothing to say, and others need the room.
+    restarts = any(stream.restarts for stream in summary.streams)
+    header = ["STREAM", "NODE", "FRAMES", "STATIC", "MESSAGES", "HZ", "LONGEST GAP"]
     yield from table(
-        ["STREAM", "NODE", "FRAMES", "STATIC", "MESSAGES", "HZ", "LONGEST GAP", "RESTARTS"],
+        [*header, "RESTARTS"] if restarts else header,
         [
             [
                 paint(stream.name, "name") + (paint(" gone", "bad") if _is_gone(stream) else ""),
@@ -221,12 +256,16 @@ def _streams(summary: Summary) -> Iterator[str]:
                 f"{stream.flow.messages:,}",
                 _rate(stream.flow),
                 _gap(stream.flow, summary),
-                paint(str(stream.restarts), "warning") if stream.restarts else "-",
+                *([_restarts(stream)] if restarts else []),
             ]
             for stream in summary.streams
         ],
         right=(2, 3, 4, 5, 7),
     )
+
+
+def _restarts(stream: StreamFacts) -> str:
+    return paint(str(stream.restarts), "warning") if stream.restarts else "-"
 
 
 def _is_gone(stream: StreamFacts) -> bool:

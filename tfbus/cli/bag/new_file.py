@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,12 +18,16 @@ from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.runtime.signals import StopSignals
 from tfbus.runtime.whole_file import taking_place_of
 from tfbus.wire.limits import size_text
-from tfbus.wording import counted, duration, printable
+from tfbus.wording import counted, duration, listed, printable
 
 if TYPE_CHECKING:
+    from tfbus.recording.reader import RecordingReader
     from tfbus.recording.writer import Compression
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+# A file says this number of losses of itself.
+_MOST_LOST = 20
 
 # The bar moves this many times.
 _STEPS = 200
@@ -96,12 +100,17 @@ def compression_option(function: F) -> F:
 
 
 @contextmanager
-def new_file(path: Path, *, force: bool) -> Iterator[Path]:
+def new_file(path: Path, *, force: bool, sources: Iterable[Path]) -> Iterator[Path]:
     """The path of a file to make, which takes the place of `path` at the end of the `with`.
 
     Ctrl-C and SIGTERM end the tool; then, and after an error, there is no such file, or the former.
-    Raises click.UsageError where it exists and `force` is not given.
+    Raises click.UsageError where it is one of the `sources`, and where it exists and `force` is not
+    given.
     """
+    if path.exists() and any(path.samefile(source) for source in sources):
+        raise click.UsageError(
+            f"{printable(str(path))} is the recording that is read: give the new file another name"
+        )
     if path.exists() and not force:
         raise click.UsageError(
             f"{printable(str(path))} exists: give another name, or --force to replace it"
@@ -128,9 +137,13 @@ def write_recording(
     *,
     force: bool,
     span: tuple[int, int],
+    sources: Iterable[Path],
     compression: "Compression" = "zstd",
+    about: Mapping[str, str] | None = None,
+    about_at_end: Callable[[], Mapping[str, str]] = dict,
 ) -> Written:
-    """Write a recording with these items, which are within this span of log times.
+    """Write a recording with these items, which are within this span of log times and come of the
+    files `sources`. `about` is what it says of itself, with what is known at the end.
 
     A bar on stderr shows the progress where that is a terminal. Raises as `new_file`, and what
     reading the items raises.
@@ -141,11 +154,13 @@ def write_recording(
         from tfbus.recording.writer import RecordingWriter
 
     written = Written()
-    with new_file(path, force=force) as beside:
-        with RecordingWriter(beside, compression=compression) as writer:
+    with new_file(path, force=force, sources=sources) as beside:
+        with RecordingWriter(beside, compression=compression, about=about) as writer:
             for item in with_progress(items, span, path.name):
                 writer.write(item)
                 written.take(item)
+            if said := about_at_end():
+                writer.add_about(said)
         written.size = writer.size
     return written
 
@@ -169,6 +184,33 @@ def with_progress(items: Iterable[Item], span: tuple[int, int], label: str) -> I
                 bar.update(now - done)
                 done, next_ns = now, start_ns + (now + 1) * step_ns
         bar.update(_STEPS - done)
+
+
+def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, str]:
+    """What a recording made of others says of itself: what they say, where they were recorded, and
+    what was done: `cut of drive.mcap`.
+    """
+    readers = list(readers)
+    about = dict(readers[0].about) if readers else {}
+    if hosts := list(dict.fromkeys(each.about["host"] for each in readers if "host" in each.about)):
+        about["host"] = ", ".join(hosts)
+    return about | {"edited": edited([part.path for each in readers for part in each.parts], verb)}
+
+
+def lost_of(readers: Iterable["RecordingReader"]) -> dict[str, str]:
+    """What a recording made of others says of what was lost: what they say, and what of them could
+    not be read.
+    """
+    lost: list[str] = []
+    for reader in readers:
+        lost += filter(None, [reader.about.get("lost", "")])
+        lost += [damage.text() for damage in reader.damage]
+    return {"lost": listed(lost, most=_MOST_LOST)} if lost else {}
+
+
+def edited(sources: Collection[Path], verb: str) -> str:
+    """What was done with which files: `cut of drive.mcap`."""
+    return f"{verb} of {listed([path.name for path in sources])}"
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Runs a recorder on the bus: shows how it goes, follows keys, serves."""
 
+import os
 import shlex
 import socket
 import sys

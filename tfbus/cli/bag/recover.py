@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from tfbus.cli.bag.new_file import compression_option, output_option, write_recording
-from tfbus.cli.output import warn
+from tfbus.cli.bag.new_file import compression_option, edited, output_option, write_recording
+from tfbus.cli.output import first_lines, print_lines, warn
 from tfbus.errors import TfbusError
 from tfbus.recording.recover import Salvage
 from tfbus.recording.writer import Compression
@@ -35,10 +35,20 @@ def command(recording: Path, output: Path, force: bool, compression: Compression
             output,
             force=force,
             span=(salvage.start_ns, salvage.end_ns),
+            sources=[recording],
             compression=compression,
+            about={**salvage.about, "edited": edited([recording], "recover")},
+            about_at_end=lambda: {"lost": str(salvage.loss)} if salvage.loss else {},
         )
         loss = salvage.loss
     finally:
         salvage.close()
     click.echo(f"Wrote {output}: {written}")
-    click.echo(f"Lost of {name}: {loss}" if loss else f"{name} was whole: nothing is lost")
+    lines = loss.lines()
+    if not loss:
+        click.echo(f"{name} was whole: nothing is lost")
+    elif len(lines) == 1:
+        click.echo(f"Lost of {name}: {lines[0]}")
+    else:
+        click.echo(f"Lost of {name}:")
+        print_lines(f"  {line}" for line in first_lines(lines))

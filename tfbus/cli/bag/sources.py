@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tfbus.cli.output import warn
+from tfbus.command.several import Several
+from tfbus.errors import InvalidArgumentException
+from tfbus.recording.selection import Selection
 from tfbus.wording import listed
 
 if TYPE_CHECKING:
@@ -24,6 +27,38 @@ def recordings_argument(function: F) -> F:
         required=True,
         type=click.Path(exists=True, path_type=Path),
     )(function)
+
+
+class SeveralNames(Several):
+    """Names after one option, which a recording that is there ends, as one that begins with `-`:
+    `--topics a b drive.mcap`.
+    """
+
+    def takes(self, word: str) -> bool:
+        """Whether the next word is a name."""
+        return super().takes(word) and not (Path(word).suffix and Path(word).exists())
+
+
+def names_of(given: tuple[str, ...]) -> tuple[str, ...]:
+    """The names that an option was given: one by one, or with commas."""
+    return tuple(name.strip() for text in given for name in text.split(",") if name.strip())
+
+
+def selected(
+    topics: tuple[str, ...] = (),
+    streams: tuple[str, ...] = (),
+    frames: tuple[str, ...] = (),
+    regex: str = "",
+    exclude: str = "",
+) -> Selection:
+    """The selection of these options; names may begin with a slash. Raises click.UsageError for
+    what is no regular expression.
+    """
+    full = [tuple(name.removeprefix("/") for name in names) for names in (topics, streams)]
+    try:
+        return Selection(full[0], full[1], frames, regex, exclude)
+    except InvalidArgumentException as error:
+        raise click.UsageError(str(error)) from error
 
 
 def warn_of_unreadable(reader: "RecordingReader") -> None:

@@ -42,6 +42,10 @@ class ForeignFile(Protocol):
     start_ns: int
     end_ns: int
 
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read so far, and was left out."""
+
     def messages(self) -> Iterator[ForeignMessage]:
         """All messages in order of log time. Raises DecodeError where the file is damaged."""
 

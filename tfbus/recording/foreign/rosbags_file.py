@@ -43,6 +43,11 @@ class RosbagsFile:
         """Close the file."""
         self._reader.close()
 
+    @property
+    def damage(self) -> list[str]:
+        """Nothing: rosbags reads all, or raises."""
+        return []
+
     def messages(self) -> Iterator[ForeignMessage]:
         """All messages in order of log time. Raises DecodeError where the file is damaged."""
         try:

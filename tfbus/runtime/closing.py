@@ -1,0 +1,23 @@
+"""What is closed at the end of a `with`."""
+
+from types import TracebackType
+from typing import Self
+
+
+class Closing:
+    """Something with a method `close`, which a `with` calls at its end."""
+
+    def close(self) -> None:
+        """Close it."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

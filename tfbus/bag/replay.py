@@ -240,7 +240,7 @@ class Replay:
                 self._clock.take(item)
             return
         if item.topic not in self._topics:
-            self._topics[item.topic] = self._topic(item.topic, item.type_name)
+            self._topics[item.topic] = self._topic(item.topic, item.type_name, item.retained)
         publisher = self._topics[item.topic]
         if publisher is not None:
             try:
@@ -248,9 +248,11 @@ class Replay:
             except BusError as error:
                 self._log_once.warning(("topic", item.topic), "Left out a message: %s", error)
 
-    def _topic(self, name: str, type_name: str) -> RawPublisher | None:
+    def _topic(self, name: str, type_name: str, retained: bool) -> RawPublisher | None:
         try:
-            return self._node.create_raw_publisher(self._names.topic(name), type_name=type_name)
+            return self._node.create_raw_publisher(
+                self._names.topic(name), type_name=type_name, retained=retained
+            )
         except InvalidNameError as error:
             self._log_once.warning(("topic", name), "Left out a topic: %s", error)
             return None
@@ -272,7 +274,9 @@ class Replay:
             if not self._selection.takes_topic(topic.name):
                 continue
             if not self._is_time(topic.name, topic.type_name):
-                self._topics[topic.name] = self._topic(topic.name, topic.type_name)
+                self._topics[topic.name] = self._topic(
+                    topic.name, topic.type_name, topic.is_retained
+                )
             elif self._clock is None:
                 self._node.log.info(
                     "Topic '%s' is left out, since the stamps are those of now: --clock replays it",

@@ -49,7 +49,7 @@ def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> I
 def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
     """Call `callback(payload)` for each message, on a thread of Zenoh.
 
-    Static transforms come at once, as for a listener.
+    Static transforms and retained messages come at once, also where their publisher comes later.
     """
     from tfbus.bus.retained import declare_retained_subscriber  # Zenoh
 
@@ -59,7 +59,9 @@ def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[byte
         return declare_retained_subscriber(node.session, key, lambda _, payload: callback(payload))
     if kind == TRANSFORMS:  # each frame of a split stream has its own key
         return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
-    return node.create_raw_subscription(topic, callback, type_name=type_name)
+    info = look(node.session).topics.get(topic)
+    is_retained = info is None or not info.publishers or info.retained
+    return node.create_raw_subscription(topic, callback, type_name=type_name, retained=is_retained)
 
 
 def full_topic(topic: str, settings: NodeSettings) -> str:

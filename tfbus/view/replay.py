@@ -16,6 +16,7 @@ from tfbus.runtime.clock import Clock
 from tfbus.runtime.signals import StopSignals
 from tfbus.view.model.playhead import Cursor, Playhead
 from tfbus.view.recorded_marks import known_timeline, whole_timeline
+from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
@@ -56,12 +57,14 @@ class Replay:
         start_ns: int | None = None,
         end_ns: int | None = None,
         namespace: str = "",
+        fleet: Fleet | None = None,
     ) -> None:
         self.log = logging.getLogger("tfbus.view")
         self.mistake = ""
         self.samples: tuple[Buffer, ...] = ()
         self._reader = reader
         self._namespace = namespace
+        self.fleet = fleet
         start_ns = reader.start_ns if start_ns is None else start_ns
         end_ns = reader.end_ns if end_ns is None else end_ns
         self.timeline = known_timeline(reader, start_ns, end_ns)
@@ -79,6 +82,11 @@ class Replay:
     def buffer(self) -> Buffer:
         """The transforms up to the cursor."""
         return self._frames.buffer
+
+    @property
+    def namespace(self) -> str:
+        """The namespace that it shows."""
+        return self._frames.namespace
 
     def streams(self) -> Sequence[StreamInfo]:
         """The streams as they were at the cursor."""
@@ -139,7 +147,9 @@ class Replay:
             self.timeline = found or self.timeline
 
     def _samples(self, reader: "RecordingReader") -> Iterator[Buffer]:
-        frames = RecordedFrames(reader, namespace=self._namespace, cache_time_s=_SAMPLE_S)
+        frames = RecordedFrames(
+            reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=_SAMPLE_S
+        )
         start_ns, end_ns = self.playhead.start_ns, self.playhead.end_ns
         for part in range(_SAMPLES):
             if not self._ended.is_set():
@@ -192,7 +202,10 @@ class Replay:
 
     def _restart(self) -> None:
         self._frames = RecordedFrames(
-            self._reader, namespace=self._namespace, cache_time_s=self._before_s
+            self._reader,
+            namespace=self._namespace,
+            fleet=self.fleet,
+            cache_time_s=self._before_s,
         )
         self._rest: Iterator[Item] | None = None
         self._next: Item | None = None

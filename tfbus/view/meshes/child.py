@@ -8,7 +8,7 @@ standard output; each is its length in 4 bytes, and msgpack.
 import os
 import struct
 import sys
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import msgpack
 
@@ -17,7 +17,7 @@ from tfbus.view.meshes.limits import MOST_BYTES, MOST_MEMORY
 HEADER = struct.Struct(">I")
 
 
-def send(pipe: BinaryIO, values: dict[str, Any]) -> None:
+def send(pipe: IO[bytes], values: dict[str, Any]) -> None:
     """Write a message."""
     payload = msgpack.packb(values)
     pipe.write(HEADER.pack(len(payload)))
@@ -25,7 +25,7 @@ def send(pipe: BinaryIO, values: dict[str, Any]) -> None:
     pipe.flush()
 
 
-def receive(pipe: BinaryIO) -> dict[str, Any] | None:
+def receive(pipe: IO[bytes]) -> dict[str, Any] | None:
     """Read a message; None at the end."""
     header = pipe.read(HEADER.size)
     if len(header) < HEADER.size:
@@ -56,7 +56,9 @@ def _answer(values: dict[str, Any]) -> dict[str, Any]:
         return {"error": "it needs too much memory"}
     # Mesh readers raise all kinds of errors, ImportError among them.
     except Exception as error:
-        return {"error": f"it is not a valid .{request.kind} file ({error or type(error).__name__})"}
+        return {
+            "error": f"it is not a valid .{request.kind} file ({error or type(error).__name__})"
+        }
     return {"parts": [part.as_map() for part in parts], "refused": references.refused}
 
 

@@ -50,7 +50,8 @@ def _normals(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArra
     corners = vertices[faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    unit: NDArray[np.float64] = normals / np.where(lengths > 0.0, lengths, 1.0)
+    return unit
 
 
 def _smooth_corners(
@@ -59,9 +60,8 @@ def _smooth_corners(
     """Pairs of corners (of 3 F) that are the same end of a smooth edge."""
     count = len(place)
     # Each triangle's edges from corner k to k + 1, by the corners' numbers.
-    start = np.arange(3 * count).reshape(-1, 3)
-    end = np.roll(start, -1, axis=1)
-    start, end = start.reshape(-1), end.reshape(-1)
+    start = np.arange(3 * count)
+    end = np.roll(start.reshape(-1, 3), -1, axis=1).reshape(-1)
     flat = place.reshape(-1)
     low, high = np.minimum(flat[start], flat[end]), np.maximum(flat[start], flat[end])
     key = low * (int(flat.max()) + 1) + high

@@ -1,6 +1,6 @@
 """What a mesh file becomes: triangles of one look each."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +47,7 @@ class Part:
         )
 
 
-def bounds_of(parts: "list[Part] | tuple[Part, ...]") -> NDArray[np.float64]:
+def bounds_of(parts: Sequence[Part]) -> NDArray[np.float64]:
     """The corners (2, 3) of the box around parts, least and most; zeros without any."""
     corners = [
         corner

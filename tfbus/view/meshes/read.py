@@ -31,9 +31,7 @@ def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
     if kind not in trimesh.available_formats():
         raise MeshError(f"no installed package reads .{kind}: pip install pycollada")
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
-    scene = trimesh.load_scene(
-        io.BytesIO(data), file_type=kind, resolver=references, process=False
-    )
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
     solids: list[Part] = []
     textured: list[Part] = []
     triangles = 0

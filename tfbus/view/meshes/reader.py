@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,9 @@ from tfbus.view.meshes.part import Part
 from tfbus.view.meshes.request import MeshRequest
 
 # With the paths of this process, and not with the working directory, where anything may lie.
-_PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from tfbus.view.meshes import child; child.main()"
+_PROGRAM = (
+    "import sys; sys.path[:] = sys.argv[1:]; from tfbus.view.meshes import child; child.main()"
+)
 
 
 @dataclass(frozen=True)
@@ -96,8 +99,6 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     process.kill()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
-            try:
+            with suppress(OSError):  # what was not yet written
                 pipe.close()
-            except OSError:  # what was not yet written
-                pass
     process.wait()

@@ -14,7 +14,7 @@ _SUFFIXES = frozenset(
 )
 
 
-class References(Resolver):  # type: ignore[misc]  # trimesh's classes have no types
+class References(Resolver):
     """The files beside a mesh file: those that came `beside` it, by their names, or those in its
     `folder` and inside of `root`.
 

@@ -15,13 +15,15 @@ class ShownRobot:
     """A robot whose links have the frames of their names behind `prefix`, as `names` calls them
     here.
 
-    `is_fetched` is whether meshes that are not on this machine are asked for on the bus, in the
+    `is_described` is whether it comes from a bus or a recording, by a process that publishes its
+    frames, `is_fetched` whether meshes that are not on this machine can be had from there, in the
     namespace `origin`.
     """
 
     robot: Robot
     prefix: str = ""
     names: FrameNames | None = None
+    is_described: bool = False
     is_fetched: bool = False
 
     @property
@@ -60,7 +62,9 @@ class ShownRobot:
     @cached_property
     def shaped_links(self) -> tuple[str, ...]:
         """The links that have shapes."""
-        return tuple(dict.fromkeys(each.link for each in (*self.visuals, *self.collisions)))
+        shown = [each.link for each in self.visuals]
+        collide = [each.link for each in self.collisions]
+        return tuple(dict.fromkeys((*shown, *collide)))
 
     def source_of(self, mesh: Mesh) -> MeshSource | str:
         """Where a mesh is loaded from, or why it cannot be."""

@@ -37,14 +37,16 @@ def headline(
     missing: int = 0,
     now_ns: int = 0,
     empty: str = WAITING,
+    loading: str = "",
 ) -> str:
     """What the page shows, or what it waits for; `now_ns` is the time to judge a pause by.
 
     `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
-    to say without any frame, as HTML.
+    to say without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
     """
+    loads = [f'<span class="tf-note-whole">loading {loading}</span>'] if loading else []
     if not len(frames):
-        return f'<div class="tf" role="status">{empty}</div>'
+        return f'<div class="tf" role="status">{" · ".join([empty, *loads])}</div>'
     if fixed_frame not in frames:
         known = listed([escape(root) for root in frames.roots], most=_MOST_ROOTS)
         return (
@@ -61,6 +63,7 @@ def headline(
     if apart:
         notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
     parts = [f"{counted(len(frames), 'frame')}, seen from <b>{escape(fixed_frame)}</b>", *notes]
+    parts += loads
     if playback.stamp_ns is not None:
         ago_s = (now_ns - playback.stamp_ns) / 1e9
         ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""

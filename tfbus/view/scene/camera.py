@@ -89,6 +89,13 @@ def region_of(placed: Placed) -> Region:
     return Region(middle, 0.85 * max(placed.extent_m(), 1.0))
 
 
+def region_of_points(xyz: Floats) -> Region:
+    """The ball in which points (N, 3) lie, by the box around them; at least 0.05 m large."""
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    radius_m = 0.5 * float(np.linalg.norm(high - low))
+    return Region((low + high) / 2.0, max(radius_m, 0.05))
+
+
 def around(one: Region, other: Region) -> Region:
     """The smallest ball around two."""
     apart_m = float(np.linalg.norm(other.middle - one.middle))

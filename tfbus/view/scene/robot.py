@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
@@ -104,15 +103,13 @@ class RobotScene:
         """How many of them are loaded, or cannot be."""
         return sum(self._sources.values())
 
-    def region_points(self, poses: Callable[[str], NDArray[np.float64] | None]) -> Floats:
-        """The corners (N, 3) of the boxes around its links, where `poses(link)`, matrices (4, 4),
-        has them.
-        """
+    def points(self, placed: Placed) -> Floats:
+        """The corners (N, 3) of the boxes around its links that have a place, and their origins."""
         found = [np.zeros((0, 3))]
         for name, link in self._links.items():
-            pose = poses(name)
-            if pose is not None and len(link.corners):
-                found.append(link.corners @ pose[:3, :3].T + pose[:3, 3])
+            row = placed.index.get(self.robot.frame_of(name))
+            if row is not None:
+                found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
         return np.concatenate(found)
 
     # How it is drawn
@@ -196,6 +193,7 @@ class RobotScene:
     def _add_primitive(self, shape: Visual | Collision, primitive: Shape) -> None:
         path, look = self._next_path(shape), self._solid(shape)
         make: Any
+        extent: dict[str, Any]
         match primitive:
             case Box(size):
                 make, extent = self._scene.add_box, {"dimensions": size}

@@ -89,6 +89,8 @@ class Panel:
         playback = self._view.playback
         missing = len(placed.missing)
         empty = text.WAITING
+        if self._robots.robots:
+            empty = text.robots_alone([robot.title for robot in self._robots.robots])
         if self._replay:
             empty = text.nothing_recorded("" if len(frames) else self._replay.hint())
         loading = progress_text(self._robots.progress)
@@ -120,13 +122,15 @@ class Panel:
                 self._robots_tab.remove()
             self._robots_tab = self._robots_panel = None
             return
-        if self._robots_panel is None:
+        if self._robots_panel is None or self._robots_tab is None:
             self._robots_tab = self._tabs.add_tab(RobotsPanel.title)
             with self._robots_tab:
                 self._robots_panel = RobotsPanel(
                     self._server.gui, self._view, self._channel, self._robots
                 )
-        self._robots_panel.refresh(frames)
+        # Its sliders come and go with the robots.
+        with self._robots_tab:
+            self._robots_panel.refresh(frames)
 
     def _refresh_guest(self, guest: Guest) -> None:
         """Show the guest's tab, the last one, while the guest is present."""

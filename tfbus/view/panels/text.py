@@ -12,7 +12,7 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.view.model.playback import Playback
 from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
 from tfbus.view.panels.markup import sign
-from tfbus.wording import and_more, counted, duration, listed, stamp_text
+from tfbus.wording import and_more, counted, duration, listed, printable, stamp_text
 
 _MOST_MISTAKES = 5
 _MOST_ROOTS = 5
@@ -69,6 +69,15 @@ def headline(
         ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""
         parts.append(f"<b>paused</b> at {clock_time(playback.stamp_ns, now_ns)}{ago}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def robots_alone(titles: Sequence[str]) -> str:
+    """What to say of robots without any frame, as HTML."""
+    named = escape(listed([printable(title) for title in titles], most=3))
+    return (
+        f"<b>No transforms yet.</b> <code>tfbus robot_state</code> publishes the frames of {named} "
+        "from <code>joint_states</code>, and <code>tfbus joints</code> publishes those."
+    )
 
 
 def nothing_recorded(hint: str) -> str:

@@ -16,6 +16,9 @@ from tfbus.view.model.placement import Floats, Placed
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
 
+# Robots look along x: they are seen from the front, as in RViz.
+FRONT = np.array((0.74, 0.52, 0.43)) / math.sqrt(0.74**2 + 0.52**2 + 0.43**2)
+
 # A window that is narrower than this, width by height, is a telephone's.
 _NARROW = 0.75
 
@@ -64,12 +67,13 @@ class Window:
 
 
 def overview(
-    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats = _FROM
+    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats | None = None
 ) -> tuple[Floats, Floats]:
     """Where to look from, and at which point, to see a ball whole; `toward` points to the camera.
 
     In a window much higher than wide the ball is in the upper half, above the panel.
     """
+    toward = _FROM if toward is None else toward
     distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
     if aspect >= _NARROW:
         return middle + distance_m * toward, middle
@@ -92,8 +96,9 @@ def region_of(placed: Placed) -> Region:
 def region_of_points(xyz: Floats) -> Region:
     """The ball in which points (N, 3) lie, by the box around them; at least 0.05 m large."""
     low, high = xyz.min(axis=0), xyz.max(axis=0)
-    radius_m = 0.5 * float(np.linalg.norm(high - low))
-    return Region((low + high) / 2.0, max(radius_m, 0.05))
+    # The box around most things is emptier at its corners than the ball around it.
+    radius_m = 0.45 * float(np.linalg.norm(high - low))
+    return Region((low + high) / 2.0, max(radius_m, 0.05), FRONT)
 
 
 def around(one: Region, other: Region) -> Region:
@@ -138,14 +143,14 @@ class Cameras:
         for number, client in clients.items():
             camera = client.camera
             if is_new or (number not in self._placed and camera.aspect < _NARROW):
-                _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
+                _move(camera, *_overview(region, camera.aspect))
         self._placed = set(clients)
 
     def show(self, client: int, region: Region) -> None:
         """Let one browser see this ball whole, from where cameras start."""
         if handle := self._server.get_clients().get(client):
             camera = handle.camera
-            _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
+            _move(camera, *_overview(region, camera.aspect))
 
     def focus(self, client: int, region: Region) -> None:
         """Let one browser look at the middle of this ball, from the side where its camera is.
@@ -182,7 +187,11 @@ class Cameras:
         """Where browsers start that are opened later, and where viser's Reset View leads."""
         self._start = region
         initial: Any = self._server.initial_camera
-        initial.position, initial.look_at = overview(region.middle, region.radius_m)
+        initial.position, initial.look_at = _overview(region)
+
+
+def _overview(region: Region, aspect: float = 1.0) -> tuple[Floats, Floats]:
+    return overview(region.middle, region.radius_m, aspect, region.toward)
 
 
 def _move(camera: Any, position: Floats, look_at: Floats) -> None:

@@ -16,6 +16,7 @@ from tfbus import (
     Node,
     NodeSettings,
     Number,
+    Robot,
     SettingsError,
     SystemClock,
     TfbusError,
@@ -23,7 +24,7 @@ from tfbus import (
     node_options,
 )
 from tfbus.command import BagChoice, OutputFile, bag_options, install_command
-from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
+from tfbus.view import ViewSettings, holds_settings, load_settings
 
 if TYPE_CHECKING:
     from tfbus.view import Page, Screenshot, Serving
@@ -131,7 +132,7 @@ def main(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {settings.config}"
         )
-    robot = read_urdf(urdf, package_path) if urdf else []
+    robot = Robot.from_urdf(urdf, package_path=package_path).visuals if urdf else ()
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
     _require_viser()

@@ -18,7 +18,7 @@ STOREYS = [
     {"core"},
     {"geometry"},
     {"trajectory"},
-    {"buffer", "wire"},
+    {"buffer", "robot", "wire"},
     {"ros"},
     {"recording"},
     {"bus"},

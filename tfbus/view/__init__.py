@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from tfbus.view.model.settings import ViewSettings as ViewSettings
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
-    from tfbus.view.model.urdf import read_urdf as read_urdf
     from tfbus.view.page import Page as Page
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
@@ -48,7 +47,6 @@ _MODULE_OF = {
     "holds_settings": "tfbus.view.model.settings",
     "is_local": "tfbus.runtime.addresses",
     "load_settings": "tfbus.view.model.settings",
-    "read_urdf": "tfbus.view.model.urdf",
     "show": "tfbus.view.local",
 }
 

@@ -11,6 +11,7 @@ import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
+from tfbus.robot.model import Visual
 from tfbus.runtime.addresses import names_to_open
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.view.guest import Guest, Region
@@ -18,7 +19,6 @@ from tfbus.view.model.placement import Floats, Placed, place, trail
 from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.urdf import Visual
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel

@@ -7,8 +7,9 @@ from typing import Any
 
 import viser
 
+from tfbus.errors import UrdfError
+from tfbus.robot.model import Box, Cylinder, Mesh, Sphere, Visual
 from tfbus.view.model.placement import Placed
-from tfbus.view.model.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
 
 # For shapes without a colour.
 _GREY = (160, 160, 165)
@@ -81,11 +82,12 @@ def load_mesh(shape: Mesh) -> Any:
     Raises UrdfError if the file does not exist or no installed package reads it, and any error of
     a mesh reader.
     """
-    if not shape.file.is_file():
+    if shape.file is None or not shape.file.is_file():
         package = shape.name.removeprefix("package://").partition("/")[0]
         remedy = f"; --package-path names the folder with package {package!r}"
         raise UrdfError(
-            f"no file {shape.file}" + (remedy if shape.name.startswith("package://") else "")
+            f"no file {shape.file or shape.name}"
+            + (remedy if shape.name.startswith("package://") else "")
         )
     # Its functions have no exact types.
     trimesh: Any = import_module("trimesh")

@@ -56,10 +56,10 @@ def _light(scene: viser.SceneApi) -> None:
     ones are not lost in the dark.
     """
     scene.add_light_hemisphere(
-        "/light/sky", sky_color=(255, 255, 255), ground_color=(165, 165, 170), intensity=1.9
+        "/light/sky", sky_color=(255, 255, 255), ground_color=(165, 165, 170), intensity=2.2
     )
     for name, position, intensity in (
-        ("key", (2.0, 1.0, 3.0), 1.5),
+        ("key", (2.0, 1.0, 3.0), 1.7),
         ("fill", (-2.0, -1.5, 1.0), 0.6),
         ("side", (1.0, -3.0, 0.5), 0.3),
     ):

@@ -96,8 +96,7 @@ def region_of(placed: Placed) -> Region:
 def region_of_points(xyz: Floats) -> Region:
     """The ball in which points (N, 3) lie, by the box around them; at least 0.05 m large."""
     low, high = xyz.min(axis=0), xyz.max(axis=0)
-    # The box around most things is emptier at its corners than the ball around it.
-    radius_m = 0.45 * float(np.linalg.norm(high - low))
+    radius_m = 0.5 * float(np.linalg.norm(high - low))
     return Region((low + high) / 2.0, max(radius_m, 0.05), FRONT)
 
 

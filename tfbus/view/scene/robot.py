@@ -156,10 +156,11 @@ class RobotScene:
             self._waiting.remove(waiting)
             self._sources[waiting.source] = True
             if isinstance(mesh, str):
-                self._note(waiting.shape, waiting.source.name, mesh)
+                self._note(waiting.shape, f"is not shown: mesh {waiting.source.name}: {mesh}")
             else:
                 for name, why in mesh.refused.items():
-                    self._note(waiting.shape, waiting.source.name, f"without {name!r}: {why}")
+                    lack = f"{name} of mesh {waiting.source.name}: {why}"
+                    self._note(waiting.shape, f"is shown without {lack}")
                 self._add_parts(waiting.shape, mesh.parts)
             taken += 1
             if taken == most:
@@ -178,7 +179,7 @@ class RobotScene:
                 case Mesh():
                     source = self.robot.source_of(shape.shape)
                     if isinstance(source, str):
-                        self._note(shape, shape.shape.name, source)
+                        self._note(shape, f"is not shown: mesh {shape.shape.name}: {source}")
                         continue
                     self._sources.setdefault(source, False)
                     self._waiting.append(_Waiting(source, shape))
@@ -186,9 +187,9 @@ class RobotScene:
                 case _:
                     self._add_primitive(shape, shape.shape)
 
-    def _note(self, shape: Visual | Collision, mesh: str, why: str) -> None:
+    def _note(self, shape: Visual | Collision, what: str) -> None:
         kind = "collision" if isinstance(shape, Collision) else "visual"
-        self.mistakes[f"{kind} of link {shape.link!r}, mesh {mesh!r}: {why}"] = None
+        self.mistakes[f"A {kind} of link {shape.link!r} {what}"] = None
 
     def _add_primitive(self, shape: Visual | Collision, primitive: Shape) -> None:
         path, look = self._next_path(shape), self._solid(shape)
@@ -309,6 +310,6 @@ def _place(shape: Visual | Collision) -> dict[str, Any]:
 def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
     """What cannot be shown, each once; with the robot where there are several."""
     for each in scenes:
-        lead = f"{each.robot.title}, " if len(scenes) > 1 else ""
+        lead = f"{each.robot.title}: " if len(scenes) > 1 else ""
         for mistake in each.mistakes:
             yield f"{lead}{mistake}"

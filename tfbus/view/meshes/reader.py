@@ -52,7 +52,7 @@ class MeshReader:
             assert process.stdin is not None and process.stdout is not None
             send(process.stdin, request.as_map())
             answer = receive(process.stdout)
-        except OSError:
+        except (OSError, ValueError):  # the pipes of a process that `close` has ended
             answer = None
         finally:
             late.cancel()

@@ -290,8 +290,9 @@ class Page:
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
             shown = region or later or with_robots or region_of(placed)
-            count = len(whole.names) + self._robots.progress[0]
-            self._cameras.aim(shown, has_more, count)
+            loaded, meshes = self._robots.progress
+            count = len(whole.names) + loaded
+            self._cameras.aim(shown, has_more, count, is_loading=loaded < meshes)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:
         """The ball around frames and robots; None without a robot that has a place."""

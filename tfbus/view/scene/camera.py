@@ -22,8 +22,10 @@ FRONT = np.array((0.74, 0.52, 0.43)) / math.sqrt(0.74**2 + 0.52**2 + 0.43**2)
 # A window that is narrower than this, width by height, is a telephone's.
 _NARROW = 0.75
 
-# Frames that come later than this do not move the camera.
+# Frames that come later than this do not move the camera; while the meshes of robots are being
+# loaded, cameras that nobody has moved wait for them.
 _SETTLE_S = 3.0
+_LOADING_S = 30.0
 
 # viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
@@ -121,29 +123,47 @@ class Cameras:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._seen = (False, 0)
-        self._settled_at_s = 0.0
+        self._settled_at_s = self._loaded_by_s = 0.0
+        self._is_loading = False
         self._placed: set[int] = set()
+        self._left_at: dict[int, Floats] = {}
         self._start = Region(np.zeros(3), 1.0)
 
-    def aim(self, region: Region, has_guest: bool, frames: int) -> None:
+    def aim(
+        self, region: Region, has_guest: bool, frames: int, *, is_loading: bool = False
+    ) -> None:
         """Take the ball around all that is shown now.
 
-        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
+        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared; while
+        it `is_loading` for longer, those whose camera is where it was left.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
         what, before = (has_guest, frames), self._seen
         if not before[1] or has_guest > before[0]:
             self._settled_at_s = now_s + _SETTLE_S
-        is_new = what > before and now_s < self._settled_at_s
+            self._loaded_by_s = now_s + _LOADING_S
+        is_settling = now_s < self._settled_at_s
+        is_waiting = self._is_loading and now_s < self._loaded_by_s
+        self._is_loading = is_loading
+        is_new = what > before and (is_settling or is_waiting)
         self._seen = max(what, before)
         if is_new or not clients:
             self._start_at(region)
         for number, client in clients.items():
             camera = client.camera
-            if is_new or (number not in self._placed and camera.aspect < _NARROW):
+            is_first = number not in self._placed and camera.aspect < _NARROW
+            if is_first or (is_new and (is_settling or self._is_left(number, camera))):
                 _move(camera, *_overview(region, camera.aspect))
+                self._left_at[number] = np.array(camera.position)
+            elif number not in self._placed:
+                self._left_at[number] = np.array(camera.position)
         self._placed = set(clients)
+
+    def _is_left(self, number: int, camera: Any) -> bool:
+        """Whether a camera is where it was left, and so nobody has moved it."""
+        left_at = self._left_at.get(number)
+        return left_at is not None and np.allclose(camera.position, left_at, atol=1e-3)
 
     def show(self, client: int, region: Region) -> None:
         """Let one browser see this ball whole, from where cameras start."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.live_bus import eventually, free_port
-from tfbus import Buffer, Robot, Transform, TransformStamped
+from tfbus import Buffer, InvalidArgumentException, Robot, Transform, TransformStamped
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
@@ -246,3 +246,17 @@ def test_sliders_go_as_far_as_the_joints(arm: Robot) -> None:
     assert free.within(7.0, turns=True) == pytest.approx(7.0 - 2 * np.pi)
     soft = range_of(replace(lift, soft_limits=(0.6, 9.0)))
     assert (soft.lower, soft.upper) == (0.6, 1.5)
+
+
+def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
+    """Without any frame of its own; again it replaces the former."""
+    from tfbus.view import show
+
+    with show(Buffer(), port=free_port()) as view:
+        view.add_robot(arm)
+        view.add_robot(arm)
+        view.add_robot(arm, prefix="left_")
+        scenes = view._page._robots
+        eventually(lambda: [each.title for each in scenes.robots] == ["arm", "left/arm"])
+        with pytest.raises(InvalidArgumentException):
+            view.add_robot(arm, prefix="/left")

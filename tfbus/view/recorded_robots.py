@@ -11,7 +11,7 @@ from tfbus.recording.selection import Selection
 from tfbus.robot.robot import Robot
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.shown_robot import ShownRobot
-from tfbus.view.robot_source import Joints
+from tfbus.view.robot_source import GivenRobots, Joints
 from tfbus.wording import printable
 
 if TYPE_CHECKING:
@@ -59,12 +59,17 @@ class RecordedRobots:
         except DecodeError as error:
             self._mistakes[f"The robot_description cannot be read: {printable(str(error))}"] = None
         self._read: dict[_Described, ShownRobot | None] = {}
+        self._given = GivenRobots()
 
     def robots(self) -> Sequence[ShownRobot]:
         """The robots as they were described at the cursor."""
         log_ns = self._replay.playhead.cursor.at_ns
         found = [self._shown(_at(same, log_ns)) for same in self._described.values()]
-        return [robot for robot in found if robot is not None]
+        return [*(robot for robot in found if robot is not None), *self._given.robots()]
+
+    def add(self, robot: ShownRobot) -> None:
+        """Add a robot of the program; it replaces one of the same title."""
+        self._given.add(robot)
 
     def mistakes(self) -> Sequence[str]:
         """Which descriptions are none."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tfbus.core.kernel import IDENTITY, compose, invert, normalised
 from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
-from tfbus.geometry.transform import Transform, make_transform
+from tfbus.geometry.transform import Transform, as_floats, make_transform
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.robot.configurations import ManySteps
 from tfbus.robot.kinematics import Steps, local_pose, plane_axes
@@ -181,7 +181,7 @@ class Robot:
         return positions
 
     def _of_array(self, given: Any) -> list[Any]:
-        numbers = np.asarray(given, dtype=float)
+        numbers = as_floats(given, "positions")
         size = sum(joint.position_size for joint in self.free_joints)
         if numbers.shape != (size,):
             raise InvalidArgumentException(
@@ -264,19 +264,20 @@ class Robot:
 
     def _many(self, given: Mapping[str, ArrayLike] | ArrayLike) -> tuple[list[Any], int]:
         """One position for each joint that moves, of arrays (N,); and N."""
+        counts = {}
         if not isinstance(given, Mapping):
-            given = self._columns_of(given)
+            rows = as_floats(given, "positions")
+            given, counts[""] = self._columns_of(rows), len(rows)
         positions: list[Any] = [
             _by_number(joint, np.array(zero))
             for joint, zero in zip(self.free_joints, self._zeros, strict=False)
         ]
         positions += [0.0] * len(self._mimics)
-        counts = {}
         for name, value in given.items():
             if name not in self._places:
                 raise self._unknown(name)
             joint = self.joints[name]
-            array = np.asarray(value, dtype=float)
+            array = as_floats(value, f"positions of joint {name!r}")
             if not np.isfinite(array).all():
                 raise InvalidArgumentException(f"positions of joint {name!r} must be finite")
             row = () if joint.position_size == 1 else (joint.position_size,)
@@ -294,8 +295,7 @@ class Robot:
         self._follow(positions, given)
         return positions, next(iter(counts.values()), 1)
 
-    def _columns_of(self, given: Any) -> dict[str, Any]:
-        array = np.asarray(given, dtype=float)
+    def _columns_of(self, array: Floats) -> dict[str, Floats]:
         size = sum(joint.position_size for joint in self.free_joints)
         if array.ndim != 2 or array.shape[1] != size:
             raise InvalidArgumentException(
@@ -444,7 +444,7 @@ def _checked(joint: Joint, value: Any) -> Any:
     if joint.type == "floating":
         return (value if isinstance(value, Transform) else Transform.from_pose(value)).as_pose()
     try:
-        numbers = np.array(value, dtype=float)
+        numbers = np.array(np.nan if isinstance(value, str) else value, dtype=float)
     except (TypeError, ValueError):
         numbers = np.array(np.nan)
     if joint.position_size == 1 and numbers.shape == () and np.isfinite(numbers):

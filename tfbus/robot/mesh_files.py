@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -58,7 +59,10 @@ class MeshFiles:
 
     def package(self, name: str) -> Path | None:
         """The folder of a package; None where it is not found."""
-        return next((folder for folder in self._folders(name) if folder.is_dir()), None)
+        for folder in self._folders(name):
+            if folder.is_dir() and (folder.name == name or _is_package(folder, name)):
+                return folder
+        return None
 
     def _in_package(self, inside: str) -> Path | None:
         package, _, path = inside.partition("/")
@@ -98,6 +102,15 @@ class MeshFiles:
             if any((folder / mark).exists() for mark in _MARKS):
                 return folder
         return next(iter(self._above[1:2]), None)
+
+
+def _is_package(folder: Path, name: str) -> bool:
+    """Whether its package.xml says that it is this package."""
+    try:
+        said = re.search(r"<name>\s*(.*?)\s*</name>", (folder / "package.xml").read_text())
+    except (OSError, ValueError):
+        return False
+    return said is not None and said[1] == name
 
 
 def _installed() -> Iterator[Path]:

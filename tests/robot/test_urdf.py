@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from tfbus import Robot, UrdfError
-from tfbus.robot.mesh_files import MeshFiles
 from tfbus.robot.model import Box, Cylinder, Mesh, Sphere
 
 ROBOT = """
@@ -58,18 +57,3 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     """With the reason of the system."""
     with pytest.raises(UrdfError, match=r"cannot read .*none\.urdf: No such file"):
         Robot.from_urdf(tmp_path / "none.urdf")
-
-
-def test_packages_are_searched_in_given_folders_then_by_ros_then_above_the_urdf(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a folder with the package's name, or in the package's folder itself."""
-    places = {name: tmp_path / name for name in ("given", "ros", "above/urdf")}
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(places["ros"]))
-    above = tmp_path / "above" / "arm" / "tool.stl"
-    by_ros, given = places["ros"] / "arm" / "tool.stl", places["given"] / "arm" / "tool.stl"
-    for file in (above, by_ros, given):
-        file.parent.mkdir(parents=True)
-        file.touch()
-        files = MeshFiles(places["above/urdf"], [places["given"]])
-        assert files.find("package://arm/tool.stl") == file

@@ -89,7 +89,8 @@ def check_mimics(joints: Mapping[str, Placed]) -> None:
             way.append(joint.name)
         if joint.position_size != 1:
             raise _mimic_mistake(
-                each, f"joint {_shown(joint.name)} is {joint.type}: it has no single position"
+                each,
+                f"joint {_shown(joint.name)}, which is {joint.type}: it has no single position",
             )
 
 

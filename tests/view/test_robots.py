@@ -233,7 +233,14 @@ def test_the_state_of_a_robot_is_said_in_a_few_words(arm: Robot) -> None:
     robot = ShownRobot(arm, is_described=True)
     assert state_of(robot, Frames(), is_still=False) == "no frames yet"
     assert state_of(robot, seen(("base", "hand", 1.0))[1], is_still=False) == "without tool"
-    assert state_of(robot, seen(*ALL)[1], is_still=False) == "3 links"
+    frames = seen(*ALL)[1]
+    assert state_of(robot, frames, is_still=False) == "3 links"
+    partly = Frames(
+        replace(frame, state="gone") if frame.name == "tool" else frame for frame in frames
+    )
+    assert state_of(robot, partly, is_still=False).endswith(" 1 of 3 gone")
+    wholly = Frames(replace(frame, state="gone") if frame.depth else frame for frame in frames)
+    assert state_of(robot, wholly, is_still=False).endswith("> gone")
 
 
 def test_sliders_go_as_far_as_the_joints(arm: Robot) -> None:

@@ -280,10 +280,11 @@ def state_of(robot: ShownRobot, frames: Frames, is_still: bool) -> str:
         return "stands by itself"
     if not known:
         return "no frames yet"
-    if all(frame.state == "gone" or frame.state == "root" for frame in known) and any(
-        frame.state == "gone" for frame in known
-    ):
-        return f"{sign('gone')} gone"
+    gone = sum(frame.state == "gone" for frame in known)
+    if gone:
+        # The root of the tree has no publisher that could be gone.
+        is_all = gone + sum(frame.state == "root" for frame in known) == len(known)
+        return f"{sign('gone')} gone" if is_all else f"{sign('gone')} {gone} of {len(known)} gone"
     missing = [link for link in robot.robot.links if robot.frame_of(link) not in frames]
     if missing:
         return f"without {escape(listed([printable(link) for link in missing], most=2))}"

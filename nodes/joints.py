@@ -21,6 +21,7 @@ from tfbus import (
     Number,
     Robot,
     SystemClock,
+    TfbusError,
     UrdfError,
     node_options,
 )
@@ -70,6 +71,7 @@ class Joints:
         self._rate = replace(RATE, default=rate).on(node, on_change=self._change_rate)
         self._timer = node.create_timer(1.0 / self._rate.value, self._tick)
         self._plays = False
+        self._is_waiting = False
 
     def begin(self, robot: Robot) -> None:
         """Publish the joints of this robot from now on."""
@@ -78,9 +80,16 @@ class Joints:
         self._began_ns = self._node.now_ns()
         self._held.clear()
         self._last = None
-        self._node.log.info(
-            "Publishing %s of %s", counted(len(self._board.ranges), "joint"), printable(robot.name)
-        )
+        joints, name = counted(len(self._board.ranges), "joint"), printable(robot.name, 60)
+        if self._is_waiting:
+            self._node.log.info("Publishing %s of %s", joints, name)
+        else:
+            self._node.ready(f"Publishing {joints} of {name}")
+
+    def wait_for_robot(self) -> None:
+        """Say that it has no robot yet."""
+        self._is_waiting = True
+        self._node.ready("Waiting for a robot on topic robot_description")
         if isinstance(self._motion, Table) and not self._plays:
             self._plays = True
             self._node.create_timer(_TABLE_TICK_S, self._play)
@@ -173,12 +182,16 @@ def _in_order(names: tuple[str, ...], numbers: Mapping[str, float]) -> tuple[flo
 
 
 class _Described:
-    """Begins with the robot that is on the topic robot_description, and with each new one."""
+    """Begins with the robot that is on the topic robot_description, and with each new one.
+
+    `failure` is why it cannot, and has shut the node down.
+    """
 
     def __init__(self, node: Node, joints: Joints) -> None:
         self._node = node
         self._joints = joints
         self._urdf = ""
+        self.failure: TfbusError | None = None
         node.create_subscription(RobotDescription, "robot_description", self._take, retained=True)
         self._timer = node.create_timer(_SAY_AFTER_S, self._say, clock=SystemClock())
 
@@ -199,7 +212,12 @@ class _Described:
         except UrdfError as error:
             self._node.log.warning("Ignored a description: %s", error)
             return
-        self._joints.begin(robot)
+        try:
+            self._joints.begin(robot)
+        except TfbusError as error:
+            # A table that is not of this robot.
+            self.failure = error
+            self._node.shutdown()
 
 
 @click.command(
@@ -330,16 +348,19 @@ def main(
         node.create_subscription(JointState, "joint_targets", joints.follow)
         for topic in sources:
             node.create_subscription(JointState, topic, joints.merge)
+        described = None
         if robot is not None:
             joints.begin(robot)
         else:
-            _Described(node, joints)
-        node.ready("Waiting for a robot on topic robot_description" if robot is None else "ready")
+            joints.wait_for_robot()
+            described = _Described(node, joints)
         if terminal is None:
             node.spin()
-            return
-        with terminal:
-            run_sliders(node, terminal, board)
+        else:
+            with terminal:
+                run_sliders(node, terminal, board)
+    if described is not None and described.failure is not None:
+        raise described.failure
 
 
 def _table(

@@ -66,6 +66,8 @@ class RobotState:
     ) -> None:
         self._node = node
         self._said: set[str] = set()
+        # The parents of frames that were sent as dynamic.
+        self._moving: dict[str, str] = {}
         prefix = replace(PREFIX, default=declared[PREFIX]).on(node, on_change=self._rename)
         self._rate = replace(RATE, default=declared[RATE]).on(node)
         self._ignore_stamps = replace(IGNORE_STAMPS, default=declared[IGNORE_STAMPS]).on(node)
@@ -116,17 +118,20 @@ class RobotState:
         for each in former.static(0):
             if each.child_frame_id not in static:
                 self._statics.remove(each.child_frame_id)
-        for child, parent in former.moving.items():
-            # Those that move still are sent soon, and static ones stand in their place already.
-            if child not in static and frames.edges.get(child) != parent:
-                self._broadcaster.remove(child)
+        edges = frames.edges
+        for child, parent in list(self._moving.items()):
+            # Those that move still are sent again soon.
+            if edges.get(child) != parent or child in static:
+                del self._moving[child]
+                if child not in static:
+                    self._broadcaster.remove(child)
 
     def _on_joint_state(self, state: JointState) -> None:
         if state.names and not state.positions:
             self._say_once("positions", "Ignored a JointState without positions")
             return
         frames = self._frames
-        restarts, unknown = frames.restarts, len(frames.unknown)
+        restarts, unknown, came = frames.restarts, len(frames.unknown), len(frames.came)
         rate = self._rate.value
         transforms = frames.take(
             state,
@@ -136,6 +141,8 @@ class RobotState:
         )
         if transforms:
             self._broadcaster.send_transform(transforms)
+            if len(frames.came) != came:
+                self._moving |= {each.child_frame_id: each.frame_id for each in transforms}
         if len(frames.unknown) != unknown:
             self._name_unknown()
         if frames.restarts != restarts:

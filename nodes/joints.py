@@ -80,6 +80,9 @@ class Joints:
         self._began_ns = self._node.now_ns()
         self._held.clear()
         self._last = None
+        if isinstance(self._motion, Table) and not self._plays:
+            self._plays = True
+            self._node.create_timer(_TABLE_TICK_S, self._play)
         joints, name = counted(len(self._board.ranges), "joint"), printable(robot.name, 60)
         if self._is_waiting:
             self._node.log.info("Publishing %s of %s", joints, name)
@@ -90,9 +93,6 @@ class Joints:
         """Say that it has no robot yet."""
         self._is_waiting = True
         self._node.ready("Waiting for a robot on topic robot_description")
-        if isinstance(self._motion, Table) and not self._plays:
-            self._plays = True
-            self._node.create_timer(_TABLE_TICK_S, self._play)
 
     def follow(self, targets: JointState) -> None:
         """Move joints to where a target says; a motion leaves them there from now on."""

@@ -1,4 +1,4 @@
-"""Where the links are when the joints are somewhere: of one configuration and of many at once.
+"""Where the links are when the joints are somewhere, in one configuration.
 
 Each joint moves its child by a motion in the joint's frame: a revolute or continuous one turns
 about its axis, a prismatic one slides along it; a planar one moves in the plane across its axis,
@@ -10,21 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, sin
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tfbus.core.kernel import IDENTITY, Pose, compose, normalised
 from tfbus.robot.model import Joint, Vector
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-else:
-    from tfbus.core import lazy_numpy as np
-
-# A pose of many configurations: seven numbers, or arrays of one number a configuration.
-Columns = tuple[Any, Any, Any, Any, Any, Any, Any]
 
 
 def local_pose(joint: Joint, origin: Pose, position: Any) -> Pose:
@@ -111,86 +100,3 @@ class Steps:
                 needed.add(link - 1)
                 link = self.steps[link - 1][1]
         return sorted(needed)
-
-    def columns(
-        self, positions: Sequence[Any], wanted: Sequence[int] | None = None
-    ) -> list[Columns]:
-        """As `poses`, of many configurations: each position is an array (N,), or a tuple of as
-        many as the joint's position has numbers.
-        """
-        poses: list[Columns] = [IDENTITY] * len(self.links)
-        for number in range(len(self.steps)) if wanted is None else wanted:
-            joint, parent, origin, place = self.steps[number]
-            motion = _motions(joint, positions[place] if place >= 0 else None)
-            at = compose_columns(poses[parent], origin)
-            poses[number + 1] = at if motion is None else compose_columns(at, motion)
-        return poses
-
-
-def _motions(joint: Joint, position: Any) -> Columns | None:
-    """The motions of a joint in its frame; None where it is fixed."""
-    kind = joint.type
-    x, y, z = joint.axis
-    if kind == "fixed":
-        return None
-    if kind == "prismatic":
-        return (x * position, y * position, z * position, 0.0, 0.0, 0.0, 1.0)
-    if kind == "floating":
-        return tuple(position)
-    if kind == "planar":
-        across, along = plane_axes(joint.axis)
-        moved = [position[0] * across[i] + position[1] * along[i] for i in range(3)]
-        half = 0.5 * position[2]
-    else:
-        moved = [0.0, 0.0, 0.0]
-        half = 0.5 * position
-    s = np.sin(half)
-    return (*moved, *(each * s if each else 0.0 for each in (x, y, z)), np.cos(half))
-
-
-def compose_columns(a: Columns, b: Columns) -> Columns:
-    """First `b`, then `a`, of numbers or arrays; numbers that are 0 cost nothing."""
-    ax, ay, az, qx, qy, qz, qw = a
-    bx, by, bz, px, py, pz, pw = b
-    # v + 2w (q x v) + 2 q x (q x v)
-    tx = _sum(_times(qy, bz), _minus(_times(qz, by)))
-    ty = _sum(_times(qz, bx), _minus(_times(qx, bz)))
-    tz = _sum(_times(qx, by), _minus(_times(qy, bx)))
-    tx, ty, tz = _times(2.0, tx), _times(2.0, ty), _times(2.0, tz)
-    return (
-        _sum(ax, bx, _times(qw, tx), _times(qy, tz), _minus(_times(qz, ty))),
-        _sum(ay, by, _times(qw, ty), _times(qz, tx), _minus(_times(qx, tz))),
-        _sum(az, bz, _times(qw, tz), _times(qx, ty), _minus(_times(qy, tx))),
-        _sum(_times(qw, px), _times(qx, pw), _times(qy, pz), _minus(_times(qz, py))),
-        _sum(_times(qw, py), _minus(_times(qx, pz)), _times(qy, pw), _times(qz, px)),
-        _sum(_times(qw, pz), _times(qx, py), _minus(_times(qy, px)), _times(qz, pw)),
-        _sum(
-            _times(qw, pw), _minus(_times(qx, px)), _minus(_times(qy, py)), _minus(_times(qz, pz))
-        ),
-    )
-
-
-def _is_zero(value: Any) -> bool:
-    return type(value) is float and value == 0.0
-
-
-def _times(a: Any, b: Any) -> Any:
-    if _is_zero(a) or _is_zero(b):
-        return 0.0
-    if type(a) is float and a == 1.0:
-        return b
-    if type(b) is float and b == 1.0:
-        return a
-    return a * b
-
-
-def _minus(a: Any) -> Any:
-    return -a if not _is_zero(a) else 0.0
-
-
-def _sum(*terms: Any) -> Any:
-    total: Any = 0.0
-    for term in terms:
-        if not _is_zero(term):
-            total = term if _is_zero(total) else total + term
-    return total

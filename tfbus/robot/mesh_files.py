@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 
 # Gazebo's word for the same.
 _PACKAGE = ("package://", "model://")
+# What the folder of a package has in it: one of ROS, of Python, or a repository.
+_MARKS = ("package.xml", "pyproject.toml", "__init__.py", ".git")
 
 
 class MeshPathError(ValueError):
@@ -34,8 +37,8 @@ class MeshFiles:
     def find(self, name: str) -> Path | None:
         """The file of a mesh; the first place where it should be if there is none.
 
-        None where the name is an address, or a path and there is no folder. Raises MeshPathError
-        where it leads out of its package.
+        None where the name is an address, an absolute path outside of all packages, or a relative
+        one and there is no folder. Raises MeshPathError where it climbs out of its package.
         """
         for scheme in _PACKAGE:
             if name.startswith(scheme):
@@ -44,12 +47,14 @@ class MeshFiles:
         if "://" in path or self._folder is None or "\0" in path:
             return None
         file = Path(os.path.normpath(self._folder / path))
-        if not any(file.is_relative_to(place) for place in self._allowed()):
-            raise MeshPathError(
-                f"leads out of the robot's folder {self._own_package()}; --package-path (in Python "
-                "package_path) allows another"
-            )
-        return file
+        if any(file.is_relative_to(place) for place in self._allowed()):
+            return file
+        if os.path.isabs(path):
+            return None
+        raise MeshPathError(
+            f"leads out of the robot's folder {self._own_package}; --package-path (in Python "
+            "package_path) allows another"
+        )
 
     def package(self, name: str) -> Path | None:
         """The folder of a package; None where it is not found."""
@@ -58,9 +63,9 @@ class MeshFiles:
     def _in_package(self, inside: str) -> Path | None:
         package, _, path = inside.partition("/")
         parts = Path(os.path.normpath(path)).parts
-        if package in ("", ".", "..") or parts[:1] == ("..",) or path.startswith("/"):
+        if package in (".", "..") or parts[:1] == ("..",) or path.startswith("/"):
             raise MeshPathError(f"leads out of package {package!r}")
-        if "\0" in inside:
+        if not package or "\0" in inside:
             return None
         candidates = [folder.joinpath(*parts) for folder in self._folders(package)]
         return next((file for file in candidates if file.is_file()), next(iter(candidates), None))
@@ -77,19 +82,20 @@ class MeshFiles:
         return self._packages[package]
 
     def _allowed(self) -> Iterator[Path]:
-        own = self._own_package()
-        if own is not None:
-            yield own
+        """The folders in which paths without `package://` may lie."""
+        if self._own_package is not None:
+            yield self._own_package
         yield from self._named
         yield from _installed()
         yield from _shared()
 
+    @cached_property
     def _own_package(self) -> Path | None:
-        """The nearest folder above the URDF with a package.xml; else the one that it lies in, or
-        the next one, as `urdf` beside `meshes`.
+        """The nearest folder above the URDF that is a package or a repository; without one the
+        folder above it, as of `urdf` beside `meshes`.
         """
         for folder in self._above:
-            if (folder / "package.xml").is_file():
+            if any((folder / mark).exists() for mark in _MARKS):
                 return folder
         return next(iter(self._above[1:2]), None)
 

@@ -71,9 +71,9 @@ class Visual:
     link: str
     shape: Shape
     origin: Transform
+    name: str = ""
     color: tuple[int, int, int] | None = None
     opacity: float = 1.0
-    name: str = ""
     texture: str = ""
 
 

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.core.kernel import IDENTITY, compose, invert, normalised
 from tfbus.errors import InvalidArgumentException, UrdfError
-from tfbus.geometry.transform import Transform, make_transform
-from tfbus.geometry.transform_array import TransformArray, make_array
-from tfbus.robot.kinematics import Columns, Steps, local_pose
+from tfbus.geometry.rotations import matrix_of
+from tfbus.geometry.transform import Transform, as_floats, make_transform
+from tfbus.geometry.transform_array import TransformArray
+from tfbus.robot.configurations import ManySteps
+from tfbus.robot.kinematics import Steps, local_pose, plane_axes
 from tfbus.robot.mesh_files import MeshFiles
 from tfbus.robot.model import Collision, Joint, Link, Model, Visual
 from tfbus.robot.urdf import read_model
@@ -179,7 +181,7 @@ class Robot:
         return positions
 
     def _of_array(self, given: Any) -> list[Any]:
-        numbers = np.asarray(given, dtype=float)
+        numbers = as_floats(given, "positions")
         size = sum(joint.position_size for joint in self.free_joints)
         if numbers.shape != (size,):
             raise InvalidArgumentException(
@@ -254,26 +256,28 @@ class Robot:
         """
         values, count = self._many(positions)
         names, numbers, way = self._wanted(links)
-        poses = self._steps.columns(values, way)
-        return {
-            name: _rows(poses[number], count) for name, number in zip(names, numbers, strict=True)
-        }
+        return dict(zip(names, self._many_steps.poses(values, count, numbers, way), strict=True))
+
+    @cached_property
+    def _many_steps(self) -> ManySteps:
+        return ManySteps(self._steps)
 
     def _many(self, given: Mapping[str, ArrayLike] | ArrayLike) -> tuple[list[Any], int]:
         """One position for each joint that moves, of arrays (N,); and N."""
+        counts = {}
         if not isinstance(given, Mapping):
-            given = self._columns_of(given)
+            rows = as_floats(given, "positions")
+            given, counts[""] = self._columns_of(rows), len(rows)
         positions: list[Any] = [
-            _columns(joint, np.array(zero))
+            _by_number(joint, np.array(zero))
             for joint, zero in zip(self.free_joints, self._zeros, strict=False)
         ]
         positions += [0.0] * len(self._mimics)
-        counts = {}
         for name, value in given.items():
             if name not in self._places:
                 raise self._unknown(name)
             joint = self.joints[name]
-            array = np.asarray(value, dtype=float)
+            array = as_floats(value, f"positions of joint {name!r}")
             if not np.isfinite(array).all():
                 raise InvalidArgumentException(f"positions of joint {name!r} must be finite")
             row = () if joint.position_size == 1 else (joint.position_size,)
@@ -284,15 +288,14 @@ class Robot:
                 raise InvalidArgumentException(
                     f"positions of joint {name!r}: expected shape {shape}, got {array.shape}"
                 )
-            positions[self._places[name]] = _columns(joint, array)
+            positions[self._places[name]] = _by_number(joint, array)
         if len(set(counts.values())) > 1:
             said = ", ".join(f"{name!r} {count}" for name, count in list(counts.items())[:8])
             raise InvalidArgumentException(f"positions must be of one length, got {said}")
         self._follow(positions, given)
         return positions, next(iter(counts.values()), 1)
 
-    def _columns_of(self, given: Any) -> dict[str, Any]:
-        array = np.asarray(given, dtype=float)
+    def _columns_of(self, array: Floats) -> dict[str, Floats]:
         size = sum(joint.position_size for joint in self.free_joints)
         if array.ndim != 2 or array.shape[1] != size:
             raise InvalidArgumentException(
@@ -350,6 +353,43 @@ class Robot:
             pose = compose(invert(pose), climbed)
         return make_transform(normalised(pose))
 
+    def jacobian(
+        self, link: str, positions: Mapping[str, Position] | ArrayLike | None = None
+    ) -> Floats:
+        """The Jacobian (6, `dof`) of a link: how fast it moves for the speeds of the free joints.
+
+        The rows are the linear velocity of the link's origin (m/s), then its angular velocity
+        (rad/s), both in the axes of the root. The columns are the free joints in order, with what
+        moves in mimicry of them: one each; of a planar joint x, y and angle; of a floating one the
+        linear, then the angular velocity of its child in the axes of the joint's frame.
+        """
+        values = self._positions(positions)
+        number = self._link_number(link)
+        way = self._steps.way_to([number])
+        poses = self._steps.poses(values, way)
+        tip = np.array(poses[number][:3])
+        jacobian = np.zeros((6, self.dof))
+        for step in way:
+            joint, parent, origin, place = self._steps.steps[step]
+            if place < 0:
+                continue
+            frame = np.array(matrix_of(*compose(poses[parent], origin)[3:]))
+            lever = tip - poses[step + 1][:3]
+            column, factor = self._columns[place]
+            part = factor * _velocities(joint, frame, lever)
+            jacobian[:, column : column + part.shape[1]] += part
+        return jacobian
+
+    @cached_property
+    def _columns(self) -> list[tuple[int, float]]:
+        """Of each joint that moves, by place: its first column of the Jacobian, and its factor."""
+        sizes = [min(joint.position_size, 6) for joint in self.free_joints]
+        columns = [(sum(sizes[:place]), 1.0) for place in range(len(sizes))]
+        for _, _, source, mimic in self._mimics:
+            column, factor = columns[source]
+            columns.append((column, factor * mimic.multiplier))
+        return columns
+
     # What a robot publishes
 
     def static_transforms(self, prefix: str = "") -> list[Edge]:
@@ -404,7 +444,7 @@ def _checked(joint: Joint, value: Any) -> Any:
     if joint.type == "floating":
         return (value if isinstance(value, Transform) else Transform.from_pose(value)).as_pose()
     try:
-        numbers = np.array(value, dtype=float)
+        numbers = np.array(np.nan if isinstance(value, str) else value, dtype=float)
     except (TypeError, ValueError):
         numbers = np.array(np.nan)
     if joint.position_size == 1 and numbers.shape == () and np.isfinite(numbers):
@@ -417,7 +457,7 @@ def _checked(joint: Joint, value: Any) -> Any:
     )
 
 
-def _columns(joint: Joint, array: Floats) -> Any:
+def _by_number(joint: Joint, array: Floats) -> Any:
     """An array of positions (N,), or of (N, numbers) a tuple of those."""
     if joint.position_size == 1:
         return array
@@ -429,14 +469,25 @@ def _columns(joint: Joint, array: Floats) -> Any:
     return tuple(columns)
 
 
-def _rows(columns: Columns, count: int) -> TransformArray:
-    """The poses as rows, their quaternions corrected for rounding."""
-    poses = np.empty((count, 7))
-    for number, column in enumerate(columns):
-        poses[:, number] = column
-    quaternions = poses[:, 3:]
-    quaternions *= 1.5 - 0.5 * np.einsum("ij,ij->i", quaternions, quaternions)[:, np.newaxis]
-    return make_array(poses[:, :3], quaternions)
+def _velocities(joint: Joint, frame: Floats, lever: Floats) -> Floats:
+    """The columns of a joint of the Jacobian (6, 1, 3 or 6): `frame` is the matrix (3, 3) of its
+    frame in the root, `lever` leads from its child's origin to what moves.
+    """
+    slides: list[Any] = []
+    turns: list[Any] = []
+    if joint.type == "prismatic":
+        slides = [joint.axis]
+    elif joint.type == "planar":
+        slides, turns = list(plane_axes(joint.axis)), [joint.axis]
+    elif joint.type == "floating":
+        slides = turns = list(np.eye(3))
+    else:
+        turns = [joint.axis]
+    columns = [np.concatenate((frame @ axis, np.zeros(3))) for axis in slides]
+    for axis in turns:
+        about = frame @ axis
+        columns.append(np.concatenate((np.cross(about, lever), about)))
+    return np.column_stack(columns)
 
 
 def _folders(given: FilePath | Iterable[FilePath]) -> list[Path]:

@@ -5,7 +5,7 @@ The format: https://wiki.ros.org/urdf/XML, and where that is silent, as urdfdom 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from math import hypot, inf, isfinite, isnan
 
 from tfbus.errors import UrdfError
@@ -32,12 +32,12 @@ from tfbus.robot.tree import Placed, check_mimics, from_the_root
 from tfbus.robot.xml import Element, read_xml
 from tfbus.wording import counted, did_you_mean, listed, printable
 
-# Types of joints that URDF, SDF and MJCF have and that are not of URDF's list.
 _TYPES = listed([f"'{each}'" for each in POSITION_SIZES])
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
 _LIMITED = ("revolute", "prismatic")
 
-Color = tuple[tuple[int, int, int], float]
+# Colour, opacity and texture.
+Look = tuple[tuple[int, int, int] | None, float, str]
 
 
 def read_model(text: str, source: str, files: MeshFiles) -> Model:
@@ -95,32 +95,25 @@ class _Reader:
 
     def _link(self, element: Element, name: str) -> Link:
         return Link(
-            name,
-            tuple(self._visual(each, name) for each in element.find_all("visual")),
-            tuple(self._collision(each, name) for each in element.find_all("collision")),
+            name, tuple(self._visuals(element, name)), tuple(self._collisions(element, name))
         )
 
-    def _visual(self, element: Element, link: str) -> Visual:
+    def _visuals(self, element: Element, link: str) -> Iterator[Visual]:
         where = f"visual of link {_shown(link)}"
-        color, opacity, texture = self._look(element.find("material"), where)
-        return Visual(
-            link,
-            self._shape(element, where),
-            _origin(element, where),
-            color,
-            opacity,
-            element.get("name"),
-            texture,
-        )
+        for each in element.find_all("visual"):
+            origin, shape = _origin(each, where), self._shape(each, where)
+            look = self._look(each.find("material"), where)
+            if shape is not None:
+                yield Visual(link, shape, origin, each.get("name"), *look)
 
-    def _collision(self, element: Element, link: str) -> Collision:
+    def _collisions(self, element: Element, link: str) -> Iterator[Collision]:
         where = f"collision of link {_shown(link)}"
-        shape = self._shape(element, where)
-        return Collision(link, shape, _origin(element, where), element.get("name"))
+        for each in element.find_all("collision"):
+            origin, shape = _origin(each, where), self._shape(each, where)
+            if shape is not None:
+                yield Collision(link, shape, origin, each.get("name"))
 
-    def _look(
-        self, material: Element | None, where: str
-    ) -> tuple[tuple[int, int, int] | None, float, str]:
+    def _look(self, material: Element | None, where: str) -> Look:
         """The colour, opacity and texture of a material, which may be a name of a robot's."""
         if material is None:
             return None, 1.0, ""
@@ -134,18 +127,27 @@ class _Reader:
         red, green, blue, opacity = _numbers(color, "rgba", 4, where)
         return (_octet(red), _octet(green), _octet(blue)), min(max(opacity, 0.0), 1.0), image
 
-    def _shape(self, element: Element, where: str) -> Shape:
+    def _shape(self, element: Element, where: str) -> Shape | None:
+        """The shape of a visual or a collision; None, and a warning, for one that URDF lacks."""
         geometry = element.find("geometry")
-        for shape in () if geometry is None else geometry.children:
+        shapes = [] if geometry is None else geometry.children
+        for shape in shapes:
             if shape.tag == "box":
                 return Box(_sizes(shape, "size", where))
-            if shape.tag in ("cylinder", "capsule"):
+            if shape.tag == "cylinder":
                 return Cylinder(_size(shape, "radius", where), _size(shape, "length", where))
             if shape.tag == "sphere":
                 return Sphere(_size(shape, "radius", where))
             if shape.tag == "mesh":
                 return self._mesh(shape, where)
-        raise (geometry or element).mistake(f"{where}: no box, cylinder, sphere or mesh")
+        if not shapes:
+            raise (geometry or element).mistake(f"{where}: no box, cylinder, sphere or mesh")
+        self._warn(
+            shapes[0],
+            f"{where}: <{printable(shapes[0].tag, 40)}> is none of box, cylinder, sphere and mesh; "
+            "it is left out",
+        )
+        return None
 
     def _mesh(self, element: Element, where: str) -> Mesh:
         name = element.get("filename")
@@ -209,7 +211,11 @@ class _Reader:
             return JointLimits(velocity=velocity, effort=effort)
         lower, upper = (_limit(limit, side, where, 0.0) for side in ("lower", "upper"))
         if lower > upper:
-            raise limit.mistake(f"{where}: lower limit {lower:g} is above the upper, {upper:g}")
+            self._warn(
+                limit,
+                f"{where}: lower limit {lower:g} is above upper limit {upper:g}; it is not limited",
+            )
+            lower, upper = -inf, inf
         return JointLimits(lower, upper, velocity, effort)
 
 
@@ -327,9 +333,9 @@ def _number(text: str) -> float | None:
 def _no_numbers(element: Element, attribute: str, count: int, where: str) -> UrdfError:
     written = element.attributes.get(attribute)
     got = "it is missing" if written is None else f"got '{printable(written, 60)}'"
-    return element.mistake(
-        f"{where}: {attribute} of <{element.tag}> must be {counted(count, 'finite number')}, {got}"
-    )
+    hint = "; separate them with spaces" if written and "," in written else ""
+    wanted = counted(count, "finite number")
+    return element.mistake(f"{where}: {attribute} of <{element.tag}> must be {wanted}, {got}{hint}")
 
 
 def _shown(name: str) -> str:

@@ -17,6 +17,8 @@ MOST_DEPTH = 100
 _ENCODINGS = re.compile(
     r"utf-?8|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-\d+|windows-125\d|cp125\d"
 )
+# Ours are texts by then, and others allow white space before it.
+_DECLARATION = re.compile(r"\s*<\?xml\s[^>]*\?>")
 _DECLARED = re.compile(rb"""<\?xml[^>]*?\bencoding\s*=\s*["']([^"'>]*)["']""")
 
 
@@ -103,6 +105,8 @@ class _Reader:
         self._parser.EntityDeclHandler = self._refuse_entity
 
     def read(self, text: str) -> Element:
+        if declaration := _DECLARATION.match(text):
+            text = "\n" * declaration[0].count("\n") + text[declaration.end() :]
         try:
             data = text.encode()
         except UnicodeEncodeError:

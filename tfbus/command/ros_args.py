@@ -108,9 +108,7 @@ def _level(text: str) -> str:
     return _LEVELS.get(level, level)
 
 
-def _check_assignment(
-    arg: str, before: str, has_arguments: bool, takes_assignments: bool
-) -> None:
+def _check_assignment(arg: str, before: str, has_arguments: bool, takes_assignments: bool) -> None:
     found = _ASSIGNMENT.fullmatch(arg)
     if not found or before.startswith("-"):
         return

@@ -22,6 +22,7 @@ from tfbus import (
     Robot,
     SystemClock,
     TfbusError,
+    TopicName,
     UrdfError,
     node_options,
 )
@@ -264,6 +265,7 @@ class _Described:
 @click.option(
     "--source",
     "sources",
+    type=TopicName(),
     multiple=True,
     metavar="TOPIC",
     help="Take positions from another topic of joint states; repeatable.",

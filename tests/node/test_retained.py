@@ -58,7 +58,8 @@ def test_a_node_says_what_it_retains(bus: Bus) -> None:
     kept = node.create_publisher(RobotDescription, "kept", retained=True)
     node.create_publisher(RobotDescription, "plain")
     assert node.describe()["retained"] == ["kept"]
-    topics = look(bus.node("looks").session).topics
+    looks = bus.node("looks")
+    topics = eventually(lambda: found if "kept" in (found := look(looks.session).topics) else None)
     assert (topics["kept"].retained, topics["plain"].retained) == (True, False)
     kept.close()
     assert node.describe()["retained"] == []

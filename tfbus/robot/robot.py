@@ -56,6 +56,7 @@ class Robot:
     """
 
     def __init__(self, model: Model, text: str, files: tuple[Path, ...] = ()) -> None:
+        self._model = model
         self.name = model.name
         self.root = model.root
         self.links: Mapping[str, Link] = MappingProxyType(dict(model.links))
@@ -124,6 +125,9 @@ class Robot:
         """
         files = MeshFiles(None if folder is None else Path(folder), _folders(package_path))
         return Robot(read_model(text, name_of_source, files), text)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Robot, (self._model, self.text, self.files)
 
     def __repr__(self) -> str:
         return (

@@ -27,13 +27,11 @@ def model_of(urdf: str, positions: dict[str, Any]) -> Any:
         for joint in ElementTree.parse(urdf).getroot().iter("joint")
         if joint.get("type") != "fixed" and (mimic := joint.find("mimic")) is not None
     }
-    while mimics:
-        for name, mimic in list(mimics.items()):
-            source = mimic.get("joint")
-            if source in positions:
-                factor, offset = mimic.get("multiplier", 1), mimic.get("offset", 0)
-                positions[name] = positions[source] * float(factor) + float(offset)
-                del mimics[name]
+    while ready := [name for name, mimic in mimics.items() if mimic.get("joint") in positions]:
+        for name in ready:
+            mimic = mimics.pop(name)
+            factor, offset = float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0))
+            positions[name] = positions[mimic.get("joint")] * factor + offset
     return model
 
 

@@ -1,11 +1,11 @@
 """URDFs are read into links, joints and shapes."""
 
+import pickle
 from pathlib import Path
 
 import pytest
 
 from tfbus import Robot, UrdfError
-from tfbus.robot.mesh_files import MeshFiles
 from tfbus.robot.model import Box, Cylinder, Mesh, Sphere
 
 ROBOT = """
@@ -60,16 +60,9 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         Robot.from_urdf(tmp_path / "none.urdf")
 
 
-def test_packages_are_searched_in_given_folders_then_by_ros_then_above_the_urdf(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a folder with the package's name, or in the package's folder itself."""
-    places = {name: tmp_path / name for name in ("given", "ros", "above/urdf")}
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(places["ros"]))
-    above = tmp_path / "above" / "arm" / "tool.stl"
-    by_ros, given = places["ros"] / "arm" / "tool.stl", places["given"] / "arm" / "tool.stl"
-    for file in (above, by_ros, given):
-        file.parent.mkdir(parents=True)
-        file.touch()
-        files = MeshFiles(places["above/urdf"], [places["given"]])
-        assert files.find("package://arm/tool.stl") == file
+def test_a_robot_can_be_sent_to_another_process() -> None:
+    """By pickle, as of multiprocessing."""
+    robot = Robot.from_text(ROBOT)
+    copy = pickle.loads(pickle.dumps(robot))
+    assert repr(copy) == repr(robot) == "<Robot 'r': 2 links, 1 joint, 0 free>"
+    assert copy.links == robot.links and copy.joints == robot.joints and copy.fk() == robot.fk()

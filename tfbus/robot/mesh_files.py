@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+import sysconfig
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 
 # Gazebo's word for the same.
 _PACKAGE = ("package://", "model://")
+# Formats of meshes. A file of another kind is none, wherever it is: what a URDF of a stranger names
+# is sent to those who ask for the robot's meshes.
+_FORMATS = frozenset(
+    (
+        *(".3ds", ".3mf", ".ac", ".dae", ".fbx", ".glb", ".gltf", ".iv", ".mesh", ".msh", ".obj"),
+        *(".off", ".ply", ".stl", ".stlb", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".x3d"),
+    )
+)
 # What the folder of a package has in it: one of ROS, of Python, or a repository.
 _MARKS = ("package.xml", "pyproject.toml", "__init__.py", ".git")
 
@@ -38,8 +48,13 @@ class MeshFiles:
         """The file of a mesh; the first place where it should be if there is none.
 
         None where the name is an address, an absolute path outside of all packages, or a relative
-        one and there is no folder. Raises MeshPathError where it climbs out of its package.
+        one and there is no folder; and where it does not end as a mesh does. Raises MeshPathError
+        where it climbs out of its package.
         """
+        file = self._find(name)
+        return file if file is not None and file.suffix.lower() in _FORMATS else None
+
+    def _find(self, name: str) -> Path | None:
         for scheme in _PACKAGE:
             if name.startswith(scheme):
                 return self._in_package(name.removeprefix(scheme))
@@ -58,7 +73,10 @@ class MeshFiles:
 
     def package(self, name: str) -> Path | None:
         """The folder of a package; None where it is not found."""
-        return next((folder for folder in self._folders(name) if folder.is_dir()), None)
+        for folder in self._folders(name):
+            if folder.is_dir() and (folder.name == name or _is_package(folder, name)):
+                return folder
+        return None
 
     def _in_package(self, inside: str) -> Path | None:
         package, _, path = inside.partition("/")
@@ -100,6 +118,15 @@ class MeshFiles:
         return next(iter(self._above[1:2]), None)
 
 
+def _is_package(folder: Path, name: str) -> bool:
+    """Whether its package.xml says that it is this package."""
+    try:
+        said = re.search(r"<name>\s*(.*?)\s*</name>", (folder / "package.xml").read_text())
+    except (OSError, ValueError):
+        return False
+    return said is not None and said[1] == name
+
+
 def _installed() -> Iterator[Path]:
     """The folders in which ROS has packages installed."""
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
@@ -112,5 +139,9 @@ def _installed() -> Iterator[Path]:
 
 def _shared() -> Iterator[Path]:
     """The folders in which pip and the system install what belongs to packages."""
+    packages = Path(sysconfig.get_path("purelib"))
+    yield packages
+    # Where the packages of cmeel, such as example-robot-data, have theirs.
+    yield packages / "cmeel.prefix" / "share"
     yield Path(sys.prefix, "share")
     yield Path("/usr/share")

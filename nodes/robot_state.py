@@ -115,16 +115,19 @@ class RobotState:
         self._source = source
         self._publish_description()
         static = {each.child_frame_id for each in frames.static(0)}
-        for each in former.static(0):
-            if each.child_frame_id not in static:
-                self._statics.remove(each.child_frame_id)
+        before = {each.child_frame_id for each in former.static(0)}
+        if gone := before - static:
+            self._statics.remove(*gone)
         edges = frames.edges
-        for child, parent in list(self._moving.items()):
-            # Those that move still are sent again soon.
-            if edges.get(child) != parent or child in static:
-                del self._moving[child]
-                if child not in static:
-                    self._broadcaster.remove(child)
+        # Those that move still are sent again soon; static ones have taken the place of theirs.
+        ended = {child for child, parent in self._moving.items() if edges.get(child) != parent}
+        self._moving = {
+            child: parent
+            for child, parent in self._moving.items()
+            if child not in ended and child not in static
+        }
+        if gone := ended - static:
+            self._broadcaster.remove(*gone)
 
     def _on_joint_state(self, state: JointState) -> None:
         if state.names and not state.positions:

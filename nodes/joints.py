@@ -71,6 +71,9 @@ class Joints:
         self._publisher = node.create_publisher(JointState, "joint_states")
         self._rate = replace(RATE, default=rate).on(node, on_change=self._change_rate)
         self._timer = node.create_timer(1.0 / self._rate.value, self._tick)
+        # When the motion began, by the node's clock; not before that runs.
+        self._began_ns: int | None = None
+        self._elapsed_ns = 0
         self._plays = False
         self._is_waiting = False
 
@@ -78,7 +81,8 @@ class Joints:
         """Publish the joints of this robot from now on."""
         self._board.take_robot(robot)
         self._motion = self._make_motion(self._board)
-        self._began_ns = self._node.now_ns()
+        self._began_ns = None
+        self._elapsed_ns = 0
         self._held.clear()
         self._last = None
         if isinstance(self._motion, Table) and not self._plays:
@@ -119,7 +123,7 @@ class Joints:
             return
         now_ns = self._node.now_ns()
         if motion is not None and not isinstance(motion, Table):
-            places = motion.at((now_ns - self._began_ns) / 1e9)
+            places = motion.at(self._seconds(now_ns))
             board.set({name: at for name, at in places.items() if name not in self._held})
         self._publish(now_ns, dict(board.positions))
 
@@ -127,11 +131,18 @@ class Joints:
         table = self._motion
         if not isinstance(table, Table):
             return
-        for row in table.due((self._node.now_ns() - self._began_ns) / 1e9):
+        for row in table.due(self._seconds(self._node.now_ns())):
             self._publish_row(row, self._node.now_ns())
         if table.has_ended and "ended" not in self._said:
             self._said.add("ended")
             self._node.log.info("The last row is published; its positions stay")
+
+    def _seconds(self, now_ns: int) -> float:
+        """How long ago the motion began; where the time goes back, it goes on as it was."""
+        if self._began_ns is None or now_ns < self._began_ns + self._elapsed_ns:
+            self._began_ns = now_ns - self._elapsed_ns
+        self._elapsed_ns = now_ns - self._began_ns
+        return self._elapsed_ns / 1e9
 
     def _publish_row(self, row: Row, now_ns: int) -> None:
         known = {name: at for name, at in row.positions.items() if name in self._board.ranges}

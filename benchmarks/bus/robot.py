@@ -16,11 +16,11 @@ from benchmarks.bus.latency import (
     PERIOD_S,
     Latency,
     Times,
-    _bare_config,
-    _latency,
-    _say_ready,
-    _say_what_came,
-    _say_what_was_sent,
+    bare_config,
+    latency_of,
+    say_ready,
+    say_what_came,
+    say_what_was_sent,
 )
 from benchmarks.bus.place import Place, Process, place, say
 
@@ -89,7 +89,7 @@ def _through(at: Place, pid: int, listener: Process, sends: str) -> Cost:
         came: Times = listener.hear()
     # Both ends are on one machine, and a message is named by the time at which it was sent.
     taken_us = [(at_ns - sent_ns) / 1e3 for sent_ns, at_ns in came[_WARM_UP:]]
-    return Cost(_latency(taken_us), 100.0 * used_s / wall_s)
+    return Cost(latency_of(taken_us), 100.0 * used_s / wall_s)
 
 
 def _cpu_s(pid: int) -> float:
@@ -150,7 +150,7 @@ def listen() -> None:
 
     with tfbus.Node("listener") as node:
         tfbus.TransformListener(Timed(1.0), node)
-        _say_what_came(came)
+        say_what_came(came)
 
 
 def send(size: int) -> None:
@@ -164,13 +164,13 @@ def send(size: int) -> None:
 
 
 def _paced(send_one: Any) -> None:
-    _say_ready()
+    say_ready()
     sys.stdin.readline()
     starts_s = time.monotonic()
     for number in range(MESSAGES):
         time.sleep(max(0.0, starts_s + number * PERIOD_S - time.monotonic()))
         send_one(number)
-    _say_what_was_sent([])
+    say_what_was_sent([])
 
 
 def listen_bare() -> None:
@@ -182,17 +182,17 @@ def listen_bare() -> None:
     def on_sample(sample: zenoh.Sample) -> None:
         came.append((int.from_bytes(sample.payload.to_bytes()[:8], "little"), time.time_ns()))
 
-    with zenoh.open(_bare_config("listen")) as session:
+    with zenoh.open(bare_config("listen")) as session:
         handler: Any = zenoh.handlers.Callback(on_sample, None, indirect=False)
         session.declare_subscriber(_SECOND, handler)
-        _say_what_came(came)
+        say_what_came(came)
 
 
 def relay_bare(size: int) -> None:
     """The process in the middle: for each message another one, of this size."""
     import zenoh
 
-    with zenoh.open(_bare_config("connect")) as session:
+    with zenoh.open(bare_config("connect")) as session:
         publisher = session.declare_publisher(_SECOND)
         filling = bytes(size - 8)
 
@@ -209,7 +209,7 @@ def send_bare(size: int) -> None:
     """The process that puts messages with the time in them."""
     import zenoh
 
-    with zenoh.open(_bare_config("connect")) as session:
+    with zenoh.open(bare_config("connect")) as session:
         publisher = session.declare_publisher(_FIRST)
         filling = bytes(size - 8)
         _paced(lambda _: publisher.put(time.time_ns().to_bytes(8, "little") + filling))

@@ -76,6 +76,17 @@ def test_a_table_that_loops_begins_again_one_step_after_its_end() -> None:
     assert table.due(3.4) == [rows[1], rows[0], rows[1], rows[0]]
 
 
+def test_a_time_that_jumps_far_is_no_work() -> None:
+    """A simulated time that is set years ahead does not make up for what lies between."""
+    ranges = ranges_of(arm())
+    places = RandomPlaces(ranges.values(), seed=1)
+    places.at(0.0)
+    assert places.at(1e9).keys() == ranges.keys()
+    table = Table([Row(0.0, {}), Row(0.5, {})], loops=True)
+    table.due(0.0)
+    assert len(table.due(1e9)) < 10
+
+
 def test_a_board_keeps_positions_within_limits() -> None:
     """What is set beyond a limit stays at it; names of no joint come back."""
     board = Board()

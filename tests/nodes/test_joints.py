@@ -11,7 +11,7 @@ from tests import needs
 from tests.live_bus import Bus, eventually, send_until
 from tests.nodes.robots import ARM, FREE
 from tfbus import Node
-from tfbus.messages import JointState, RobotDescription
+from tfbus.messages import JointState, RobotDescription, SetClock
 
 
 @pytest.fixture
@@ -72,6 +72,20 @@ def test_it_moves_within_limits(bus: Bus, path: Path, how: str) -> None:
         assert min(path_of_joint) >= lower and max(path_of_joint) <= upper
     assert all(len(state.velocities) == 3 for state in states)
     assert any(velocity != 0.0 for state in states for velocity in state.velocities)
+
+
+def test_a_motion_goes_on_where_the_time_goes_back(bus: Bus, path: Path) -> None:
+    """With simulated time that is set back, joints move on from where they were."""
+    bus.start("clock", "--start", "5000s").wait_for_line("It is ")
+    node, states = heard(bus)
+    bus.start("joints", str(path), "--sweep", "--sim-time")
+    eventually(lambda: len(states) > 10)
+    client = node.create_client(SetClock, "clock/set")
+    client.call(SetClock.Request(5_000_000_000), timeout_s=20.0)
+    eventually(lambda: states[-1].stamp_ns < 1_000_000_000_000)
+    before = len(states)
+    eventually(lambda: len(states) > before + 20)
+    assert len({positions(state)["shoulder"] for state in states[before:]}) > 10
 
 
 def test_targets_move_joints(bus: Bus, path: Path) -> None:

@@ -21,6 +21,8 @@ from tfbus import (
     Number,
     Robot,
     SystemClock,
+    TfbusError,
+    TopicName,
     UrdfError,
     node_options,
 )
@@ -69,21 +71,33 @@ class Joints:
         self._publisher = node.create_publisher(JointState, "joint_states")
         self._rate = replace(RATE, default=rate).on(node, on_change=self._change_rate)
         self._timer = node.create_timer(1.0 / self._rate.value, self._tick)
+        # When the motion began, by the node's clock; not before that runs.
+        self._began_ns: int | None = None
+        self._elapsed_ns = 0
         self._plays = False
+        self._is_waiting = False
 
     def begin(self, robot: Robot) -> None:
         """Publish the joints of this robot from now on."""
         self._board.take_robot(robot)
         self._motion = self._make_motion(self._board)
-        self._began_ns = self._node.now_ns()
+        self._began_ns = None
+        self._elapsed_ns = 0
         self._held.clear()
         self._last = None
-        self._node.log.info(
-            "Publishing %s of %s", counted(len(self._board.ranges), "joint"), printable(robot.name)
-        )
         if isinstance(self._motion, Table) and not self._plays:
             self._plays = True
             self._node.create_timer(_TABLE_TICK_S, self._play)
+        joints, name = counted(len(self._board.ranges), "joint"), printable(robot.name, 60)
+        if self._is_waiting:
+            self._node.log.info("Publishing %s of %s", joints, name)
+        else:
+            self._node.ready(f"Publishing {joints} of {name}")
+
+    def wait_for_robot(self) -> None:
+        """Say that it has no robot yet."""
+        self._is_waiting = True
+        self._node.ready("Waiting for a robot on topic robot_description")
 
     def follow(self, targets: JointState) -> None:
         """Move joints to where a target says; a motion leaves them there from now on."""
@@ -109,7 +123,7 @@ class Joints:
             return
         now_ns = self._node.now_ns()
         if motion is not None and not isinstance(motion, Table):
-            places = motion.at((now_ns - self._began_ns) / 1e9)
+            places = motion.at(self._seconds(now_ns))
             board.set({name: at for name, at in places.items() if name not in self._held})
         self._publish(now_ns, dict(board.positions))
 
@@ -117,11 +131,18 @@ class Joints:
         table = self._motion
         if not isinstance(table, Table):
             return
-        for row in table.due((self._node.now_ns() - self._began_ns) / 1e9):
+        for row in table.due(self._seconds(self._node.now_ns())):
             self._publish_row(row, self._node.now_ns())
         if table.has_ended and "ended" not in self._said:
             self._said.add("ended")
             self._node.log.info("The last row is published; its positions stay")
+
+    def _seconds(self, now_ns: int) -> float:
+        """How long ago the motion began; where the time goes back, it goes on as it was."""
+        if self._began_ns is None or now_ns < self._began_ns + self._elapsed_ns:
+            self._began_ns = now_ns - self._elapsed_ns
+        self._elapsed_ns = now_ns - self._began_ns
+        return self._elapsed_ns / 1e9
 
     def _publish_row(self, row: Row, now_ns: int) -> None:
         known = {name: at for name, at in row.positions.items() if name in self._board.ranges}
@@ -173,12 +194,16 @@ def _in_order(names: tuple[str, ...], numbers: Mapping[str, float]) -> tuple[flo
 
 
 class _Described:
-    """Begins with the robot that is on the topic robot_description, and with each new one."""
+    """Begins with the robot that is on the topic robot_description, and with each new one.
+
+    `failure` is why it cannot, and has shut the node down.
+    """
 
     def __init__(self, node: Node, joints: Joints) -> None:
         self._node = node
         self._joints = joints
         self._urdf = ""
+        self.failure: TfbusError | None = None
         node.create_subscription(RobotDescription, "robot_description", self._take, retained=True)
         self._timer = node.create_timer(_SAY_AFTER_S, self._say, clock=SystemClock())
 
@@ -199,7 +224,12 @@ class _Described:
         except UrdfError as error:
             self._node.log.warning("Ignored a description: %s", error)
             return
-        self._joints.begin(robot)
+        try:
+            self._joints.begin(robot)
+        except TfbusError as error:
+            # A table that is not of this robot.
+            self.failure = error
+            self._node.shutdown()
 
 
 @click.command(
@@ -246,6 +276,7 @@ class _Described:
 @click.option(
     "--source",
     "sources",
+    type=TopicName(),
     multiple=True,
     metavar="TOPIC",
     help="Take positions from another topic of joint states; repeatable.",
@@ -330,16 +361,19 @@ def main(
         node.create_subscription(JointState, "joint_targets", joints.follow)
         for topic in sources:
             node.create_subscription(JointState, topic, joints.merge)
+        described = None
         if robot is not None:
             joints.begin(robot)
         else:
-            _Described(node, joints)
-        node.ready("Waiting for a robot on topic robot_description" if robot is None else "ready")
+            joints.wait_for_robot()
+            described = _Described(node, joints)
         if terminal is None:
             node.spin()
-            return
-        with terminal:
-            run_sliders(node, terminal, board)
+        else:
+            with terminal:
+                run_sliders(node, terminal, board)
+    if described is not None and described.failure is not None:
+        raise described.failure
 
 
 def _table(

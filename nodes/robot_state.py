@@ -66,6 +66,8 @@ class RobotState:
     ) -> None:
         self._node = node
         self._said: set[str] = set()
+        # The parents of frames that were sent as dynamic.
+        self._moving: dict[str, str] = {}
         prefix = replace(PREFIX, default=declared[PREFIX]).on(node, on_change=self._rename)
         self._rate = replace(RATE, default=declared[RATE]).on(node)
         self._ignore_stamps = replace(IGNORE_STAMPS, default=declared[IGNORE_STAMPS]).on(node)
@@ -113,20 +115,26 @@ class RobotState:
         self._source = source
         self._publish_description()
         static = {each.child_frame_id for each in frames.static(0)}
-        for each in former.static(0):
-            if each.child_frame_id not in static:
-                self._statics.remove(each.child_frame_id)
-        for child, parent in former.moving.items():
-            # Those that move still are sent soon, and static ones stand in their place already.
-            if child not in static and frames.edges.get(child) != parent:
-                self._broadcaster.remove(child)
+        before = {each.child_frame_id for each in former.static(0)}
+        if gone := before - static:
+            self._statics.remove(*gone)
+        edges = frames.edges
+        # Those that move still are sent again soon; static ones have taken the place of theirs.
+        ended = {child for child, parent in self._moving.items() if edges.get(child) != parent}
+        self._moving = {
+            child: parent
+            for child, parent in self._moving.items()
+            if child not in ended and child not in static
+        }
+        if gone := ended - static:
+            self._broadcaster.remove(*gone)
 
     def _on_joint_state(self, state: JointState) -> None:
         if state.names and not state.positions:
             self._say_once("positions", "Ignored a JointState without positions")
             return
         frames = self._frames
-        restarts, unknown = frames.restarts, len(frames.unknown)
+        restarts, unknown, came = frames.restarts, len(frames.unknown), len(frames.came)
         rate = self._rate.value
         transforms = frames.take(
             state,
@@ -136,6 +144,8 @@ class RobotState:
         )
         if transforms:
             self._broadcaster.send_transform(transforms)
+            if len(frames.came) != came:
+                self._moving |= {each.child_frame_id: each.frame_id for each in transforms}
         if len(frames.unknown) != unknown:
             self._name_unknown()
         if frames.restarts != restarts:

@@ -9,8 +9,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 from math import isfinite
 
-from tfbus.wording import printable
-
 
 @dataclass(frozen=True, slots=True)
 class Vector3:
@@ -81,10 +79,10 @@ class JointState:
                 )
         if len(set(self.names)) != len(self.names):
             [(twice, _)] = Counter(self.names).most_common(1)
-            raise ValueError(f"joint '{printable(twice, 60)}' must be in names once, not twice")
+            raise ValueError(f"joint {twice[:60]!r} must be in names once, not twice")
         if not all(map(isfinite, self.positions)):
             for name, position in zip(self.names, self.positions, strict=True):
-                _check_finite(f"the position of joint '{printable(name, 60)}'", position)
+                _check_finite(f"the position of joint {name[:60]!r}", position)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,14 +53,6 @@ class JointFrames:
             for joint in self.robot.joints.values()
         }
 
-    @property
-    def moving(self) -> dict[str, str]:
-        """The frames that have been sent as dynamic, and their parents."""
-        came = dict.fromkeys(self.came, 0.0)
-        return {
-            child: parent for parent, child, _ in self.robot.joint_transforms(came, self.prefix)
-        }
-
     def take(
         self, state: JointState, stamp_ns: int, *, period_ns: int = 0, ignore_stamps: bool = False
     ) -> list[TransformStamped]:

@@ -4,6 +4,7 @@ the textures and materials beside them.
 
 import posixpath
 from pathlib import Path
+from typing import Any
 
 from tfbus import Robot, ServiceError
 from tfbus.messages import RobotMesh
@@ -59,7 +60,8 @@ def _file_of(robot: Robot, name: str) -> Path | None:
 
 
 def _meshes(robot: Robot) -> dict[str, Path | None]:
-    shapes = [each.shape for each in robot.visuals]
+    """The files of all meshes by their names in the description."""
+    shapes: list[Any] = [each.shape for each in robot.visuals]
     shapes += [each.shape for each in robot.collisions]
     return {shape.name: shape.file for shape in shapes if hasattr(shape, "file")}
 

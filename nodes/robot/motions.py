@@ -11,6 +11,9 @@ from typing import Protocol
 
 from .ranges import Range
 
+# A simulated time that is set jumps further: what lies between is left out.
+_LONGEST_JUMP_S = 600.0
+
 
 class Motion(Protocol):
     """Where joints are at a time."""
@@ -61,6 +64,8 @@ class RandomPlaces:
 
     def at(self, seconds: float) -> dict[str, float]:
         """The positions."""
+        if seconds > self._began_s + _LONGEST_JUMP_S:
+            self._began_s = seconds
         while seconds >= self._began_s + self._lasts_s + self.REST_S:
             self._began_s += self._lasts_s + self.REST_S
             self._from = self._to
@@ -124,6 +129,9 @@ class Table:
     def due(self, seconds: float) -> list[Row]:
         """The rows up to a time since it began that were not given yet."""
         found = []
+        late_s = seconds - self._time_of_next() if self._loops else 0.0
+        if late_s > _LONGEST_JUMP_S:
+            self._round += int(late_s / self.lasts_s)
         while not self.has_ended and self._time_of_next() <= seconds:
             found.append(self._rows[self._next])
             self._next += 1

@@ -244,3 +244,13 @@ def test_a_number_of_numpy_is_a_position() -> None:
         == robot.fk({"elbow": np.array(0.5)})
     )
     assert robot.fk({"elbow": 1}) == robot.fk({"elbow": 1.0})
+
+
+def test_a_mimic_that_would_be_infinitely_far_is_refused() -> None:
+    """Its joint is where it can be, and the multiplier too large."""
+    robot = Robot.from_text(ARM.replace('multiplier="0.01"', 'multiplier="1e308"'))
+    said = "joint 'finger' mimics 'elbow' to a position that is not finite"
+    with pytest.raises(InvalidArgumentException, match=said):
+        robot.fk({"elbow": 3.0})
+    with pytest.raises(InvalidArgumentException, match=said), np.errstate(over="ignore"):
+        robot.fk_many({"elbow": [0.0, 3.0]})

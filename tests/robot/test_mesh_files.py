@@ -109,3 +109,21 @@ def test_a_given_folder_allows_what_is_in_it(tmp_path: Path, urdf: Path) -> None
     """Also to paths that lead out of the robot's own."""
     shared = tmp_path / "work" / "shared" / "a.stl"
     assert MeshFiles(urdf, [tmp_path / "work" / "shared"]).find("../../shared/a.stl") == shared
+
+
+def test_only_what_ends_as_a_mesh_does_has_a_file(urdf: Path) -> None:
+    """A URDF of a stranger cannot name the keys of the one who shows it."""
+    made(urdf.parent / "id_rsa")
+    assert MeshFiles(urdf).find("../id_rsa") is None
+    assert MeshFiles(urdf).find("package://etc/shadow") is None
+    made(urdf.parent / "A.STL")
+    assert MeshFiles(urdf).find("../A.STL") == urdf.parent / "A.STL"
+
+
+def test_packages_that_pip_has_installed_are_found(
+    tmp_path: Path, urdf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As example-robot-data, which has the layout of cmeel."""
+    monkeypatch.setattr("sysconfig.get_path", lambda name: str(tmp_path / "site"))
+    mesh = made(tmp_path / "site" / "cmeel.prefix" / "share" / "some-robots" / "a.dae")
+    assert MeshFiles(urdf).find("package://some-robots/a.dae") == mesh

@@ -1,6 +1,8 @@
 """Mistakes in a URDF: one sentence each, with the line and the name of what is wrong."""
 
 import random
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.robot.robots import ARM, HOVERCRAFT
-from tfbus import Robot, UrdfError
+from tfbus import InvalidArgumentException, Robot, UrdfError
 
 LINKS = "<link name='a'/><link name='b'/><link name='c'/>"
 
@@ -264,18 +266,42 @@ def spoilt(text: str, seed: int) -> bytes:
     return bytes(data)
 
 
+# Values of attributes, and elements without others in them.
+PARTS = {"value": re.compile(r'"[^"]*"'), "element": re.compile(r"<[^<>]*/>")}
+VALUES = ['"nan"', '"1e308 -1e308 1e308"', '"1e-320 0 0"', '"0 0 0"', '"-1"', '""', '"floating"']
+
+
+def mixed(text: str, seed: int) -> bytes:
+    """The text with a few values, or elements, left out or replaced by others of it."""
+    chance = random.Random(seed)
+    for _ in range(chance.randint(1, 4)):
+        kind = chance.choice(list(PARTS))
+        found = list(PARTS[kind].finditer(text))
+        others = [each[0] for each in found] + (VALUES if kind == "value" else [""])
+        at = chance.choice(found)
+        text = text[: at.start()] + chance.choice(others) + text[at.end() :]
+    return text.encode()
+
+
+@pytest.mark.parametrize("spoil", [spoilt, mixed])
 @given(st.integers(0, 2**32), st.sampled_from([ARM, HOVERCRAFT]))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=300, deadline=None)
 def test_a_spoilt_urdf_is_a_robot_or_a_sentence(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, text: str
+    spoil: Callable[[str, int], bytes],
+    tmp_path_factory: pytest.TempPathFactory,
+    seed: int,
+    text: str,
 ) -> None:
     """Never another error; and a robot can be asked for its frames."""
     path = tmp_path_factory.getbasetemp() / "spoilt.urdf"
-    path.write_bytes(spoilt(text, seed))
+    path.write_bytes(spoil(text, seed))
     try:
         found = Robot.from_urdf(path)
     except UrdfError as error:
         assert str(error).isprintable() and len(str(error)) < 1000
         return
-    assert found.fk().keys() == found.links.keys()
-    found.joint_transforms(found.zeros())
+    try:
+        assert found.fk().keys() == found.links.keys()
+        found.joint_transforms(found.zeros())
+    except InvalidArgumentException as error:
+        assert "to a position that is not finite" in str(error)

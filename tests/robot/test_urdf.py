@@ -1,5 +1,6 @@
 """URDFs are read into links, joints and shapes."""
 
+import pickle
 from pathlib import Path
 
 import pytest
@@ -57,3 +58,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     """With the reason of the system."""
     with pytest.raises(UrdfError, match=r"cannot read .*none\.urdf: No such file"):
         Robot.from_urdf(tmp_path / "none.urdf")
+
+
+def test_a_robot_can_be_sent_to_another_process() -> None:
+    """By pickle, as of multiprocessing."""
+    robot = Robot.from_text(ROBOT)
+    copy = pickle.loads(pickle.dumps(robot))
+    assert repr(copy) == repr(robot) == "<Robot 'r': 2 links, 1 joint, 0 free>"
+    assert copy.links == robot.links and copy.joints == robot.joints and copy.fk() == robot.fk()

@@ -5,12 +5,21 @@ from __future__ import annotations
 import os
 import re
 import sys
+import sysconfig
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 
 # Gazebo's word for the same.
 _PACKAGE = ("package://", "model://")
+# Formats of meshes. A file of another kind is none, wherever it is: what a URDF of a stranger names
+# is sent to those who ask for the robot's meshes.
+_FORMATS = frozenset(
+    (
+        *(".3ds", ".3mf", ".ac", ".dae", ".fbx", ".glb", ".gltf", ".iv", ".mesh", ".msh", ".obj"),
+        *(".off", ".ply", ".stl", ".stlb", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".x3d"),
+    )
+)
 # What the folder of a package has in it: one of ROS, of Python, or a repository.
 _MARKS = ("package.xml", "pyproject.toml", "__init__.py", ".git")
 
@@ -39,8 +48,13 @@ class MeshFiles:
         """The file of a mesh; the first place where it should be if there is none.
 
         None where the name is an address, an absolute path outside of all packages, or a relative
-        one and there is no folder. Raises MeshPathError where it climbs out of its package.
+        one and there is no folder; and where it does not end as a mesh does. Raises MeshPathError
+        where it climbs out of its package.
         """
+        file = self._find(name)
+        return file if file is not None and file.suffix.lower() in _FORMATS else None
+
+    def _find(self, name: str) -> Path | None:
         for scheme in _PACKAGE:
             if name.startswith(scheme):
                 return self._in_package(name.removeprefix(scheme))
@@ -125,5 +139,9 @@ def _installed() -> Iterator[Path]:
 
 def _shared() -> Iterator[Path]:
     """The folders in which pip and the system install what belongs to packages."""
+    packages = Path(sysconfig.get_path("purelib"))
+    yield packages
+    # Where the packages of cmeel, such as example-robot-data, have theirs.
+    yield packages / "cmeel.prefix" / "share"
     yield Path(sys.prefix, "share")
     yield Path("/usr/share")

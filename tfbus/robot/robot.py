@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import cached_property
+from itertools import accumulate
 from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
@@ -55,6 +56,7 @@ class Robot:
     """
 
     def __init__(self, model: Model, text: str, files: tuple[Path, ...] = ()) -> None:
+        self._model = model
         self.name = model.name
         self.root = model.root
         self.links: Mapping[str, Link] = MappingProxyType(dict(model.links))
@@ -124,6 +126,9 @@ class Robot:
         files = MeshFiles(None if folder is None else Path(folder), _folders(package_path))
         return Robot(read_model(text, name_of_source, files), text)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Robot, (self._model, self.text, self.files)
+
     def __repr__(self) -> str:
         return (
             f"<Robot {self.name!r}: {counted(len(self.links), 'link')}, "
@@ -174,10 +179,16 @@ class Robot:
             positions[place] = value
         return self._follow(positions, given)
 
-    def _follow(self, positions: list[Any], given: Iterable[str]) -> list[Any]:
+    def _follow(self, positions: list[Any], given: Container[str]) -> list[Any]:
+        """The positions, with those of the mimics that are not given."""
         for place, name, source, mimic in self._mimics:
             if name not in given:
-                positions[place] = mimic.multiplier * positions[source] + mimic.offset
+                position = mimic.multiplier * positions[source] + mimic.offset
+                if not (isfinite if type(position) is float else _all_finite)(position):
+                    raise InvalidArgumentException(
+                        f"joint {name!r} mimics {mimic.joint!r} to a position that is not finite"
+                    )
+                positions[place] = position
         return positions
 
     def _of_array(self, given: Any) -> list[Any]:
@@ -384,7 +395,7 @@ class Robot:
     def _columns(self) -> list[tuple[int, float]]:
         """Of each joint that moves, by place: its first column of the Jacobian, and its factor."""
         sizes = [min(joint.position_size, 6) for joint in self.free_joints]
-        columns = [(sum(sizes[:place]), 1.0) for place in range(len(sizes))]
+        columns = [(end - size, 1.0) for end, size in zip(accumulate(sizes), sizes, strict=True)]
         for _, _, source, mimic in self._mimics:
             column, factor = columns[source]
             columns.append((column, factor * mimic.multiplier))
@@ -431,6 +442,10 @@ def _mimics(joints: Mapping[str, Joint]) -> list[Joint]:
             joint = joints[joint.mimic.joint]
         ordered.update((each.name, each) for each in reversed(way))
     return list(ordered.values())
+
+
+def _all_finite(array: Floats) -> bool:
+    return bool(np.isfinite(array).all())
 
 
 def _zero(joint: Joint) -> Any:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from tfbus.errors import UrdfError
+from tfbus.names import MOST_LETTERS
 from tfbus.robot.model import Joint, Link
 from tfbus.robot.xml import Element
 from tfbus.wording import did_you_mean, listed, printable
+
+# To find the nearest of more names takes seconds.
+_MOST_COMPARED = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,8 @@ def from_the_root(
         down += below[link]
         reached += [joint.child for joint in below[link]]
     if len(reached) < len(links):
-        raise _cycle(next(name for name in links if name not in set(reached)), above)
+        known = set(reached)
+        raise _cycle(next(name for name in links if name not in known), above)
     return roots[0], tuple(down)
 
 
@@ -69,34 +74,40 @@ def _cycle(link: str, above: Mapping[str, Placed]) -> UrdfError:
 
 def check_mimics(joints: Mapping[str, Placed]) -> None:
     """Raise UrdfError where a joint mimics one that is none, has no position, or mimics it."""
+    checked: set[str] = set()
     for each in joints.values():
-        if each.joint.mimic is None:
-            continue
-        way = [each.joint.name]
-        joint = each.joint
-        while joint.mimic is not None:
+        joint, way = each.joint, dict.fromkeys([each.joint.name])
+        while joint.mimic is not None and joint.name not in checked:
             known = joints.get(joint.mimic.joint)
             if known is None:
+                others = set(joints) - {joint.name}
                 raise _mimic_mistake(
                     joints[joint.name],
-                    f"no joint {_shown(joint.mimic.joint)}"
-                    + did_you_mean(joint.mimic.joint, set(joints) - {joint.name}),
+                    f"no joint {_shown(joint.mimic.joint)}{near(joint.mimic.joint, others)}",
                 )
             joint = known.joint
             if joint.name in way:
                 names = " -> ".join(_shown(name) for name in [*way, joint.name][:8])
                 raise _mimic_mistake(each, f"a cycle: {names}")
-            way.append(joint.name)
-        if joint.position_size != 1:
+            way[joint.name] = None
+        if joint.mimic is None and joint is not each.joint and joint.position_size != 1:
             raise _mimic_mistake(
                 each,
                 f"joint {_shown(joint.name)}, which is {joint.type}: it has no single position",
             )
+        checked.update(way)
 
 
 def _mimic_mistake(at: Placed, reason: str) -> UrdfError:
     element = at.element.find("mimic") or at.element
     return element.mistake(f"joint {_shown(at.joint.name)} mimics {reason}")
+
+
+def near(name: str, known: Collection[str]) -> str:
+    """The end of a sentence about a name that is not known: `; did you mean ...`."""
+    if not 0 < len(name) <= MOST_LETTERS or len(known) > _MOST_COMPARED:
+        return ""
+    return did_you_mean(name, known)
 
 
 def _shown(name: str) -> str:

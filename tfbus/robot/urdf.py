@@ -28,9 +28,9 @@ from tfbus.robot.model import (
     Vector,
     Visual,
 )
-from tfbus.robot.tree import Placed, check_mimics, from_the_root
+from tfbus.robot.tree import Placed, check_mimics, from_the_root, near
 from tfbus.robot.xml import Element, read_xml
-from tfbus.wording import counted, did_you_mean, listed, printable
+from tfbus.wording import counted, listed, printable
 
 _TYPES = listed([f"'{each}'" for each in POSITION_SIZES])
 _WITH_AXIS = ("revolute", "continuous", "prismatic", "planar")
@@ -238,7 +238,7 @@ def _end(element: Element, tag: str, where: str, links: Mapping[str, Link]) -> s
     name = end.get("link")
     if name not in links:
         said = f"no link {_shown(name)}" if name else f"<{tag}> names no link"
-        raise end.mistake(f"{where}: {said}{did_you_mean(name, links) if name else ''}")
+        raise end.mistake(f"{where}: {said}{near(name, links)}")
     return name
 
 
@@ -315,7 +315,8 @@ def _numbers(
     element: Element, attribute: str, count: int, where: str, default: str = ""
 ) -> tuple[float, ...]:
     """The numbers of an attribute, all finite."""
-    numbers = [_number(part) for part in element.get(attribute, default).split()]
+    parts = element.get(attribute, default).split(maxsplit=count)
+    numbers = [_number(part) for part in parts]
     finite = tuple(number for number in numbers if number is not None and isfinite(number))
     if len(numbers) != count or len(finite) != count:
         raise _no_numbers(element, attribute, count, where)

@@ -7,7 +7,7 @@ import signal
 import socket
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,6 +17,7 @@ from tfbus import (
     Node,
     NodeSettings,
     Number,
+    Robot,
     SettingsError,
     SystemClock,
     TfbusError,
@@ -25,10 +26,11 @@ from tfbus import (
     node_options,
 )
 from tfbus.command import BagChoice, OutputFile, bag_options, install_command
-from tfbus.view import ViewSettings, holds_settings, load_settings, read_urdf
+from tfbus.view import ViewSettings, holds_settings, load_settings
 
 if TYPE_CHECKING:
-    from tfbus.view import Page, Screenshot, Serving
+    from tfbus import Fleet
+    from tfbus.view import Page, RobotSource, Screenshot, Serving
 
 # Until a browser has it, the address is logged again: other output of a launch pushes it away.
 REMIND_EVERY_S = 20.0
@@ -82,7 +84,12 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
     metavar="FILE",
     help="Load the page's settings from here, and save them here (default view.yaml).",
 )
-@click.option("--urdf", type=_FILE, metavar="FILE", help="Show a robot's links at their frames.")
+@click.option(
+    "--urdf",
+    type=_FILE,
+    metavar="FILE",
+    help="Show this robot, of a URDF or .xacro file (default: those described on the bus).",
+)
 @click.option(
     "--package-path",
     "package_path",
@@ -116,7 +123,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 @node_options("view")
 def main(
     settings: NodeSettings,
-    fleet: Fleet | None,
+    fleet: "Fleet | None",
     bag: BagChoice | None,
     host: str,
     port: int,
@@ -135,11 +142,11 @@ def main(
             f"{settings.config} has the view's settings, and --config is for Zenoh's: use "
             f"tfbus view --settings {settings.config}"
         )
-    robot = read_urdf(urdf, package_path) if urdf else []
+    robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
     _require_viser()
-    from tfbus.view import Page, Screenshot, Serving, find_browser, is_local
+    from tfbus.view import Page, RobotsOnBus, Screenshot, Serving, find_browser, is_local
 
     from .turtle.view.guest import TurtleGuest
 
@@ -148,7 +155,7 @@ def main(
     serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"), title)
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, fleet, bag, serving, robot, shot)
+        _show_recording(settings, bag, fleet, serving, robot, package_path, shot)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
@@ -156,7 +163,8 @@ def main(
     with _join(settings) as node:
         buffer = Buffer(history_s)
         with TransformListener(buffer, node, fleet=fleet) as listener:
-            page = Page(node, buffer, listener, serving, robot, (TurtleGuest(node),))
+            robots = RobotsOnBus(node, fleet, package_path, robot)
+            page = Page(node, buffer, listener, serving, robots, (TurtleGuest(node),))
             if not is_local(host):
                 node.log.warning("%s", _warning(page, "see the frames and drive the turtles"))
             try:
@@ -177,16 +185,17 @@ def main(
 
 def _show_recording(
     settings: NodeSettings,
-    fleet: Fleet | None,
     bag: BagChoice,
+    fleet: "Fleet | None",
     serving: "Serving",
-    robot: Sequence[Any],
+    robot: Robot | None,
+    package_path: Sequence[Path],
     shot: "Screenshot | None",
 ) -> None:
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import Cursor, Page, Replay, is_local
+    from tfbus.view import Cursor, GivenRobots, Page, RecordedRobots, Replay, ShownRobot, is_local
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span
@@ -200,8 +209,13 @@ def _show_recording(
             namespace=settings.namespace,
             fleet=fleet,
         )
+        robots: "RobotSource"
+        if robot is not None:
+            robots = GivenRobots([ShownRobot(robot)])
+        else:
+            robots = RecordedRobots(opened.reader, replay, package_path)
         with replay.until_signal():
-            page = Page(replay, replay.buffer, replay, serving, robot, replay=replay)
+            page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
             try:
                 if not is_local(serving.host):
                     click.echo(_warning(page, "see the recording and move its cursor"), err=True)

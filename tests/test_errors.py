@@ -16,6 +16,7 @@ from tfbus import Buffer, NoDataException, TimeoutException, Transform
         ("InvalidNameError", ValueError),
         ("SettingsError", ValueError),
         ("DecodeError", ValueError),
+        ("UrdfError", ValueError),
         ("TimeoutException", TimeoutError),
         ("LookupException", LookupError),
     ],

@@ -18,7 +18,7 @@ STOREYS = [
     {"core"},
     {"geometry"},
     {"trajectory"},
-    {"buffer", "wire"},
+    {"buffer", "robot", "wire"},
     {"ros"},
     {"recording"},
     {"bus"},
@@ -135,7 +135,7 @@ def test_only_the_bus_imports_zenoh() -> None:
     assert unstable == {"retained.py"}
 
 
-@pytest.mark.parametrize("package", ["core", "geometry", "buffer"])
+@pytest.mark.parametrize("package", ["core", "geometry", "buffer", "robot"])
 def test_transforms_and_the_buffer_know_nothing_of_the_bus(package: str) -> None:
     """Transforms and the buffer are usable without Zenoh, msgpack and click."""
     used = {name for path in sources(f"tfbus/{package}") for name in libraries(path)}

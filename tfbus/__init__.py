@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from tfbus.errors import TfbusError as TfbusError
     from tfbus.errors import TimeoutException as TimeoutException
     from tfbus.errors import TransformException as TransformException
+    from tfbus.errors import UrdfError as UrdfError
     from tfbus.geometry.batch import TransformBatch as TransformBatch
     from tfbus.geometry.transform import Transform as Transform
     from tfbus.geometry.transform import TransformStamped as TransformStamped
@@ -57,6 +58,9 @@ if TYPE_CHECKING:
     from tfbus.node.node import Node as Node
     from tfbus.node.parameters import Parameter as Parameter
     from tfbus.recording.recording import Recording as Recording
+    from tfbus.robot.model import Joint as Joint
+    from tfbus.robot.model import Link as Link
+    from tfbus.robot.robot import Robot as Robot
     from tfbus.runtime.clock import SimulatedClock as SimulatedClock
     from tfbus.runtime.clock import SystemClock as SystemClock
     from tfbus.runtime.stamps import stamp_ns as stamp_ns
@@ -81,7 +85,9 @@ _MODULE_OF = {
     "GoalResult": "tfbus.node.action",
     "InvalidArgumentException": "tfbus.errors",
     "InvalidNameError": "tfbus.errors",
+    "Joint": "tfbus.robot.model",
     "Limits": "tfbus.wire.limits",
+    "Link": "tfbus.robot.model",
     "LookupException": "tfbus.errors",
     "LoopException": "tfbus.errors",
     "NoDataException": "tfbus.errors",
@@ -94,6 +100,7 @@ _MODULE_OF = {
     "PastExtrapolationException": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
     "Recording": "tfbus.recording.recording",
+    "Robot": "tfbus.robot.robot",
     "ServiceError": "tfbus.errors",
     "ServiceName": "tfbus.command.types",
     "SettingsError": "tfbus.errors",
@@ -114,6 +121,7 @@ _MODULE_OF = {
     "TransformListener": "tfbus.listen.listener",
     "TransformStamped": "tfbus.geometry.transform",
     "TwistStamped": "tfbus.geometry.twist",
+    "UrdfError": "tfbus.errors",
     "fleet_options": "tfbus.command.options",
     "node_options": "tfbus.command.options",
     "stamp_ns": "tfbus.runtime.stamps",

@@ -19,6 +19,7 @@
       ParameterError                  a parameter is unknown, or its value invalid
       InvalidNameError                a name of a node, topic, service or action is invalid
       SettingsError                   a setting or command-line option is invalid
+      UrdfError                       a URDF or xacro file cannot be read, or is not one
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
 what to do; the facts are fields.
@@ -26,7 +27,8 @@ what to do; the facts are fields.
 Where Python has an error of the same meaning, the class derives from it too, so that `except` of
 either catches it:
 
-    InvalidArgumentException, InvalidNameError, SettingsError, DecodeError    ValueError
+    InvalidArgumentException, InvalidNameError, SettingsError, DecodeError,
+    UrdfError                                                                 ValueError
     TimeoutException                                                          TimeoutError
     LookupException                                                           LookupError
 
@@ -207,3 +209,7 @@ class InvalidNameError(TfbusError, ValueError):
 
 class SettingsError(TfbusError, ValueError):
     """A setting or command-line option is invalid."""
+
+
+class UrdfError(TfbusError, ValueError):
+    """A URDF or xacro file cannot be read, or is not one; the message has the line."""

@@ -1,10 +1,11 @@
-"""Topics, services and actions of the supplied nodes; meanings and names are turtlesim's.
+"""Topics, services and actions of the supplied nodes; those of the turtles are turtlesim's.
 
 Lengths are metres, angles radians (counter-clockwise, zero along x), times nanoseconds since the
 Unix epoch. A value that is not finite or out of range raises ValueError; on the bus such a message
 is dropped and counted.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field
 from math import isfinite
 
@@ -49,6 +50,100 @@ class Pose:
     theta: float
     linear_velocity: float
     angular_velocity: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Where the joints of a robot were at stamp_ns, on the topic joint_states.
+
+    `positions`, `velocities` and `efforts` are in the order of `names`, or empty where they are not
+    known: rad, rad/s and N m for joints that turn, m, m/s and N for those that slide. Positions are
+    finite; a velocity or an effort that is not known is NaN. The stamp 0 stands for the time at
+    which the message arrives. No name is there twice.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...] = ()
+    positions: tuple[float, ...] = ()
+    velocities: tuple[float, ...] = ()
+    efforts: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        for field_name in ("positions", "velocities", "efforts"):
+            numbers = getattr(self, field_name)
+            if numbers and len(numbers) != len(self.names):
+                raise ValueError(
+                    f"{field_name} must be empty or as many as names, which are {len(self.names)}, "
+                    f"not {len(numbers)}"
+                )
+        if len(set(self.names)) != len(self.names):
+            [(twice, _)] = Counter(self.names).most_common(1)
+            raise ValueError(f"joint {twice[:60]!r} must be in names once, not twice")
+        if not all(map(isfinite, self.positions)):
+            for name, position in zip(self.names, self.positions, strict=True):
+                _check_finite(f"the position of joint {name[:60]!r}", position)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDescription:
+    """A robot, on the topic robot_description, which is retained.
+
+    `urdf` is its description, all xacro expanded. Its frames are the names of its links behind
+    `prefix`. `source` says for people where it is from, such as a file.
+    """
+
+    urdf: str
+    prefix: str = ""
+    source: str = ""
+
+
+class SetDescription:
+    """Gives robot_state another robot."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The new description, in URDF."""
+
+        urdf: str
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """It is the robot now: its name, and how many links and joints it has."""
+
+        robot: str
+        links: int
+        joints: int
+
+
+class RobotMesh:
+    """Reads a mesh of a robot from the machine that publishes its description, part by part."""
+
+    @dataclass(frozen=True, slots=True)
+    class Request:
+        """The name of the mesh as in the description, and the first byte to read.
+
+        A name may also be of a texture or material that belongs to a mesh, as a path from it:
+        `package://arm/meshes/hand.dae` and then `package://arm/meshes/hand.png`.
+        """
+
+        mesh: str
+        offset: int = 0
+
+        def __post_init__(self) -> None:
+            if self.offset < 0:
+                raise ValueError(f"offset must be at least 0, not {self.offset}")
+
+    @dataclass(frozen=True, slots=True)
+    class Response:
+        """At most a million bytes from `offset` on, and the size of the file in bytes.
+
+        `version` is another one once the file has changed: then read it from its beginning.
+        """
+
+        data: bytes
+        size: int
+        version: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ def measure(messages: int, runs: int) -> tuple[Latency, Latency]:
         with place() as ours, place() as bare:
             for kind, some_us in _once({"ours": ours, "bare": bare}, messages).items():
                 taken[kind] += some_us
-    return _latency(taken["ours"]), _latency(taken["bare"])
+    return latency_of(taken["ours"]), latency_of(taken["bare"])
 
 
 def _once(places: dict[str, Place], messages: int) -> dict[str, list[float]]:
@@ -69,7 +69,8 @@ def _once(places: dict[str, Place], messages: int) -> dict[str, list[float]]:
     }
 
 
-def _latency(taken_us: list[float]) -> Latency:
+def latency_of(taken_us: list[float]) -> Latency:
+    """The latency of messages that took these microseconds."""
     taken_us.sort()
     return Latency(taken_us[len(taken_us) // 2], taken_us[len(taken_us) * 99 // 100], len(taken_us))
 
@@ -111,7 +112,7 @@ def listen_ours() -> None:
 
     with tfbus.Node("listener") as node:
         tfbus.TransformListener(Timed(), node)
-        _say_what_came(came)
+        say_what_came(came)
 
 
 def send_ours(messages: int, size: int) -> None:
@@ -122,12 +123,12 @@ def send_ours(messages: int, size: int) -> None:
     with tfbus.Node("sender") as node:
         broadcaster = tfbus.TransformBroadcaster(node)
         pose = tfbus.Transform((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
-        _say_ready()
+        say_ready()
         for number in _due(messages):
             transform = tfbus.TransformStamped(number, "base_link", "frame_0", pose)
             sent.append((number, time.time_ns()))
             broadcaster.send_transform(transform)
-        _say_what_was_sent(sent)
+        say_what_was_sent(sent)
 
 
 def listen_bare() -> None:
@@ -140,10 +141,10 @@ def listen_bare() -> None:
         payload = sample.payload.to_bytes()
         came.append((int.from_bytes(payload[:8], "little"), time.time_ns()))
 
-    with zenoh.open(_bare_config("listen")) as session:
+    with zenoh.open(bare_config("listen")) as session:
         handler: Any = zenoh.handlers.Callback(on_sample, None, indirect=False)
         session.declare_subscriber(_BARE_KEY, handler)
-        _say_what_came(came)
+        say_what_came(came)
 
 
 def send_bare(messages: int, size: int) -> None:
@@ -151,22 +152,23 @@ def send_bare(messages: int, size: int) -> None:
     import zenoh
 
     sent: Times = []
-    with zenoh.open(_bare_config("connect")) as session:
+    with zenoh.open(bare_config("connect")) as session:
         publisher = session.declare_publisher(
             _BARE_KEY,
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.INTERACTIVE_HIGH,
         )
         filling = bytes(size - 8)
-        _say_ready()
+        say_ready()
         for number in _due(messages):
             payload = number.to_bytes(8, "little") + filling
             sent.append((number, time.time_ns()))
             publisher.put(payload)
-        _say_what_was_sent(sent)
+        say_what_was_sent(sent)
 
 
-def _bare_config(what: str) -> Any:
+def bare_config(what: str) -> Any:
+    """Zenoh's configuration of a process that listens, or connects."""
     import json
     import os
 
@@ -178,20 +180,23 @@ def _bare_config(what: str) -> Any:
     return config
 
 
-def _say_what_came(came: Times) -> None:
+def say_what_came(came: Times) -> None:
+    """Wait until the benchmark asks what came, and say it."""
     say("ready")
     sys.stdin.readline()
     say(came)
     sys.stdin.readline()
 
 
-def _say_ready() -> None:
+def say_ready() -> None:
+    """Say that all is there."""
     # Until what is listened to is known here.
     time.sleep(1.0)
     say("ready")
 
 
-def _say_what_was_sent(sent: Times) -> None:
+def say_what_was_sent(sent: Times) -> None:
+    """Say what was sent, once it has arrived."""
     time.sleep(0.5)
     say(sent)
     sys.stdin.readline()

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from benchmarks.bus import growth, intake, interest, latency, paced, ros, startup
+from benchmarks.bus import growth, intake, interest, latency, paced, robot, ros, startup
 from benchmarks.bus.growth import Size
 from benchmarks.bus.intake import Intake
 from benchmarks.bus.interest import Cost
@@ -17,7 +17,8 @@ _SENDS = 2_000
 class Measured:
     """Intake of messages of one transform and of fifty, beside that of tf2_ros, or why there is
     none; CPU for a message that comes alone, and latency, beside bare Zenoh's; listeners by what
-    they read; startup in seconds by phase, for each way to be found; growth.
+    they read; startup in seconds by phase, for each way to be found; growth; joint states through
+    robot_state, and messages of their sizes through a relay on bare Zenoh.
     """
 
     single: Intake
@@ -30,6 +31,8 @@ class Measured:
     starts: dict[str, dict[str, float]]
     publishers: Sequence[Size]
     frames: Sequence[Size]
+    robot_state: robot.Cost
+    bare_relay: robot.Cost
 
 
 def measure(runs: int, tell: Callable[[str], None]) -> Measured:
@@ -54,6 +57,8 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         "at a given endpoint": startup.measure(3 * runs, scouting=False),
         startup.BARE: startup.measure(3 * runs, scouting=False, bare=True),
     }
+    tell("joint states")
+    robot_state, bare_relay = robot.measure(min(runs, 3))
     tell("growth")
     return Measured(
         single,
@@ -66,4 +71,6 @@ def measure(runs: int, tell: Callable[[str], None]) -> Measured:
         starts,
         growth.of_publishers(),
         growth.of_frames(),
+        robot_state,
+        bare_relay,
     )

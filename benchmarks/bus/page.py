@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from benchmarks.bus import interest, paced, startup
+from benchmarks.bus import interest, paced, robot, startup
 from benchmarks.bus.growth import RATE, Size
 from benchmarks.bus.latency import TURN
 from benchmarks.bus.measure import Measured
@@ -54,6 +54,9 @@ second, the start, the percentiles) say little, and CPU says more.
   receives everything, another what the lookups of one path need, which it makes twice a second.
   Both include what an idle session takes. [What it saves](../guide/interest.md#what-it-saves) says
   more.
+- **Joint states**: a driver publishes the positions of {joints} joints 1,000 times a second, `tfbus
+  robot_state` makes transforms of them, and a third process looks the whole chain up. On bare Zenoh
+  a process in the middle sends another message for each that comes, of the same sizes.
 - **A message that comes alone**: {paced_rate:,} a second at an even pace, each of one transform,
   into a listener; and the same messages into a callback in Python on bare Zenoh's own thread. Most
   of it is to wake threads and to hand over Python's lock, which is Zenoh's share.
@@ -119,6 +122,7 @@ def part(measured: Measured, place: str) -> str:
         turn=TURN,
         count=min(measured.ours.count, measured.bare.count),
         paced_rate=paced.RATE,
+        joints=robot.JOINTS,
         startup=_starts(measured.starts),
         rate=RATE,
         publishers=_sizes("publishers", measured.publishers),
@@ -182,7 +186,22 @@ def _rows(measured: Measured) -> list[tuple[str, str, str, str]]:
     taken = f"{start['memory'] / 1e6:.0f} MB ({bare_start['memory'] / 1e6:.0f} MB)"
     goal = f"at most {_MEMORY / 1e6:.0f} MB"
     rows.append(_row(what, taken, goal, start["memory"] <= _MEMORY))
-    return rows
+    return [*rows, *_robot_rows(measured)]
+
+
+def _robot_rows(measured: Measured) -> list[tuple[str, str, str, str]]:
+    ours, bare = measured.robot_state, measured.bare_relay
+    what = f"joint states of {robot.JOINTS} joints until a lookup elsewhere answers (bare Zenoh)"
+    return [
+        (f"{what}, p50", f"{ours.latency.p50_us:.0f} us ({bare.latency.p50_us:.0f} us)", "", ""),
+        (f"{what}, p99", f"{ours.latency.p99_us:.0f} us ({bare.latency.p99_us:.0f} us)", "", ""),
+        (
+            "CPU of robot_state meanwhile (of a relay on bare Zenoh)",
+            f"{ours.cpu_percent:.0f} % ({bare.cpu_percent:.0f} %)",
+            "",
+            "",
+        ),
+    ]
 
 
 def _row(what: str, taken: str, at_least: str, reached: bool) -> tuple[str, str, str, str]:

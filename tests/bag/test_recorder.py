@@ -39,6 +39,7 @@ def a_source(*, static: bool = False) -> TransformSource:
 
 DYNAMIC, STATIC = a_source(), a_source(static=True)
 POSE = TopicSource("pose", {"pose": "Pose"})
+ROBOT = TopicSource("robot", {"robot": "Robot"}, retained=True)
 THERE = EventItem(0, "stream", "sim", as_map(DESCRIBED["sim"]))
 
 
@@ -198,6 +199,19 @@ class TestSplits:
         assert numbers(second) == [1]
         assert kinds(second) == ["stream"]
         assert [item.rows.count for item in second if getattr(item, "static", False)] == [1]
+
+    def test_a_new_file_begins_with_retained_messages(self, run: Run) -> None:
+        """What is retained is in each file, and comes once where files are read together."""
+        run.queue.put(ROBOT, encode_map({"urdf": "<one/>"}))
+        run.queue.put(ROBOT, encode_map({"urdf": "<two/>"}))
+        eventually(lambda: run.recorder.received == 2)
+        path = run.recorder.split()
+        run.items()
+        [item] = read(path)
+        assert isinstance(item, TopicItem)
+        assert item.retained and item.values == {"urdf": "<two/>"}
+        with RecordingReader(*run.parts.paths) as whole:
+            assert len([*whole.items()]) == 2
 
     def test_files_end_at_their_size(self, tmp_path: Path) -> None:
         """No message is lost between two files."""

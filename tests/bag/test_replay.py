@@ -32,11 +32,21 @@ from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
-from tfbus.messages import Clock, Empty, PlayNext, PlayProgress, Seek, SetRate
+from tfbus.messages import (
+    Clock,
+    Empty,
+    JointState,
+    PlayNext,
+    PlayProgress,
+    RobotDescription,
+    Seek,
+    SetRate,
+)
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
 from tfbus.recording.writer import RecordingWriter
+from tfbus.wire.codec import as_map
 
 pytest.importorskip("mcap")
 
@@ -528,6 +538,46 @@ def test_messages_of_topics_are_the_same_bytes(played: Any, receiver: Node) -> N
     eventually(lambda: payloads)
     assert payloads[0] == msgpack.packb(values)
     assert run.node.describe()["publishes"]["turtle1/pose"] == "Pose"
+
+
+def test_joint_states_get_stamps_of_now(played: Any, receiver: Node) -> None:
+    """The stamps of joint states are moved as those of transforms, which they become."""
+    stamps: list[int] = []
+    receiver.create_subscription(
+        JointState, "joint_states", lambda state: stamps.append(state.stamp_ns)
+    )
+    items = [
+        TopicItem(
+            BEGAN_NS + n * S,
+            "joint_states",
+            "JointState",
+            as_map(JointState(BEGAN_NS + n * S - 5)),
+        )
+        for n in range(3)
+    ]
+    run = played(items, at_end="loop")
+    run.player.resume()
+    eventually(lambda: stamps)
+    assert abs(stamps[0] - time.time_ns()) < 60 * S
+
+
+def test_retained_messages_come_first_wherever_it_begins(played: Any, bus: Bus) -> None:
+    """A retained message is in force at any later moment, and reaches who comes later still."""
+    description = TopicItem(
+        BEGAN_NS,
+        "robot_description",
+        "RobotDescription",
+        as_map(RobotDescription("<robot/>")),
+        retained=True,
+    )
+    items = [description, *(topic(float(n), "turtle1/pose") for n in range(1, 5))]
+    run = played(items)
+    run.player.seek(BEGAN_NS + 3 * S)
+    run.step()
+    heard: list[RobotDescription] = []
+    late = bus.node("late")
+    late.create_subscription(RobotDescription, "robot_description", heard.append, retained=True)
+    eventually(lambda: heard == [RobotDescription("<robot/>")])
 
 
 # The simulated time

@@ -511,6 +511,22 @@ def test_a_static_frame_can_be_taken_out(sender: Node, buffer: Buffer) -> None:
     assert buffer.can_transform("world", "lidar")
 
 
+def test_many_frames_can_be_taken_out_at_once(sender: Node, buffer: Buffer) -> None:
+    """Frames that are removed together go together; where one is not there, none does."""
+    static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)
+    static.send_transform([at(1, f"post{count}") for count in range(2_000)])
+    send_until(
+        lambda: dynamic.send_transform([at(2, "arm"), at(2, "leg")]),
+        lambda: buffer.can_transform("arm", "post1999"),
+    )
+    for broadcaster in (static, dynamic):
+        with pytest.raises(LookupException, match="'nose'"):
+            broadcaster.remove("nose", "arm", "post1")
+    static.remove(*(f"post{count}" for count in range(1, 2_000)))
+    dynamic.remove("arm", "leg")
+    eventually(lambda: buffer.frames() == ["post0", "world"])
+
+
 def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer: Buffer) -> None:
     """A static frame that is sent as dynamic can be taken out, for late listeners too."""
     static, dynamic = StaticTransformBroadcaster(sender), TransformBroadcaster(sender)

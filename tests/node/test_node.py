@@ -74,7 +74,8 @@ def test_describers_add_to_the_description(node: Node) -> None:
     """What several return for a field is joined; the fields that are always sent come first."""
     before = list(node.describe())
     assert before[6:9] == ["streams", "unread", "buffers"]
-    assert before[9:] == ["parameters", "publishes", "subscribes", "serves", "calls"]
+    ends = ["publishes", "subscribes", "serves", "calls"]
+    assert before[9:] == ["parameters", *ends, "retained"]
     node.describers.append(lambda: {"streams": ["a"], "cameras": ["left"]})
     node.describers.append(lambda: {"streams": ["b"]})
     described = node.describe()

@@ -80,6 +80,25 @@ def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
     assert server.initial_camera.look_at == pytest.approx(moved.apply(ARM.middle))
 
 
+def test_cameras_that_nobody_has_moved_wait_for_the_meshes_of_a_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Long after the first frame; those that were moved stay."""
+    now_s = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    left, moved = camera((1.0, 0.0, 2.0), (0, 0, 0)), camera((1.0, 0.0, 2.0), (0, 0, 0))
+    cameras = Cameras(Server(left, moved))
+    cameras.aim(Region(np.zeros(3), 1.0), True, 3, is_loading=True)
+    moved.position = np.array((9.0, 9.0, 9.0))
+    now_s[0] = 10.0
+    cameras.aim(ARM, True, 4)
+    assert left.look_at.tolist() == [8.0, 4.0, 1.0]
+    assert moved.position.tolist() == [9.0, 9.0, 9.0]
+    now_s[0] = 11.0
+    cameras.aim(Region(np.zeros(3), 1.0), True, 5)
+    assert left.look_at.tolist() == [8.0, 4.0, 1.0]
+
+
 def test_frames_that_have_nothing_in_common_with_the_former_ones_are_shown_whole() -> None:
     """In all browsers, and in those that are opened later."""
     server = Server(camera((0.0, -50.0, 0.0), (0.0, 0.0, 0.0)))

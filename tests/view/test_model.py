@@ -242,7 +242,7 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
         ("scale: 1000", "scale must be from 0.1 to 10, got 1000"),
         ("colour: red", "no setting 'colour'; available: arrows, axes, dark"),
         ("axes: 1", "axes must be true or false, got 1"),
-        ("hidden: base", "hidden must be a list of frame names, got 'base'"),
+        ("hidden: base", "hidden must be a list of names, got 'base'"),
         ("only: '('", "'(' is not a regular expression"),
         ("- a", "is not a map of settings"),
         ("a: [", "is not YAML"),

@@ -239,23 +239,30 @@ class Capture:
         type_name = next((end.type for end in (*info.publishers, *(info.subscribers or ()))), "")
         if not self._selection.takes_topic(name):
             return
-        self._subscribe_topic(topic, name, type_name)
+        self._subscribe_topic(topic, name, type_name, retained=info.retained)
         if name in self._topics and (type_name or name not in self.types):
             self.types[name] = type_name
 
-    def _subscribe_topic(self, topic: str, name: str, type_name: str) -> None:
+    def _subscribe_topic(
+        self, topic: str, name: str, type_name: str, *, retained: bool = False
+    ) -> None:
         known = self._topics.get(name)
-        if known is not None:
+        if known is not None and known.retained >= retained:
             known.type_name = known.type_name or type_name
             return
+        if known is not None:
+            # Its publisher came after its subscribers, and says now that it is retained.
+            self._topics.pop(name).close()
         if len(self._topics) >= _MOST_TOPICS:
             self._once.warning(
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        put = partial(self._queue.put, TopicSource(name, self.types))
+        put = partial(self._queue.put, TopicSource(name, self.types, retained=retained))
         try:
             topic = check_no_transforms(relative(topic, self._node.namespace))
-            self._topics[name] = self._node.create_raw_subscription(topic, put, type_name=type_name)
+            self._topics[name] = self._node.create_raw_subscription(
+                topic, put, type_name=type_name, retained=retained
+            )
         except InvalidNameError as error:
             self._once.warning("topic", "Did not record a topic: %s", error)

@@ -38,6 +38,11 @@ def stamps_ahead_ns(source: Source, selection: Selection, from_ns: int) -> int:
     return middle if abs(middle) > _OTHER_CLOCK_NS else 0
 
 
+def moved_ns(stamp_ns: int, pace: Pace, ahead_ns: int) -> int:
+    """A stamp of now, as `moved` has those of rows."""
+    return pace.wall_ns + round((stamp_ns - pace.log_ns - ahead_ns) / pace.rate)
+
+
 def moved(rows: Columns, pace: Pace, ahead_ns: int) -> Columns:
     """The rows with stamps of now: that of `pace.log_ns + ahead_ns` becomes `pace.wall_ns`.
 

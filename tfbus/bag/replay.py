@@ -1,10 +1,10 @@
 """Replays a recording on the bus: its streams and topics as they were."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
-from tfbus.bag.moved_stamps import moved, moved_to, stamps_ahead_ns
+from tfbus.bag.moved_stamps import moved, moved_ns, moved_to, stamps_ahead_ns
 from tfbus.bag.played_time import PlayedTime
 from tfbus.bag.player import Pace, Progress
 from tfbus.bag.replayed_clock import ReplayedClock, clock_topic_of, is_clock
@@ -26,6 +26,8 @@ from tfbus.wording import counted, listed, printable
 # What the descriptions of replayed streams have as their host.
 RECORDED = "recorded"
 
+_JOINT_STATE = "JointState"
+
 # Stamps of transforms: moved to the time of now, or as they were recorded.
 Stamps = Literal["now", "recorded"]
 
@@ -36,9 +38,10 @@ class Replay:
     """Publishes what a player plays: a Stage.
 
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
-    at another rate than 1 the times between them are scaled too. Messages of topics stay as they
-    are. With `clock_hz` it publishes the time of the recording for nodes with simulated time, so
-    many times a second; `progress` is then that of the player.
+    at another rate than 1 the times between them are scaled too. Those of joint states, which
+    become transforms, are moved as well; other messages of topics stay as they are. With `clock_hz`
+    it publishes the time of the recording for nodes with simulated time, so many times a second;
+    `progress` is then that of the player.
 
     Raises InvalidNameError where two streams would get the same name.
     """
@@ -139,7 +142,7 @@ class Replay:
         if isinstance(item, TransformItem):
             self._send(item, pace)
         elif isinstance(item, TopicItem):
-            self._publish(item)
+            self._publish(item, pace)
         else:
             self._happen(item)
 
@@ -245,23 +248,33 @@ class Replay:
 
     # Topics
 
-    def _publish(self, item: TopicItem) -> None:
+    def _publish(self, item: TopicItem, pace: Pace) -> None:
         if self._is_time(item.topic, item.type_name):
             if self._clock is not None:
                 self._clock.take(item)
             return
         if item.topic not in self._topics:
-            self._topics[item.topic] = self._topic(item.topic, item.type_name)
+            self._topics[item.topic] = self._topic(item.topic, item.type_name, item.retained)
         publisher = self._topics[item.topic]
         if publisher is not None:
             try:
-                publisher.publish(encode_map(item.values))
+                publisher.publish(encode_map(self._as_now(item, pace)))
             except BusError as error:
                 self._log_once.warning(("topic", item.topic), "Left out a message: %s", error)
 
-    def _topic(self, name: str, type_name: str) -> RawPublisher | None:
+    def _as_now(self, item: TopicItem, pace: Pace) -> Mapping[str, Any]:
+        """The fields of a message; joint states, which become transforms, get stamps as these."""
+        stamp_ns = item.values.get("stamp_ns")
+        is_moved = self._stamps == "now" and item.type_name == _JOINT_STATE
+        if not is_moved or type(stamp_ns) is not int or stamp_ns == 0:
+            return item.values
+        return {**item.values, "stamp_ns": moved_ns(stamp_ns, pace, self._ahead_ns)}
+
+    def _topic(self, name: str, type_name: str, retained: bool) -> RawPublisher | None:
         try:
-            return self._node.create_raw_publisher(self._names.topic(name), type_name=type_name)
+            return self._node.create_raw_publisher(
+                self._names.topic(name), type_name=type_name, retained=retained
+            )
         except InvalidNameError as error:
             self._log_once.warning(("topic", name), "Left out a topic: %s", error)
             return None
@@ -283,7 +296,9 @@ class Replay:
             if not self._selection.takes_topic(topic.name):
                 continue
             if not self._is_time(topic.name, topic.type_name):
-                self._topics[topic.name] = self._topic(topic.name, topic.type_name)
+                self._topics[topic.name] = self._topic(
+                    topic.name, topic.type_name, topic.is_retained
+                )
             elif self._clock is None:
                 self._node.log.info(
                     "Topic '%s' is left out, since the stamps are those of now: --clock replays it",

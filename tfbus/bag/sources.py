@@ -68,13 +68,15 @@ class TransformSource:
 
 
 class TopicSource:
-    """The messages of one topic, of which `types` has the names of their types."""
+    """The messages of one topic, of which `types` has the names of their types. Retained ones stay
+    in force, and so begin each file.
+    """
 
     kind = "topics"
-    is_essential = False
 
-    def __init__(self, name: str, types: Mapping[str, str]) -> None:
+    def __init__(self, name: str, types: Mapping[str, str], *, retained: bool = False) -> None:
         self.name = name
+        self.is_essential = retained
         self._types = types
 
     def is_described(self) -> bool:
@@ -83,7 +85,9 @@ class TopicSource:
 
     def item(self, log_ns: int, payload: bytes) -> TopicItem:
         """A message, read. Raises DecodeError."""
-        return TopicItem(log_ns, self.name, self._types.get(self.name, ""), decode_map(payload))
+        values = decode_map(payload)
+        type_name = self._types.get(self.name, "")
+        return TopicItem(log_ns, self.name, type_name, values, retained=self.is_essential)
 
 
 class EventSource:

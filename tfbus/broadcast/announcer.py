@@ -72,23 +72,25 @@ class FrameAnnouncer:
             self._edges |= edges
         self.announce_soon()
 
-    def remove(self, child: str, *, static: bool) -> None:
-        """Take a frame out.
+    def remove(self, *children: str, static: bool) -> None:
+        """Take frames out, all of them or, where it raises, none.
 
-        Raises LookupException where the stream does not send it, InvalidArgumentException where it
+        Raises LookupException where the stream does not send one, InvalidArgumentException where it
         is of the other kind, static or dynamic.
         """
         with self._lock:
-            if child not in self._edges:
-                raise self._unknown(child, static)
-            if self._edges[child][1] is not static:
-                raise InvalidArgumentException(
-                    f"frame {child!r} of stream {self._stream!r} {_KINDS[not static]}"
-                )
+            for child in children:
+                if child not in self._edges:
+                    raise self._unknown(child, static)
+                if self._edges[child][1] is not static:
+                    raise InvalidArgumentException(
+                        f"frame {child!r} of stream {self._stream!r} {_KINDS[not static]}"
+                    )
         # Listeners remove a frame that is in one description and not in the next.
         self._announce()
         with self._lock:
-            self._edges.pop(child, None)
+            for child in children:
+                self._edges.pop(child, None)
         self.announce_soon()
 
     def announce_soon(self, after_s: float = _ANNOUNCE_AFTER_S) -> None:

@@ -67,13 +67,13 @@ class TransformBroadcaster:
             self._unit_is_logged = True
             self._node.log.warning("Sent a transform of 1970: %s", unit_hint(stamp_ns, unit))
 
-    def remove(self, frame: str) -> None:
-        """Take a child frame out of the stream, and so out of every listener's buffer.
+    def remove(self, frame: str, *more: str) -> None:
+        """Take child frames out of the stream, and so out of every listener's buffer.
 
-        Raises LookupException where the stream does not send it, InvalidArgumentException where
-        it is static. Send it again to have it back.
+        Raises LookupException where the stream does not send one, InvalidArgumentException where
+        it is static; then none is removed. Send a frame again to have it back.
         """
-        self._sender.remove(frame)
+        self._sender.remove(frame, *more)
 
 
 class StaticTransformBroadcaster:
@@ -92,13 +92,13 @@ class StaticTransformBroadcaster:
             transforms = (transforms,)
         self._stream.send_static(transforms)
 
-    def remove(self, frame: str) -> None:
-        """Take a child frame out of the stream, and so out of every listener's buffer.
+    def remove(self, frame: str, *more: str) -> None:
+        """Take child frames out of the stream, and so out of every listener's buffer.
 
-        Raises LookupException where the stream does not send it, InvalidArgumentException where
-        it is not static.
+        Raises LookupException where the stream does not send one, InvalidArgumentException where
+        it is not static; then none is removed.
         """
-        self._stream.remove_static(frame)
+        self._stream.remove_static(frame, *more)
 
 
 def _as_columns(transforms: TransformBatch | Iterable[TransformStamped]) -> Columns:

@@ -169,15 +169,16 @@ class TransformSender:
         with self._lock:
             pass
 
-    def remove(self, child: str) -> None:
-        """Take a frame out until it is sent again. Errors as FrameAnnouncer.remove."""
+    def remove(self, *children: str) -> None:
+        """Take frames out until they are sent again. Errors as FrameAnnouncer.remove."""
         with self._lock:
-            self._frames.remove(child, static=False)
-            self._newest.forget(child)
-            self._keys.forget(child)
+            self._frames.remove(*children, static=False)
             self._forget_tables()
-            if self._history is not None:
-                self._history.remove(child)
+            for child in children:
+                self._newest.forget(child)
+                self._keys.forget(child)
+                if self._history is not None:
+                    self._history.remove(child)
 
     def _note(self, table: _Table, columns: Columns) -> int | None:
         """Note the stamps; where one is too far back, note none and return its row."""

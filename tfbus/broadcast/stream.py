@@ -129,11 +129,12 @@ class Stream:
             self._statics |= added
             self._send_statics()
 
-    def remove_static(self, child: str) -> None:
-        """Take a static transform out of the stream. Errors as FrameAnnouncer.remove."""
+    def remove_static(self, *children: str) -> None:
+        """Take static transforms out of the stream. Errors as FrameAnnouncer.remove."""
         with self._static_lock:
-            self._frames.remove(child, static=True)
-            self._statics.pop(child, None)
+            self._frames.remove(*children, static=True)
+            for child in children:
+                self._statics.pop(child, None)
             self._send_statics()
 
     def _note_dynamic(self, edges: Edges) -> None:

@@ -21,18 +21,21 @@ _HEARTBEAT_S = 0.5
 _RETAINED = "/@adv/pub/**"
 
 
-def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
+def declare_retained_publisher(
+    session: Session, key: str, *, urgent: bool = True
+) -> BytesPublisher:
     """A publisher whose last message also reaches late joiners, and is sent again where lost.
 
-    It has the priority of dynamic transforms: at that of topics a put waited 0.2 s when a camera
-    filled the link.
+    Transforms and what describes them are `urgent`, and have the priority of dynamic transforms: at
+    that of topics a put waited 0.2 s when a camera filled the link.
     """
+    at, key = session.placed(key)
     with bus_errors(f"publish {key}", session.settings.name):
         publisher = ext.declare_advanced_publisher(
-            session.zenoh,
+            at.zenoh,
             key,
             congestion_control=zenoh.CongestionControl.BLOCK,
-            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            priority=zenoh.Priority.INTERACTIVE_HIGH if urgent else zenoh.Priority.DATA,
             cache=ext.CacheConfig(max_samples=1),
             sample_miss_detection=ext.MissDetectionConfig(
                 heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
@@ -43,12 +46,17 @@ def declare_retained_publisher(session: Session, key: str) -> BytesPublisher:
 
 
 def declare_retained_subscriber(
-    session: Session, key: str, callback: Callable[[str, bytes], None]
+    session: Session,
+    key: str,
+    callback: Callable[[str, bytes], None],
+    on_too_large: Callable[[], object] = lambda: None,
 ) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
-    of publishers that come later, then for each new message.
+    of publishers that come later, then for each new message; `on_too_large()` for one that is
+    dropped unread. A message may come again when a link is back.
     """
-    return _subscriber(session, key, session.callbacks.of_samples(key, callback))
+    at, key = session.placed(key)
+    return _subscriber(at, key, session.callbacks.of_samples(key, callback, on_too_large))
 
 
 def declare_signed_subscriber(

@@ -49,7 +49,8 @@ class Declared:
             if bound is not None
         ]
         kind = " ".join((_TYPE_NAMES[type(self.default)], *bounds))
-        default = self.default if isinstance(self.default, str) else json.dumps(self.default)
+        is_text = isinstance(self.default, str) and self.default
+        default = self.default if is_text else json.dumps(self.default)
         return f"{self.description}  [{kind}; default {default}]"
 
 

@@ -39,22 +39,28 @@ class RosArgs(click.Option):
         super().add_to_parser(parser, ctx)
         parse = parser.parse_args
         own = {name for param in ctx.command.params for name in param.opts}
-        has_arguments = any(isinstance(param, click.Argument) for param in ctx.command.params)
+        arguments = [each for each in ctx.command.params if isinstance(each, click.Argument)]
+        # A command with arguments of this form says so in its help.
+        takes_assignments = any(":=" in (each.metavar or "") for each in arguments)
 
         def parse_args(args: list[str]) -> Any:
             if not ctx.resilient_parsing:
-                args = list(in_tfbus_words(args, own, has_arguments))
+                args = list(in_tfbus_words(args, own, bool(arguments), takes_assignments))
             return parse(args)
 
         parser.parse_args = parse_args
 
 
 def in_tfbus_words(
-    args: list[str], own: Collection[str] = (), has_arguments: bool = False
+    args: list[str],
+    own: Collection[str] = (),
+    has_arguments: bool = False,
+    takes_assignments: bool = False,
 ) -> Iterator[str]:
     """The arguments with those of ROS translated.
 
-    `own` are the options of the command itself. Raises click.UsageError, with the right form, for
+    `own` are the options of the command itself; where it `takes_assignments`, `name:=value` is an
+    argument of its own. Raises click.UsageError, with the right form, for
     an argument of ROS that tfbus does not have.
     """
     rest = iter(args)
@@ -68,7 +74,7 @@ def in_tfbus_words(
             value = _value_of(arg, rest)
             yield from (arg if arg in own and ":=" not in value else _SHORT[arg], value)
         else:
-            _check_assignment(arg, before, has_arguments)
+            _check_assignment(arg, before, has_arguments, takes_assignments)
             yield arg
         before = arg
 
@@ -102,12 +108,14 @@ def _level(text: str) -> str:
     return _LEVELS.get(level, level)
 
 
-def _check_assignment(arg: str, before: str, has_arguments: bool) -> None:
+def _check_assignment(arg: str, before: str, has_arguments: bool, takes_assignments: bool) -> None:
     found = _ASSIGNMENT.fullmatch(arg)
     if not found or before.startswith("-"):
         return
     name, sign, value = found.groups()
     if sign == "=" and has_arguments:
+        return
+    if takes_assignments and not name.startswith(("_", "~")):
         return
     form = _form(printable(name, 60), printable(value, 60))
     raise click.UsageError(f"'{printable(arg, 60)}' needs its option: write {form}")

@@ -23,6 +23,8 @@ class Endpoint:
     type: str
     host: str = ""
     pid: int = 0
+    # Of a publisher: whether its last message also reaches subscribers that join later.
+    retained: bool = False
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class TopicInfo:
     def types(self) -> tuple[str, ...]:
         """The types at its ends, sorted: one where they agree."""
         return _types(self.publishers, self.subscribers or ())
+
+    @property
+    def retained(self) -> bool:
+        """Whether a publisher's last message also reaches subscribers that join later."""
+        return any(end.retained for end in self.publishers)
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,9 @@ def graph_of(
                     name if name.startswith("/") else "/".join(filter(None, (above, name))),
                     namespace,
                 )
-                ends[kind][full].append(Endpoint(node.name, type_, node.host, node.pid))
+                retained = kind == "publishes" and name in node.retained
+                end = Endpoint(node.name, type_, node.host, node.pid, retained)
+                ends[kind][full].append(end)
 
     def at(kind: str, name: str) -> tuple[Endpoint, ...]:
         return tuple(sorted(ends[kind].get(name, ())))

@@ -195,6 +195,8 @@ class PlaybackBridge(Requests):
         for item in state:
             if isinstance(item, EventItem):
                 self._take_event(item)
+            elif isinstance(item, TopicItem):  # retained, as a robot's description is
+                self._send_message(item, pace.log_ns)
         self._tell_nodes()
         with self._looking_back:
             self._send_past(pace.log_ns)

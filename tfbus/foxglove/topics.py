@@ -94,10 +94,18 @@ class _LiveTopic:
     """
 
     def __init__(
-        self, node: Node, name: str, type_name: str, server: Server, once: LogOnce
+        self,
+        node: Node,
+        name: str,
+        type_name: str,
+        server: Server,
+        once: LogOnce,
+        *,
+        retained: bool,
     ) -> None:
         self.type_name = type_name
         self.seen_s = time.monotonic()
+        self.retained = retained
         self._node = node
         self._name = name
         self._once = once
@@ -117,7 +125,10 @@ class _LiveTopic:
         is_needed = channel is None or channel.is_watched
         if is_needed and self._subscription is None:
             self._subscription = self._node.create_raw_subscription(
-                self._name, self._on_message, type_name=self.type_name
+                self._name,
+                self._on_message,
+                type_name=self.type_name,
+                retained=self.retained,
             )
         elif not is_needed and self._subscription is not None:
             self._subscription.close()
@@ -176,7 +187,7 @@ class LiveTopics:
     def _see(self, name: str, info: TopicInfo, now_s: float) -> None:
         type_name = _type_of(info)
         known = self._topics.get(name)
-        if known is not None and known.type_name == type_name:
+        if known is not None and (known.type_name, known.retained) == (type_name, info.retained):
             known.seen_s = now_s
             return
         if known is None and len(self._topics) >= _MOST_TOPICS:
@@ -184,7 +195,9 @@ class LiveTopics:
             return
         if known is not None:
             known.close()
-        self._topics[name] = _LiveTopic(self._node, name, type_name, self._server, self._once)
+        self._topics[name] = _LiveTopic(
+            self._node, name, type_name, self._server, self._once, retained=info.retained
+        )
 
 
 def _type_of(info: TopicInfo) -> str:

@@ -75,6 +75,11 @@ class RecordedFrames:
         self._at_ns = source.start_ns
         self._start()
 
+    @property
+    def namespace(self) -> str:
+        """The namespace that they are seen from, "" for none."""
+        return self._view.namespace
+
     def _make_selection(self) -> Selection:
         """The streams, and the clock where that is followed; no other topics."""
         names = {channel.stream.name for channel in self._source.streams} | self._described

@@ -15,11 +15,13 @@ class Closable(Protocol):
 class Endpoint:
     """One end of a topic, service or action; it ends with its node, or by `close()` before.
 
-    `type_` is a message class, or its name where the endpoint handles bytes only.
+    `type_` is a message class, or its name where the endpoint handles bytes only. `retained` says
+    of a publisher whether its last message also reaches subscribers that join later.
     """
 
-    def __init__(self, name: str, type_: type | str) -> None:
+    def __init__(self, name: str, type_: type | str, *, retained: bool = False) -> None:
         self.name = name
+        self.retained = retained
         self.type_name = type_ if isinstance(type_, str) else type_name(type_)
         self.closed = False
         self._parts: list[Closable] = []

@@ -70,6 +70,11 @@ class NodeInfo:
                 kind: {each.name: each.type_name for each in endpoints if not each.closed}
                 for kind, endpoints in self._endpoints.items()
             },
+            "retained": [
+                each.name
+                for each in self._endpoints["publishes"]
+                if each.retained and not each.closed
+            ],
         }
 
     def _on_info_query(self, query: Query) -> None:

@@ -271,41 +271,77 @@ class Node:
 
     # What it publishes, subscribes to and serves
 
-    def create_publisher(self, message_type: type[M], topic: str) -> Publisher[M]:
-        """A publisher of messages of this type, a dataclass."""
+    def create_publisher(
+        self, message_type: type[M], topic: str, *, retained: bool = False
+    ) -> Publisher[M]:
+        """A publisher of messages of this type, a dataclass.
+
+        Where it is `retained`, its last message is kept for as long as the node lives, for
+        subscriptions that are `retained` and begin later: what ROS calls transient local.
+        """
         check_message_type("create_publisher(message_type, topic)", message_type)
         topic = check_no_transforms(self._resolve(topic))
-        return self._info.add("publishes", Publisher(self.session, message_type, topic))
+        publisher = Publisher(self.session, message_type, topic, retained=retained)
+        return self._info.add("publishes", publisher)
 
     def create_subscription(
-        self, message_type: type[M], topic: str, callback: Callable[[M], Any]
+        self,
+        message_type: type[M],
+        topic: str,
+        callback: Callable[[M], Any],
+        *,
+        retained: bool = False,
     ) -> Subscription[M]:
-        """Call `callback(message)` for each message on the topic."""
+        """Call `callback(message)` for each message on the topic.
+
+        With `retained` it is called first for the last message of each publisher that is retained,
+        also of those that come later. A message may come again after a link was lost.
+        """
         call = "create_subscription(message_type, topic, callback)"
         check_message_type(call, message_type)
         check_callback(call, callback)
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
-            Subscription(self.session, self.executor, self.log, message_type, topic, callback),
+            Subscription(
+                self.session,
+                self.executor,
+                self.log,
+                message_type,
+                topic,
+                callback,
+                retained=retained,
+            ),
         )
 
-    def create_raw_publisher(self, topic: str, *, type_name: str = "") -> RawPublisher:
-        """A publisher of messages that are bytes already, of a type known by its name only."""
+    def create_raw_publisher(
+        self, topic: str, *, type_name: str = "", retained: bool = False
+    ) -> RawPublisher:
+        """A publisher of messages that are bytes already, of a type known by its name only;
+        `retained` as of `create_publisher`.
+        """
         topic = self._resolve(topic)
-        return self._info.add("publishes", RawPublisher(self.session, topic, type_name))
+        publisher = RawPublisher(self.session, topic, type_name, retained=retained)
+        return self._info.add("publishes", publisher)
 
     def create_raw_subscription(
-        self, topic: str, callback: Callable[[bytes], None], *, type_name: str = ""
+        self,
+        topic: str,
+        callback: Callable[[bytes], None],
+        *,
+        type_name: str = "",
+        retained: bool = False,
     ) -> RawSubscription:
-        """Call `callback(payload)` with the bytes of each message, of any type.
+        """Call `callback(payload)` with the bytes of each message, of any type; `retained` as of
+        `create_subscription`.
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
         check_callback("create_raw_subscription(topic, callback)", callback)
         topic = self._resolve(topic)
         return self._info.add(
-            "subscribes", RawSubscription(self.session, topic, callback, type_name)
+            "subscribes",
+            RawSubscription(self.session, topic, callback, type_name, retained=retained),
         )
 
     def create_service(

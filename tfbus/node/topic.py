@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
+from tfbus.bus.handles import BytesPublisher, Declaration
 from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.node.endpoint import Endpoint
@@ -24,10 +25,12 @@ _REJECTED = "rejected"
 class Publisher(Endpoint, Generic[M]):
     """Sends messages of one type to all subscribers of the topic."""
 
-    def __init__(self, session: Session, message_type: type[M], topic: str):
-        super().__init__(topic, message_type)
+    def __init__(
+        self, session: Session, message_type: type[M], topic: str, *, retained: bool = False
+    ):
+        super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
-        self._publisher = session.publisher(topic)
+        self._publisher = _publisher(session, topic, retained)
         self._parts = [self._publisher]
 
     def publish(self, message: M) -> None:
@@ -42,9 +45,9 @@ class Publisher(Endpoint, Generic[M]):
 class RawPublisher(Endpoint):
     """Sends messages that are bytes already; others see `type_name` as their type."""
 
-    def __init__(self, session: Session, topic: str, type_name: str):
-        super().__init__(topic, type_name)
-        self._publisher = session.publisher(topic)
+    def __init__(self, session: Session, topic: str, type_name: str, *, retained: bool = False):
+        super().__init__(topic, type_name, retained=retained)
+        self._publisher = _publisher(session, topic, retained)
         self._parts = [self._publisher]
 
     def publish(self, payload: bytes) -> None:
@@ -59,10 +62,18 @@ class RawSubscription(Endpoint):
     """
 
     def __init__(
-        self, session: Session, topic: str, callback: Callable[[bytes], None], type_name: str
+        self,
+        session: Session,
+        topic: str,
+        callback: Callable[[bytes], None],
+        type_name: str,
+        *,
+        retained: bool = False,
     ):
-        super().__init__(topic, type_name)
-        self._parts = [session.subscriber(topic, lambda key, payload: callback(payload))]
+        super().__init__(topic, type_name, retained=retained)
+        self._parts = [
+            _subscriber(session, topic, retained, lambda key, payload: callback(payload))
+        ]
 
 
 class Subscription(Endpoint, Generic[M]):
@@ -81,8 +92,10 @@ class Subscription(Endpoint, Generic[M]):
         message_type: type[M],
         topic: str,
         callback: Callable[[M], Any],
+        *,
+        retained: bool = False,
     ):
-        super().__init__(topic, message_type)
+        super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
         self.received = 0
         self.dropped = 0
@@ -93,7 +106,7 @@ class Subscription(Endpoint, Generic[M]):
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
         self._too_large = 0
-        self._parts = [session.subscriber(topic, self._on_message, self._on_too_large)]
+        self._parts = [_subscriber(session, topic, retained, self._on_message, self._on_too_large)]
 
     @property
     def rejected(self) -> int:
@@ -135,3 +148,26 @@ class Subscription(Endpoint, Generic[M]):
             message = self._pending.popleft() if self._pending else None
         if message is not None:
             self._callback(message)
+
+
+def _publisher(session: Session, topic: str, retained: bool) -> BytesPublisher:
+    if not retained:
+        return session.publisher(topic)
+    # Zenoh's extensions take long to load, and most nodes do not need them.
+    from tfbus.bus.retained import declare_retained_publisher
+
+    return declare_retained_publisher(session, topic, urgent=False)
+
+
+def _subscriber(
+    session: Session,
+    topic: str,
+    retained: bool,
+    callback: Callable[[str, bytes], None],
+    on_too_large: Callable[[], object] = lambda: None,
+) -> Declaration:
+    if not retained:
+        return session.subscriber(topic, callback, on_too_large)
+    from tfbus.bus.retained import declare_retained_subscriber
+
+    return declare_retained_subscriber(session, topic, callback, on_too_large)

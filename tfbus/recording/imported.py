@@ -17,6 +17,7 @@ from tfbus.recording.foreign.decoders import (
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage
 from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
+from tfbus.ros.counterparts import counterpart_of_ros
 from tfbus.wire.keys import (
     CLOCK_TOPIC,
     STATIC_TRANSFORMS,
@@ -169,10 +170,17 @@ class _Importer:
 def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Read:
     is_clock = channel.type_name == _CLOCK and topic.rpartition("/")[2] == CLOCK_TOPIC
 
+    counterpart = counterpart_of_ros(channel.type_name, "", topic)
+
     def read(message: ForeignMessage) -> TopicItem:
         values, encoded = decode(message.data)
         if is_clock:
             return TopicItem(message.log_ns, topic, "Clock", _clock_of(values))
+        if counterpart is not None and encoded is not None:
+            is_retained = counterpart.type_name == "RobotDescription"
+            values = counterpart.of_ros(dict(values))
+            name = counterpart.type_name
+            return TopicItem(message.log_ns, topic, name, values, encoded, is_retained)
         return TopicItem(message.log_ns, topic, channel.type_name, values, encoded)
 
     return read

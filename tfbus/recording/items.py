@@ -42,7 +42,7 @@ class TransformItem:
 @dataclass(frozen=True)
 class TopicItem:
     """A message of a topic: its fields by name. `type_name` is the name of its type, as its
-    publisher's node says, "" where it does not.
+    publisher's node says, "" where it does not. A `retained` one stays in force until the next.
 
     `encoded` is the same message as ROS 2 has it, with the definition of its type, where it comes
     from a file: so it is written again as it was.
@@ -53,6 +53,7 @@ class TopicItem:
     type_name: str
     values: Mapping[str, Any]
     encoded: tuple[Definition, bytes] | None = field(default=None, compare=False, repr=False)
+    retained: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, get_args
 
@@ -43,6 +44,7 @@ _QOS = """\
 """
 _VOLATILE = _QOS.format(depth=100, durability=2)
 _TRANSIENT_LOCAL = _QOS.format(depth=1, durability=1)
+_TRANSIENT = re.compile(r"^[ -]*durability: *(1|transient_local)\b", re.MULTILINE)
 
 _KINDS: frozenset[str] = frozenset(get_args(EventKind))
 
@@ -109,8 +111,15 @@ def topic_metadata(item: TopicItem) -> dict[str, str]:
     return {
         "tfbus.topic": item.topic,
         "tfbus.type": item.type_name,
-        "offered_qos_profiles": _VOLATILE,
+        "offered_qos_profiles": _TRANSIENT_LOCAL if item.retained else _VOLATILE,
     }
+
+
+def is_retained(metadata: Mapping[str, str]) -> bool:
+    """Whether the messages of a topic's channel are retained: transient local in ROS, by its number
+    or, in newer files of rosbag2, by its name.
+    """
+    return _TRANSIENT.search(metadata.get("offered_qos_profiles", "")) is not None
 
 
 def topic_of(topic: str, metadata: Mapping[str, str]) -> str:

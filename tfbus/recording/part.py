@@ -21,6 +21,7 @@ from tfbus.recording.layout import (
     SCHEMA_ENCODING,
     event_of,
     has_seq,
+    is_retained,
     is_static_topic,
     stream_of,
     topic_of,
@@ -29,6 +30,7 @@ from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.records import Channel, Chunk, Message, Schema
 from tfbus.recording.selection import Selection
 from tfbus.recording.state import BusState
+from tfbus.ros.counterparts import Counterpart, counterpart_of_ros
 from tfbus.ros.definitions import TF_MESSAGE, Definition
 from tfbus.ros.message_type import PACKAGE
 from tfbus.ros.schema import MessageCodec
@@ -60,6 +62,7 @@ class TopicChannel:
     type_name: str
     decode: Decode | None
     definition: Definition | None = None
+    is_retained: bool = False
 
     @property
     def is_readable(self) -> bool:
@@ -171,12 +174,17 @@ class Part:
                 has_seq(channel.metadata),
             )
             return
+        topic = printable(topic_of(channel.topic, channel.metadata))
+        ros_type = schema.name if schema else ""
+        said = channel.metadata.get("tfbus.type", ros_type)
+        counterpart = counterpart_of_ros(ros_type, said, topic)
         self.topic_channels[channel.id] = TopicChannel(
             channel.id,
-            printable(topic_of(channel.topic, channel.metadata)),
-            printable(channel.metadata.get("tfbus.type", schema.name if schema else "")),
-            _decoder(channel, schema),
+            topic,
+            counterpart.type_name if counterpart else printable(said),
+            _decoder(channel, schema, counterpart),
             _definition(schema),
+            is_retained(channel.metadata),
         )
 
 
@@ -192,12 +200,14 @@ def _definition(schema: Schema | None) -> Definition | None:
         return None
 
 
-def _decoder(channel: Channel, schema: Schema | None) -> Decode | None:
+def _decoder(
+    channel: Channel, schema: Schema | None, counterpart: Counterpart | None
+) -> Decode | None:
     if schema is None or (channel.encoding, schema.encoding) != (ENCODING, SCHEMA_ENCODING):
         return None
     try:
         definition = Definition(schema.name, schema.data.decode())
-        return MessageCodec.of_definition(definition).decode
+        return MessageCodec.of_definition(definition, counterpart).decode
     except (DecodeError, UnicodeDecodeError):
         return None
 
@@ -239,7 +249,16 @@ class StoredChunk:
     noted by the file.
     """
 
-    __slots__ = ("chunk", "from_ns", "length", "offset", "part", "static_streams", "to_ns")
+    __slots__ = (
+        "chunk",
+        "from_ns",
+        "length",
+        "offset",
+        "part",
+        "retained_topics",
+        "static_streams",
+        "to_ns",
+    )
 
     def __init__(self, part: Part, chunk: Chunk) -> None:
         self.part = part
@@ -250,6 +269,11 @@ class StoredChunk:
             part.stream_channels[channel].stream.name
             for channel in chunk.channels
             if channel in part.stream_channels and part.stream_channels[channel].is_static
+        )
+        self.retained_topics = frozenset(
+            part.topic_channels[channel].topic
+            for channel in chunk.channels
+            if channel in part.topic_channels and part.topic_channels[channel].is_retained
         )
 
     def is_taken(self, selection: Selection) -> bool:
@@ -362,7 +386,9 @@ class StoredChunk:
             self.part.note_unreadable(self.chunk, message, error)
             return None
         encoded = None if topic.definition is None else (topic.definition, message.data)
-        return TopicItem(message.log_ns, topic.topic, topic.type_name, values, encoded)
+        return TopicItem(
+            message.log_ns, topic.topic, topic.type_name, values, encoded, topic.is_retained
+        )
 
 
 def _transforms(message: Message, channel: StreamChannel, rows: Columns) -> TransformItem:

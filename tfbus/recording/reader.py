@@ -7,7 +7,7 @@ from functools import partial
 from itertools import accumulate
 
 from tfbus.recording.damage import Damage, united
-from tfbus.recording.items import EventItem, Item, RecordedStream, TransformItem
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.ordered import in_order
 from tfbus.recording.part import Part, StoredChunk
 from tfbus.recording.parts import files_of
@@ -36,13 +36,15 @@ class StreamSummary:
 @dataclass(frozen=True)
 class TopicSummary:
     """A topic: the name of its type, and how many messages there are. Where `is_readable` is false
-    they are in a format that tfbus does not read, and are left out of the items.
+    they are in a format that tfbus does not read, and are left out of the items. One that
+    `is_retained` stays in force until the next.
     """
 
     name: str
     type_name: str
     messages: int
     is_readable: bool = True
+    is_retained: bool = False
 
 
 class RecordingReader(Closing):
@@ -167,6 +169,7 @@ class RecordingReader(Closing):
                     channel.type_name or former.type_name,
                     former.messages + part.counts.get(channel.id, 0),
                     former.is_readable and channel.is_readable,
+                    former.is_retained or channel.is_retained,
                 )
         return tuple(found[name] for name in sorted(found))
 
@@ -208,6 +211,8 @@ class RecordingReader(Closing):
             taken = selection.taken_of(item)
             if taken is not None:
                 state.take(taken)
+        for message in self._last_retained(log_ns, selection):
+            state.take(message)
         return state
 
     def _all_events(self) -> tuple[EventItem, ...]:
@@ -282,6 +287,29 @@ class RecordingReader(Closing):
             for name in last.keys() & names:
                 if name not in found or found[name].log_ns < last[name].log_ns:
                     found[name] = last[name]
+        return list(found.values())
+
+    def _last_retained(self, log_ns: int, selection: Selection) -> list[TopicItem]:
+        """Of each retained topic that the selection takes its last message up to a log time."""
+        names = {
+            topic.name
+            for topic in self.topics
+            if topic.is_retained and topic.is_readable and selection.takes_topic(topic.name)
+        }
+        found: dict[str, TopicItem] = {}
+        only = Selection(topics=tuple(sorted(names)))
+        for at in reversed(range(len(self._chunks))):
+            chunk = self._chunks[at]
+            oldest = min((item.log_ns for item in found.values()), default=log_ns)
+            if found.keys() == names and self._until[at] < oldest:
+                break
+            if chunk.from_ns > log_ns or not (chunk.retained_topics & names):
+                continue
+            for item in chunk.items(only, TFMessageReader())[0]:
+                if isinstance(item, TopicItem) and item.log_ns <= log_ns:
+                    last = found.get(item.topic)
+                    if last is None or last.log_ns <= item.log_ns:
+                        found[item.topic] = item
         return list(found.values())
 
 

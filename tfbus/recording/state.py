@@ -1,8 +1,8 @@
-"""What is in force on a bus at one moment: static sets, streams and nodes."""
+"""What is in force on a bus at one moment: static sets, retained messages, streams and nodes."""
 
 from dataclasses import replace
 
-from tfbus.recording.items import EventItem, Item, TransformItem
+from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 
 # Streams come and go: as a listener remembers, at most this many that are gone are in force.
 MOST_GONE = 1000
@@ -11,13 +11,15 @@ MOST_GONE = 1000
 class BusState:
     """What is in force after the items that were taken.
 
-    `statics` are the static transforms by the name of their stream, `streams` and `nodes` the
-    events that describe them; `gone` are the streams that have gone, whose frames are still shown:
-    the last thousand. Of nodes that have gone the last thousand are known too.
+    `statics` are the static transforms by the name of their stream, `retained` the last messages of
+    topics that are retained, `streams` and `nodes` the events that describe them; `gone` are the
+    streams that have gone, whose frames are still shown: the last thousand. Of nodes that have gone
+    the last thousand are known too.
     """
 
     def __init__(self) -> None:
         self.statics: dict[str, TransformItem] = {}
+        self.retained: dict[str, TopicItem] = {}
         self.streams: dict[str, EventItem] = {}
         self.nodes: dict[str, EventItem] = {}
         self.gone: dict[str, EventItem] = {}
@@ -30,13 +32,15 @@ class BusState:
                 self.statics[item.stream.name] = item
         elif isinstance(item, EventItem):
             self._take_event(item)
+        elif item.retained:
+            self.retained[item.topic] = item
 
     def says(self, item: Item) -> bool:
         """Whether the item changes nothing, as it repeats what is in force."""
         if isinstance(item, TransformItem):
             return item.static and _is_same_set(self.statics.get(item.stream.name), item)
-        if not isinstance(item, EventItem):
-            return False
+        if isinstance(item, TopicItem):
+            return item.retained and _is_same_message(self.retained.get(item.topic), item)
         match item.kind:
             case "stream":
                 return item.name not in self.gone and _is_same(self.streams.get(item.name), item)
@@ -50,9 +54,9 @@ class BusState:
 
     def items(self, log_ns: int) -> list[Item]:
         """The items that put a bus into this state, all at this log time: nodes, streams, their
-        static transforms, and at last the streams that are gone.
+        static transforms, retained messages, and at last the streams that are gone.
         """
-        groups = (self.nodes, self.streams, self.statics, self.gone)
+        groups = (self.nodes, self.streams, self.statics, self.retained, self.gone)
         return [replace(item, log_ns=log_ns) for group in groups for item in group.values()]
 
     def _take_event(self, item: EventItem) -> None:
@@ -81,6 +85,12 @@ class BusState:
 
 def _is_same(former: EventItem | None, item: EventItem) -> bool:
     return former is not None and former.facts == item.facts
+
+
+def _is_same_message(former: TopicItem | None, item: TopicItem) -> bool:
+    if former is None:
+        return False
+    return former.type_name == item.type_name and former.values == item.values
 
 
 def _is_same_set(former: TransformItem | None, item: TransformItem) -> bool:

@@ -51,3 +51,24 @@ float64 w
 
 # Any value, in MessagePack: what a ROS message cannot express otherwise.
 MSGPACK = Definition("tfbus_msgs/msg/Msgpack", "uint8[] data\n")
+
+JOINT_STATE = Definition(
+    "sensor_msgs/msg/JointState",
+    f"""\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{SEPARATOR}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{SEPARATOR}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+""",
+)
+
+STRING = Definition("std_msgs/msg/String", "string data\n")

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.messages import Clock, Color, Pose, Twist
+from tfbus.messages import Clock, Color, JointState, Pose, RobotDescription, Twist
 from tfbus.ros.cdr import CdrWriter
+from tfbus.ros.counterparts import COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import definition_of, message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.inferred import (
@@ -36,14 +37,21 @@ class MessageCodec:
     same number.
     """
 
-    def __init__(self, message: Message, definition: Definition) -> None:
-        self._message = message
+    def __init__(
+        self, message: Message, definition: Definition, counterpart: Counterpart | None = None
+    ) -> None:
         self._codec = codec_of(message)
+        self._counterpart = counterpart
         self.definition = definition
 
     @staticmethod
     def of_type(message_type: type, names: TypeNames | None = None) -> "MessageCodec":
-        """The codec of a dataclass. Messages get names of their own among `names`."""
+        """The codec of a dataclass, that of ROS's own type where it has one that says the same.
+        Messages get names of their own among `names`.
+        """
+        counterpart = COUNTERPARTS.get(name_of(message_type))
+        if counterpart is not None and message_type in _SUPPLIED:
+            return MessageCodec.of_definition(counterpart.definition, counterpart)
         return _codec(type_of_dataclass(message_type), names)
 
     @staticmethod
@@ -56,17 +64,22 @@ class MessageCodec:
         return _codec(type_of_values(type_name, values), names)
 
     @staticmethod
-    def of_definition(definition: Definition) -> "MessageCodec":
-        """The codec of a type of a file: any type of ROS 2, or one of ours.
+    def of_definition(
+        definition: Definition, counterpart: Counterpart | None = None
+    ) -> "MessageCodec":
+        """The codec of a type of a file: any type of ROS 2, or one of ours. Its values are those of
+        our `counterpart`, where there is one.
 
         Raises DecodeError where the definition is not valid, or has a wstring.
         """
-        return MessageCodec(message_of(definition), definition)
+        return MessageCodec(message_of(definition), definition, counterpart)
 
     def encode(self, values: Mapping[str, Any]) -> bytes | None:
         """The message with these values; None where they are not of this type."""
         writer = CdrWriter()
         try:
+            if self._counterpart is not None:
+                values = self._counterpart.to_ros(values)
             self._codec.write(writer, values if type(values) is dict else dict(values))
         except (UnfitError, struct.error, OverflowError, UnicodeEncodeError):
             return None
@@ -84,7 +97,7 @@ class MessageCodec:
         reader.finish()
         if not isinstance(values, dict):
             raise DecodeError("the message is no map of fields")
-        return values
+        return values if self._counterpart is None else self._counterpart.of_ros(values)
 
 
 def _codec(message: Message, names: TypeNames | None) -> MessageCodec:
@@ -98,6 +111,7 @@ RAW = MessageCodec(MSGPACK, definition_of(MSGPACK))
 
 # Those that nodes publish.
 _KNOWN = {name_of(each): each for each in (Clock, Color, Pose, Twist)}
+_SUPPLIED = (JointState, RobotDescription)
 
 
 class MessageCodecs:
@@ -126,7 +140,10 @@ class MessageCodecs:
         codecs = self._of_type.get(type_name)
         if codecs is None:
             codecs = self._of_type[type_name] = []
-            if type_name in _KNOWN:
+            if (known := COUNTERPARTS.get(type_name)) is not None:
+                message = message_of(known.definition)
+                codecs.append((MessageCodec(message, known.definition, known), message))
+            elif type_name in _KNOWN:
                 self._add(codecs, type_of_dataclass(_KNOWN[type_name]))
         for at, (codec, _) in enumerate(codecs):
             if (data := codec.encode(values)) is not None:

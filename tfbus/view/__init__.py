@@ -20,16 +20,25 @@ if TYPE_CHECKING:
     from tfbus.view.model.settings import ViewSettings as ViewSettings
     from tfbus.view.model.settings import holds_settings as holds_settings
     from tfbus.view.model.settings import load_settings as load_settings
-    from tfbus.view.model.urdf import read_urdf as read_urdf
+    from tfbus.view.model.shown_robot import ShownRobot as ShownRobot
     from tfbus.view.page import Page as Page
     from tfbus.view.page import Serving as Serving
     from tfbus.view.panels.markup import Channel as Channel
     from tfbus.view.panels.markup import Html as Html
+    from tfbus.view.recorded_robots import RecordedRobots as RecordedRobots
     from tfbus.view.replay import Replay as Replay
+    from tfbus.view.robot_source import GivenRobots as GivenRobots
+    from tfbus.view.robot_source import RobotSource as RobotSource
+    from tfbus.view.robots_on_bus import RobotsOnBus as RobotsOnBus
     from tfbus.view.screenshot import Screenshot as Screenshot
     from tfbus.view.screenshot import find_browser as find_browser
 
 _MODULE_OF = {
+    "ShownRobot": "tfbus.view.model.shown_robot",
+    "RecordedRobots": "tfbus.view.recorded_robots",
+    "RobotsOnBus": "tfbus.view.robots_on_bus",
+    "RobotSource": "tfbus.view.robot_source",
+    "GivenRobots": "tfbus.view.robot_source",
     "Channel": "tfbus.view.panels.markup",
     "Cursor": "tfbus.view.model.playhead",
     "Guest": "tfbus.view.guest",
@@ -46,7 +55,6 @@ _MODULE_OF = {
     "holds_settings": "tfbus.view.model.settings",
     "is_local": "tfbus.runtime.addresses",
     "load_settings": "tfbus.view.model.settings",
-    "read_urdf": "tfbus.view.model.urdf",
     "show": "tfbus.view.local",
 }
 

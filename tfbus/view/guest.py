@@ -14,10 +14,14 @@ from tfbus.view.panels.markup import Channel
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A ball of the scene that is worth seeing whole: `middle` (3,) and radius in metres."""
+    """A ball of the scene that is worth seeing whole: `middle` (3,) and radius in metres.
+
+    `toward` (3,) points to where it is first seen from, None for from behind and above.
+    """
 
     middle: NDArray[np.float64]
     radius_m: float
+    toward: NDArray[np.float64] | None = None
 
 
 class Guest(Protocol):

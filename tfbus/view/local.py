@@ -21,8 +21,11 @@ from tfbus.runtime.clock import Clock
 
 if TYPE_CHECKING:
     from tfbus.recording.recording import Recording
+    from tfbus.robot.robot import Robot
     from tfbus.view.page import Page, Serving
+    from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
+    from tfbus.view.robot_source import GivenRobots
 
 _ORANGE = (230, 120, 20)
 _GREY = (90, 90, 100)
@@ -72,8 +75,11 @@ class View:
     InvalidArgumentException for wrong names, shapes and numbers.
     """
 
-    def __init__(self, page: "Page", program: "_Program | Replay") -> None:
+    def __init__(
+        self, page: "Page", program: "_Program | Replay", robots: "GivenRobots | RecordedRobots"
+    ) -> None:
         self._page = page
+        self._robots = robots
         self._program = program
         self._thread = threading.Thread(target=self._run, name="tfbus view", daemon=True)
         self._thread.start()
@@ -353,6 +359,18 @@ class View:
             ),
         )
 
+    def add_robot(self, robot: "Robot", *, prefix: str = "") -> None:
+        """Draw a robot: its links at the frames of their names behind `prefix`, with their meshes.
+
+        While the buffer has none of these frames it stands at the origin, with sliders in the page
+        for its joints. A robot of the same name and prefix is replaced.
+        """
+        from tfbus.view.model.shown_robot import ShownRobot
+
+        if prefix:
+            check_frame_id(prefix, "prefix")
+        self._robots.add(ShownRobot(robot, prefix))
+
     def remove(self, name: str) -> None:
         """Remove a shape. Raises InvalidArgumentException if there is none of that name."""
         if not self._page.drawn.remove(name):
@@ -443,6 +461,7 @@ def show(
     try:
         from tfbus.view.model.settings import ViewSettings
         from tfbus.view.page import Page, Serving
+        from tfbus.view.robot_source import GivenRobots
     except ImportError as error:
         from tfbus.command import install_command
 
@@ -455,13 +474,15 @@ def show(
         raise InvalidArgumentException("at_ns is a time of a recording, and this is a buffer")
     program = _Program(buffer)
     serving = replace(serving, history_s=history_s or _history_s(buffer))
-    return View(Page(program, buffer, program, serving), program)
+    robots = GivenRobots()
+    return View(Page(program, buffer, program, serving, robots), program, robots)
 
 
 def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:
     from tfbus.recording.reader import RecordingReader
     from tfbus.view.model.playhead import Cursor
     from tfbus.view.page import Page
+    from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
 
     # Its own: the program may close the recording, and a reader is for one thread.
@@ -470,12 +491,13 @@ def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | Non
         start_ns = reader.start_ns
         cursor = Cursor(start_ns, plays=True) if at_ns is None else Cursor(at_ns)
         replay = Replay(reader, cursor=cursor)
-        page = Page(replay, replay.buffer, replay, serving, replay=replay)
+        robots = RecordedRobots(reader, replay)
+        page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
     except BaseException:
         reader.close()
         raise
     replay.measure_meanwhile()
-    return View(page, replay)
+    return View(page, replay, robots)
 
 
 def _history_s(buffer: Buffer) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import viser
 
 from tfbus.buffer.buffer import Buffer
@@ -18,16 +19,16 @@ from tfbus.view.model.placement import Floats, Placed, place, trail
 from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
-from tfbus.view.model.urdf import Visual
 from tfbus.view.model.view_state import ViewState
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
-from tfbus.view.scene.camera import Cameras, around, region_of
+from tfbus.view.robot_source import GivenRobots, RobotSource
+from tfbus.view.scene.camera import Cameras, around, region_of, region_of_points
 from tfbus.view.scene.drawn import Drawn
 from tfbus.view.scene.labels import Names
 from tfbus.view.scene.marks import SelectedMarks
-from tfbus.view.scene.robot import RobotScene
+from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.scene.scene import Scene
 from tfbus.view.server import serve
 from tfbus.view.source import Host, Publishers
@@ -88,7 +89,7 @@ class Page:
         buffer: Buffer,
         listener: Publishers,
         serving: Serving,
-        robot: Sequence[Visual] = (),
+        robots: RobotSource | None = None,
         guests: Sequence[Guest] = (),
         replay: Replay | None = None,
     ) -> None:
@@ -106,12 +107,13 @@ class Page:
         self._refresh_at_s = 0.0
         self._is_held = False
         self._was_watched = False
-        self._placed = place(self._buffer, "", (), None)
+        # The frames that are drawn, and these with those that only need a place.
+        self._placed = self._whole = place(self._buffer, "", (), None)
         self._seen_from = ""
         self._cameras = Cameras(self._server)
         self._names = Names(self._server, self._selections)
         self._selected_marks = SelectedMarks(self._server, self._selections)
-        self._robot_scene = RobotScene(self._server.scene, robot, node.log)
+        self._robots = RobotScenes(self._server.scene, robots or GivenRobots(), node.log)
         self.drawn = Drawn(self._server.scene)
         self._panel = Panel(
             self._server,
@@ -123,7 +125,7 @@ class Page:
             serving.history_s,
             serving.path,
             serving.title,
-            self._robot_scene.mistakes,
+            self._robots,
             replay,
         )
         self._scene = Scene(self._server.scene, self._select)
@@ -181,6 +183,8 @@ class Page:
         ):
             is_due = True
         self._was_watched = is_watched
+        if self._robots.look(settings) or (is_watched and self._robots.take_meshes()):
+            is_due = True
         if is_due:
             self._frames = self._look(settings)
         if is_due or settings is not self._choice.settings:
@@ -188,17 +192,18 @@ class Page:
         if not is_watched and not is_due:
             return
         choice, stamp_ns = self._choice, playback.stamp_ns
-        around = place(self._buffer, choice.fixed_frame, choice.names, stamp_ns)
-        self._placed = placed = around.without(choice.unseen)
+        whole = place(self._buffer, choice.fixed_frame, choice.names, stamp_ns)
+        self._whole = whole
+        self._placed = placed = whole.without(choice.unseen)
         self._selections.keep(self._server.get_clients())
         with self._server.atomic():
-            self._draw(placed, around, choice, stamp_ns)
+            self._draw(placed, whole, choice, stamp_ns)
             self._keep_sight(choice.fixed_frame, stamp_ns)
             self._selected_marks.draw(self._frames, placed, self._scene.size_m)
             if is_due:
-                self._look_first(placed)
+                self._look_first(placed, whole)
                 now_ns = self._node.now_ns()
-                self._panel.refresh(self._frames, placed, choice.fixed_frame, self._buffer, now_ns)
+                self._panel.refresh(self._frames, whole, choice.fixed_frame, self._buffer, now_ns)
         shown = [self._frames[name] for name in placed.names] if is_due else None
         self._names.draw(shown, placed, settings, self._scene.size_m)
         # Without this the end of a movement would wait for the next one.
@@ -210,6 +215,7 @@ class Page:
 
     def close(self) -> None:
         """Stop serving. Twice is fine."""
+        self._robots.close()
         # viser announces it on standard output.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
@@ -230,45 +236,70 @@ class Page:
     def _choose(self, settings: ViewSettings) -> _Choice:
         frames = self._frames
         fixed_frame = settings.fixed_frame or frames.natural_fixed_frame()
-        shown = [name for name in frames.tree_of(fixed_frame) if settings.shows(name)]
+        # Axes would hide the links of a robot; those that are selected or in conflict have some.
+        covered = {
+            name
+            for name in self._robots.covered - self._selections.chosen
+            if name in frames and frames[name].state != "conflict"
+        }
+        shown = [
+            name
+            for name in frames.tree_of(fixed_frame)
+            if settings.shows(name) and name not in covered
+        ]
         # Links and guests are drawn whether or not the axes of their frames are.
         others = {
-            *self._robot_scene.links,
+            *self._robots.frames,
+            *covered,
             *self.drawn.frames,
             *(name for each in self._guests for name in each.frames),
         }
         unseen = frozenset(name for name in others - set(shown) if name in frames)
         return _Choice(settings, fixed_frame, (*shown, *unseen), unseen)
 
-    def _draw(self, placed: Placed, around: Placed, choice: _Choice, stamp_ns: int | None) -> None:
+    def _draw(self, placed: Placed, whole: Placed, choice: _Choice, stamp_ns: int | None) -> None:
         settings, fixed_frame = choice.settings, choice.fixed_frame
         end_ns = self._panel.newest_ns if stamp_ns is None else stamp_ns
         trails: dict[str, Floats] = {}
         for name in settings.trails:
-            if name in placed.index:
+            if name in whole.index and settings.shows(name):
                 path = trail(self._buffer, fixed_frame, name, end_ns, settings.trail_s)
                 if len(path) > 1:
                     trails[name] = path
-        self._robot_scene.draw(around)
-        self.drawn.draw(around)
+        self._robots.draw(whole, self._frames)
+        self.drawn.draw(whole)
         for guest in self._guests:
-            guest.draw(around, fixed_frame)
+            guest.draw(whole, fixed_frame)
         regions = [guest.region for guest in self._guests]
         around_m = max((region.radius_m for region in regions if region), default=0.0)
+        points = self._robots.points(whole, self._frames)
+        if len(points):
+            around_m = max(around_m, float(np.ptp(points, axis=0).max()))
         self._scene.draw(self._frames, placed, trails, settings, around_m)
 
     # The cameras
 
-    def _look_first(self, placed: Placed) -> None:
+    def _look_first(self, placed: Placed, whole: Placed) -> None:
+        """Let browsers see what there is; `whole` also has the frames without axes."""
         # Most frames of a recording come right after its beginning, where it waits for a browser.
         if self._replay and not self._was_watched:
             return
         region = self._guests_region()
-        if region or len(placed.names) >= 2:
+        with_robots = self._region_with_robots(placed, whole)
+        if region or with_robots or len(placed.names) >= 2:
             later = self._region_later(placed)
-            has_more = region is not None or later is not None
-            shown = region or later or region_of(placed)
-            self._cameras.aim(shown, has_more, len(placed.names))
+            has_more = any(found is not None for found in (region, with_robots, later))
+            shown = region or later or with_robots or region_of(placed)
+            loaded, meshes = self._robots.progress
+            count = len(whole.names) + loaded
+            self._cameras.aim(shown, has_more, count, is_loading=loaded < meshes)
+
+    def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:
+        """The ball around frames and robots; None without a robot that has a place."""
+        points = self._robots.points(whole, self._frames)
+        if not len(points):
+            return None
+        return region_of_points(np.concatenate((placed.xyz, points)))
 
     def _region_later(self, placed: Placed) -> Region | None:
         """Where the frames of a recording that plays are now and later; None if it is held, or
@@ -302,10 +333,10 @@ class Page:
             self._cameras.refit(region_of(self._placed))
 
     def _show_all(self, client: int) -> None:
-        """Show all frames that are drawn, and what a guest shows."""
+        """Show all frames and robots that are drawn, and what a guest shows."""
         region = self._guests_region()
-        if self._placed.names or region is None:
-            frames = region_of(self._placed)
+        if self._placed.names or self._robots.robots or region is None:
+            frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
             region = around(frames, region) if region else frames
         self._cameras.show(client, region)
 

@@ -64,7 +64,7 @@ class Replay:
         self.samples: tuple[Buffer, ...] = ()
         self._reader = reader
         self._namespace = namespace
-        self._fleet = fleet
+        self.fleet = fleet
         start_ns = reader.start_ns if start_ns is None else start_ns
         end_ns = reader.end_ns if end_ns is None else end_ns
         self.timeline = known_timeline(reader, start_ns, end_ns)
@@ -82,6 +82,11 @@ class Replay:
     def buffer(self) -> Buffer:
         """The transforms up to the cursor."""
         return self._frames.buffer
+
+    @property
+    def namespace(self) -> str:
+        """The namespace that it shows."""
+        return self._frames.namespace
 
     def streams(self) -> Sequence[StreamInfo]:
         """The streams as they were at the cursor."""
@@ -200,7 +205,7 @@ class Replay:
 
     def _frames_of(self, reader: "RecordingReader", cache_time_s: float) -> RecordedFrames:
         return RecordedFrames(
-            reader, namespace=self._namespace, fleet=self._fleet, cache_time_s=cache_time_s
+            reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
 
     def _read_to(self, at_ns: int) -> None:

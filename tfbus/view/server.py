@@ -42,10 +42,27 @@ def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
     server.scene.set_up_direction("+z")
     # Shadows and reflections say nothing about frames, and without a graphics card take most of
     # the time.
-    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.configure_default_lights(enabled=False, cast_shadow=False)
     server.scene.configure_environment_map(None)
-    server.scene.add_light_ambient("/light", intensity=1.0)
+    _light(server.scene)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+def _light(scene: viser.SceneApi) -> None:
+    """Light from all sides, most from the front and above: white robots keep their edges, and black
+    ones are not lost in the dark.
+    """
+    scene.add_light_hemisphere(
+        "/light/sky", sky_color=(255, 255, 255), ground_color=(165, 165, 170), intensity=2.2
+    )
+    for name, position, intensity in (
+        ("key", (2.0, 1.0, 3.0), 1.7),
+        ("fill", (-2.0, -1.5, 1.0), 0.6),
+        ("side", (1.0, -3.0, 0.5), 0.3),
+    ):
+        scene.add_light_directional(
+            f"/light/{name}", intensity=intensity, position=position, cast_shadow=False
+        )

@@ -46,7 +46,8 @@ class NodeDescription:
     """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
-    `unread` are those of its `streams` with dynamic transforms that no process subscribes to.
+    `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
+    `retained` those of the topics that it publishes whose last message reaches late subscribers.
     All names come as they can be printed.
     """
 
@@ -64,9 +65,10 @@ class NodeDescription:
     calls: dict[str, str]
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
+    retained: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        _make_printable(self, "name", "host", "version", "session", "streams", "unread")
+        _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")
         _make_printable(self, "publishes", "subscribes", "serves", "calls")
 
 

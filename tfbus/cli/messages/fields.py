@@ -84,10 +84,16 @@ def _type_name(hint: Any) -> str:
 
 def _value(entry: "Field[Any]", hint: Any) -> Any:
     if entry.default is not MISSING:
-        return entry.default
+        return _plain(entry.default)
     if entry.default_factory is not MISSING:
-        made = entry.default_factory()
-        return as_map(made) if is_dataclass(made) else made
+        return _plain(entry.default_factory())
     if isinstance(hint, type) and is_dataclass(hint):
         return prototype(hint)
     return _ZEROS.get(get_origin(hint) or hint)
+
+
+def _plain(value: Any) -> Any:
+    """A default as the wire has it: maps and lists."""
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return as_map(value) if is_dataclass(value) and not isinstance(value, type) else value

@@ -16,7 +16,7 @@ from tfbus.cli.messages.view import MessageFilter, Shortening, csv_row, part_of
 from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, warn, yaml_text
 from tfbus.cli.topic.inbox import Arrival, Inbox
-from tfbus.cli.topic.source import full_topic, type_of, visiting
+from tfbus.cli.topic.source import full_topic, may_be_retained, type_of, visiting
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName, matching
@@ -161,8 +161,10 @@ def echo_command(
         return
     topic = relative(topic, settings.namespace)
     with visiting(settings, "echo", goes_on=not once) as node:
-        type_name = _type_name(type_of(look(node.session), topic), topic, type_text)
-        with Inbox(node, topic, type_name, timeout_s=timeout_s) as inbox:
+        graph = look(node.session)
+        type_name = _type_name(type_of(graph, topic), topic, type_text)
+        retained = may_be_retained(graph, topic)
+        with Inbox(node, topic, type_name, timeout_s=timeout_s, retained=retained) as inbox:
             if raw:
                 texts: Iterable[str] = (arrival.payload.hex() for arrival in inbox)
             else:

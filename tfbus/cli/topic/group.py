@@ -238,4 +238,5 @@ def _end_lines(end: Endpoint) -> list[str]:
         f"    Type: {end.type or 'unknown'}",
         f"    Host: {end.host}",
         f"    Pid: {end.pid}",
+        *(["    Retained: its last message reaches late subscribers"] if end.retained else ()),
     ]

@@ -36,13 +36,21 @@ class Inbox:
     `timeout_s` (None: never).
     """
 
-    def __init__(self, node: "Node", topic: str, type_name: str, *, timeout_s: float | None = None):
+    def __init__(
+        self,
+        node: "Node",
+        topic: str,
+        type_name: str,
+        *,
+        timeout_s: float | None = None,
+        retained: bool = False,
+    ):
         self._node = node
         self._topic = topic
         self._timeout_s = timeout_s
         self._pending: queue.Queue[Arrival] = queue.Queue(_PENDING)
         self._skipped = 0
-        self._subscription = subscribe(node, topic, type_name, self._take)
+        self._subscription = subscribe(node, topic, type_name, self._take, retained=retained)
 
     def __enter__(self) -> "Inbox":
         return self

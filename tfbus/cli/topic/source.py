@@ -46,10 +46,17 @@ def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> I
     raise SystemExit(0 if goes_on else 128 + signal.SIGINT)
 
 
-def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[bytes], None]) -> Any:
+def subscribe(
+    node: "Node",
+    topic: str,
+    type_name: str,
+    callback: Callable[[bytes], None],
+    *,
+    retained: bool = False,
+) -> Any:
     """Call `callback(payload)` for each message, on a thread of Zenoh.
 
-    Static transforms come at once, as for a listener.
+    Static transforms come at once, as for a listener, and so do messages that are `retained`.
     """
     from tfbus.bus.retained import declare_retained_subscriber  # Zenoh
 
@@ -59,7 +66,13 @@ def subscribe(node: "Node", topic: str, type_name: str, callback: Callable[[byte
         return declare_retained_subscriber(node.session, key, lambda _, payload: callback(payload))
     if kind == TRANSFORMS:  # each frame of a split stream has its own key
         return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
-    return node.create_raw_subscription(topic, callback, type_name=type_name)
+    return node.create_raw_subscription(topic, callback, type_name=type_name, retained=retained)
+
+
+def may_be_retained(graph: Graph, topic: str) -> bool:
+    """Whether the messages of a topic are retained, or its publisher is still to come."""
+    info = graph.topics.get(topic)
+    return info is None or not info.publishers or info.retained
 
 
 def full_topic(topic: str, settings: NodeSettings) -> str:

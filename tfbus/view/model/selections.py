@@ -20,6 +20,12 @@ class Selections:
         with self._lock:
             return self._chosen.setdefault(client, self._last)
 
+    @property
+    def chosen(self) -> frozenset[str]:
+        """The frames that any browser has selected."""
+        with self._lock:
+            return frozenset(name for name in self._chosen.values() if name)
+
     def select(self, client: int, frame: str) -> None:
         """Select a frame in one browser."""
         with self._lock:

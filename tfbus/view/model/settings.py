@@ -22,6 +22,9 @@ class ViewSettings:
     names, `hidden` the frames whose box is not ticked, `trails` those that draw where they were in
     the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
     `opacity` is that of axes and arrows, 0 to 1.
+
+    `shapes` of robots are "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
+    are not drawn. The links of those that are drawn have axes, names and arrows with `link_axes`.
     """
 
     fixed_frame: str = ""
@@ -40,6 +43,10 @@ class ViewSettings:
     trail_s: float = 5.0
     measure_from: str = ""
     measure_to: str = ""
+    shapes: str = "visual"
+    robot_opacity: float = 1.0
+    link_axes: bool = False
+    hidden_robots: tuple[str, ...] = ()
 
     @cached_property
     def filter(self) -> NameFilter:
@@ -52,7 +59,15 @@ class ViewSettings:
 
 
 # The least and the most of each number; the page's controls take no others.
-RANGES = {"scale": (0.1, 10.0), "opacity": (0.05, 1.0), "trail_s": (0.5, 60.0)}
+RANGES = {
+    "scale": (0.1, 10.0),
+    "opacity": (0.05, 1.0),
+    "trail_s": (0.5, 60.0),
+    "robot_opacity": (0.05, 1.0),
+}
+
+# The shapes of robots to choose from.
+SHAPES = ("visual", "collision", "both")
 
 _FIELDS: dict[str, type] = {field.name: type(field.default) for field in fields(ViewSettings)}
 
@@ -112,7 +127,7 @@ def _read(name: object, value: Any) -> Any:
     if wanted is tuple:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):
             return tuple(value)
-        raise SettingsError(f"{name} must be a list of frame names, got {value!r}")
+        raise SettingsError(f"{name} must be a list of names, got {value!r}")
     if wanted is float and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     kind: type = type(value)
@@ -122,6 +137,8 @@ def _read(name: object, value: Any) -> Any:
         least, most = RANGES[name]
         if not least <= value <= most:
             raise SettingsError(f"{name} must be from {least:g} to {most:g}, got {value:g}")
+    if name == "shapes" and value not in SHAPES:
+        raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
     if name in ("only", "never"):
         NameFilter(value)
     return value

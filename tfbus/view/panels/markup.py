@@ -129,6 +129,8 @@ div:has(> .tfbus-channel) + div { display: none; }
   text-overflow: ellipsis; white-space: nowrap; }
 .tf-row button:focus-visible { outline: 2px solid #228be6; border-radius: 3px; }
 div:has(> .tf[role=tree]) { max-height: 42vh; overflow-y: auto; scrollbar-width: thin; }
+.tf-robot { display: flex; align-items: center; gap: 0.4em; flex: 1; min-width: 0;
+  cursor: pointer; overflow-wrap: anywhere; }
 .tf-title { display: flex; align-items: center; gap: 0.8em; margin: 0.3em 0; }
 .tf-title b { flex: 1; }
 .tf-title label { display: flex; align-items: center; gap: 0.3em; cursor: pointer; }

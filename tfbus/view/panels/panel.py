@@ -19,17 +19,18 @@ from tfbus.view.panels.measure import MeasurePanel
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.player_markup import SCRIPT as PLAYER_SCRIPT
 from tfbus.view.panels.player_markup import STYLE as PLAYER_STYLE
+from tfbus.view.panels.robots import RobotsPanel, progress_text
 from tfbus.view.panels.time import TimePanel
 from tfbus.view.panels.tree import TreePanel
 from tfbus.view.replay import Replay
+from tfbus.view.scene.robots import RobotScenes
 
 
 class Panel:
     """All controls; `refresh` brings them up to date.
 
-    `mistakes` are shown below the tree: why parts of a robot cannot be drawn. A `replay` has a bar
-    below the scene that plays it. `newest_ns` is the
-    latest time at which all dynamic frames can be placed.
+    Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
+    scene that plays it. `newest_ns` is the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class Panel:
         history_s: float,
         path: Path,
         title: str,
-        mistakes: Sequence[str] = (),
+        robots: RobotScenes,
         replay: Replay | None = None,
     ) -> None:
         self._server = server
@@ -67,8 +68,7 @@ class Panel:
         self._tabs = tabs = gui.add_tab_group()
         with tabs.add_tab("Frames") as tab:
             self._tree = TreePanel(server, tab, view, selections, channel)
-            if mistakes:
-                gui.add_html(text.mistakes(mistakes))
+            self._mistakes = Html(gui.add_html(""))
         with tabs.add_tab("Measure"):
             self._measure = MeasurePanel(gui, view)
         with tabs.add_tab("View"):
@@ -76,6 +76,9 @@ class Panel:
         for guest in guests:
             guest.join(server.scene, is_watched)
         self._tab_of: dict[Guest, viser.GuiTabHandle] = {}
+        self._robots = robots
+        self._robots_tab: viser.GuiTabHandle | None = None
+        self._robots_panel: RobotsPanel | None = None
 
     def refresh(
         self, frames: Frames, placed: Placed, fixed_frame: str, buffer: Buffer, now_ns: int
@@ -86,9 +89,12 @@ class Panel:
         playback = self._view.playback
         missing = len(placed.missing)
         empty = text.WAITING
+        if self._robots.robots:
+            empty = text.robots_alone([robot.title for robot in self._robots.robots])
         if self._replay:
             empty = text.nothing_recorded("" if len(frames) else self._replay.hint())
-        headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty)
+        loading = progress_text(self._robots.progress)
+        headline = text.headline(frames, fixed_frame, playback, missing, now_ns, empty, loading)
         if self._replay and self._replay.mistake:
             headline += text.mistakes([self._replay.mistake])
         self._headline.show(headline)
@@ -96,7 +102,10 @@ class Panel:
             self._time.refresh()
         self.follow_player()
         self._tree.refresh(frames, placed, fixed_frame, buffer, now_ns)
+        mistakes = self._robots.mistakes()
+        self._mistakes.show(text.mistakes(mistakes) if mistakes else "")
         self._measure.refresh(frames, buffer)
+        self._refresh_robots(frames)
         for guest in self._guests:
             self._refresh_guest(guest)
         self._display.refresh()
@@ -105,6 +114,23 @@ class Panel:
         """Show where a recording is shown, if browsers cannot foresee that."""
         if self._player:
             self._player.refresh()
+
+    def _refresh_robots(self, frames: Frames) -> None:
+        """Show the tab of robots while there are any."""
+        if not self._robots.robots:
+            if self._robots_tab is not None:
+                self._robots_tab.remove()
+            self._robots_tab = self._robots_panel = None
+            return
+        if self._robots_panel is None or self._robots_tab is None:
+            self._robots_tab = self._tabs.add_tab(RobotsPanel.title)
+            with self._robots_tab:
+                self._robots_panel = RobotsPanel(
+                    self._server.gui, self._view, self._channel, self._robots
+                )
+        # Its sliders come and go with the robots.
+        with self._robots_tab:
+            self._robots_panel.refresh(frames)
 
     def _refresh_guest(self, guest: Guest) -> None:
         """Show the guest's tab, the last one, while the guest is present."""

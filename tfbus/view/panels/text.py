@@ -12,7 +12,7 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.view.model.playback import Playback
 from tfbus.view.model.shown_frames import FAULTS, Frames, ViewFrame
 from tfbus.view.panels.markup import sign
-from tfbus.wording import and_more, counted, duration, listed, stamp_text
+from tfbus.wording import and_more, counted, duration, listed, printable, stamp_text
 
 _MOST_MISTAKES = 5
 _MOST_ROOTS = 5
@@ -37,14 +37,16 @@ def headline(
     missing: int = 0,
     now_ns: int = 0,
     empty: str = WAITING,
+    loading: str = "",
 ) -> str:
     """What the page shows, or what it waits for; `now_ns` is the time to judge a pause by.
 
     `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
-    to say without any frame, as HTML.
+    to say without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
     """
+    loads = [f'<span class="tf-note-whole">loading {loading}</span>'] if loading else []
     if not len(frames):
-        return f'<div class="tf" role="status">{empty}</div>'
+        return f'<div class="tf" role="status">{" · ".join([empty, *loads])}</div>'
     if fixed_frame not in frames:
         known = listed([escape(root) for root in frames.roots], most=_MOST_ROOTS)
         return (
@@ -61,11 +63,21 @@ def headline(
     if apart:
         notes.append(f'<span class="tf-alarm tf-note-whole">{apart} without a place</span>')
     parts = [f"{counted(len(frames), 'frame')}, seen from <b>{escape(fixed_frame)}</b>", *notes]
+    parts += loads
     if playback.stamp_ns is not None:
         ago_s = (now_ns - playback.stamp_ns) / 1e9
         ago = f", {duration(ago_s)} ago" if ago_s >= 0.1 else ""
         parts.append(f"<b>paused</b> at {clock_time(playback.stamp_ns, now_ns)}{ago}")
     return f'<div class="tf" role="status">{" · ".join(parts)}</div>'
+
+
+def robots_alone(titles: Sequence[str]) -> str:
+    """What to say of robots without any frame, as HTML."""
+    named = escape(listed([printable(title) for title in titles], most=3))
+    return (
+        f"<b>No transforms yet.</b> <code>tfbus robot_state</code> publishes the frames of {named} "
+        "from <code>joint_states</code>, and <code>tfbus joints</code> publishes those."
+    )
 
 
 def nothing_recorded(hint: str) -> str:

@@ -16,11 +16,16 @@ from tfbus.view.model.placement import Floats, Placed
 # The first look is from behind, a little from the side, and from above: a unit vector.
 _FROM = np.array((-0.26, -0.71, 0.65)) / math.sqrt(0.26**2 + 0.71**2 + 0.65**2)
 
+# Robots look along x: they are seen from the front, as in RViz.
+FRONT = np.array((0.74, 0.52, 0.43)) / math.sqrt(0.74**2 + 0.52**2 + 0.43**2)
+
 # A window that is narrower than this, width by height, is a telephone's.
 _NARROW = 0.75
 
-# Frames that come later than this do not move the camera.
+# Frames that come later than this do not move the camera; while the meshes of robots are being
+# loaded, cameras that nobody has moved wait for them.
 _SETTLE_S = 3.0
+_LOADING_S = 30.0
 
 # viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
@@ -64,12 +69,13 @@ class Window:
 
 
 def overview(
-    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats = _FROM
+    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats | None = None
 ) -> tuple[Floats, Floats]:
     """Where to look from, and at which point, to see a ball whole; `toward` points to the camera.
 
     In a window much higher than wide the ball is in the upper half, above the panel.
     """
+    toward = _FROM if toward is None else toward
     distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
     if aspect >= _NARROW:
         return middle + distance_m * toward, middle
@@ -87,6 +93,13 @@ def region_of(placed: Placed) -> Region:
         return Region(np.zeros(3), 0.85)
     middle = (placed.xyz.min(axis=0) + placed.xyz.max(axis=0)) / 2.0
     return Region(middle, 0.85 * max(placed.extent_m(), 1.0))
+
+
+def region_of_points(xyz: Floats) -> Region:
+    """The ball in which points (N, 3) lie, by the box around them; at least 0.05 m large."""
+    low, high = xyz.min(axis=0), xyz.max(axis=0)
+    radius_m = 0.5 * float(np.linalg.norm(high - low))
+    return Region((low + high) / 2.0, max(radius_m, 0.05), FRONT)
 
 
 def around(one: Region, other: Region) -> Region:
@@ -110,35 +123,53 @@ class Cameras:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._seen = (False, 0)
-        self._settled_at_s = 0.0
+        self._settled_at_s = self._loaded_by_s = 0.0
+        self._is_loading = False
         self._placed: set[int] = set()
+        self._left_at: dict[int, Floats] = {}
         self._start = Region(np.zeros(3), 1.0)
 
-    def aim(self, region: Region, has_guest: bool, frames: int) -> None:
+    def aim(
+        self, region: Region, has_guest: bool, frames: int, *, is_loading: bool = False
+    ) -> None:
         """Take the ball around all that is shown now.
 
-        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared.
+        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared; while
+        it `is_loading` for longer, those whose camera is where it was left.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
         what, before = (has_guest, frames), self._seen
         if not before[1] or has_guest > before[0]:
             self._settled_at_s = now_s + _SETTLE_S
-        is_new = what > before and now_s < self._settled_at_s
+            self._loaded_by_s = now_s + _LOADING_S
+        is_settling = now_s < self._settled_at_s
+        is_waiting = self._is_loading and now_s < self._loaded_by_s
+        self._is_loading = is_loading
+        is_new = what > before and (is_settling or is_waiting)
         self._seen = max(what, before)
         if is_new or not clients:
             self._start_at(region)
         for number, client in clients.items():
             camera = client.camera
-            if is_new or (number not in self._placed and camera.aspect < _NARROW):
-                _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
+            is_first = number not in self._placed and camera.aspect < _NARROW
+            if is_first or (is_new and (is_settling or self._is_left(number, camera))):
+                _move(camera, *_overview(region, camera.aspect))
+                self._left_at[number] = np.array(camera.position)
+            elif number not in self._placed:
+                self._left_at[number] = np.array(camera.position)
         self._placed = set(clients)
+
+    def _is_left(self, number: int, camera: Any) -> bool:
+        """Whether a camera is where it was left, and so nobody has moved it."""
+        left_at = self._left_at.get(number)
+        return left_at is not None and np.allclose(camera.position, left_at, atol=1e-3)
 
     def show(self, client: int, region: Region) -> None:
         """Let one browser see this ball whole, from where cameras start."""
         if handle := self._server.get_clients().get(client):
             camera = handle.camera
-            _move(camera, *overview(region.middle, region.radius_m, camera.aspect))
+            _move(camera, *_overview(region, camera.aspect))
 
     def focus(self, client: int, region: Region) -> None:
         """Let one browser look at the middle of this ball, from the side where its camera is.
@@ -175,7 +206,11 @@ class Cameras:
         """Where browsers start that are opened later, and where viser's Reset View leads."""
         self._start = region
         initial: Any = self._server.initial_camera
-        initial.position, initial.look_at = overview(region.middle, region.radius_m)
+        initial.position, initial.look_at = _overview(region)
+
+
+def _overview(region: Region, aspect: float = 1.0) -> tuple[Floats, Floats]:
+    return overview(region.middle, region.radius_m, aspect, region.toward)
 
 
 def _move(camera: Any, position: Floats, look_at: Floats) -> None:

@@ -1,101 +1,315 @@
 """The shapes of a robot's links, each at its frame."""
 
-import logging
-from collections.abc import Collection, Sequence
-from importlib import import_module
-from typing import Any
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
+import numpy as np
 import viser
 
-from tfbus.view.model.placement import Placed
-from tfbus.view.model.urdf import Box, Cylinder, Mesh, Sphere, UrdfError, Visual
+from tfbus.robot.model import Box, Collision, Cylinder, Mesh, Shape, Sphere, Visual
+from tfbus.view.meshes.loader import MeshLoader, MeshSource
+from tfbus.view.meshes.part import Color, Part, bounds_of
+from tfbus.view.model.placement import Floats, Placed
+from tfbus.view.model.shown_robot import ShownRobot
 
-# For shapes without a colour.
-_GREY = (160, 160, 165)
+# For shapes without a colour, and for those that collide.
+_GREY = (180, 182, 186)
+_COLLIDES = (70, 150, 190)
+
+# Where visuals are seen too, collisions are seen through.
+_THROUGH = 0.35
+
+# Fading is sent in steps of this size.
+_STEP = 0.05
+
+Shown = Literal["visual", "collision", "both"]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Which shapes are drawn, and how opaque they are, from 0 to 1."""
+
+    shown: Shown = "visual"
+    opacity: float = 1.0
+
+
+@dataclass(eq=False)
+class _Node:
+    """An object of viser: of the visuals or of the collisions. `opacity` is that of its material;
+    `parts` that has a picture is drawn in its mean colour where it is seen through.
+    """
+
+    link: str
+    handle: Any
+    is_collision: bool
+    opacity: float = 1.0
+    textured: Part | None = None
+    twin: Any = None
+
+
+@dataclass(eq=False)
+class _Waiting:
+    """A mesh that is being loaded, and what to do with its parts."""
+
+    source: MeshSource
+    shape: Visual | Collision
+
+
+@dataclass(eq=False)
+class _Link:
+    frame: Any
+    corners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    fading: float = 1.0
 
 
 class RobotScene:
-    """Draws visuals at the frames of their links; links without a place are hidden.
+    """Draws the shapes of one robot at the frames of its links; links without a place are hidden.
 
-    `mistakes` says of each visual that is left out why, such as a mesh that cannot be read.
+    Meshes appear once `loader` has them. `mistakes` says of each shape that is left out why, such
+    as a mesh that cannot be read.
     """
 
     def __init__(
-        self, scene: viser.SceneApi, visuals: Sequence[Visual], log: logging.Logger
+        self, scene: viser.SceneApi, path: str, robot: ShownRobot, loader: MeshLoader
     ) -> None:
-        self.mistakes: list[str] = []
-        links = dict.fromkeys(visual.link for visual in visuals)
-        self._frames = {
-            link: scene.add_frame(f"/robot/{number}", show_axes=False, visible=False)
-            for number, link in enumerate(links)
+        self.robot = robot
+        self.mistakes: dict[str, None] = {}
+        self._scene = scene
+        self._path = path
+        self._loader = loader
+        self._look = Look()
+        self._nodes: list[_Node] = []
+        self._waiting: list[_Waiting] = []
+        self._sources: dict[MeshSource, bool] = {}
+        self._added: set[bool] = set()
+        self._root = scene.add_frame(path, show_axes=False)
+        self._links = {
+            link: _Link(scene.add_frame(f"{path}/{number}", show_axes=False, visible=False))
+            for number, link in enumerate(robot.shaped_links)
         }
-        for number, visual in enumerate(visuals):
-            try:
-                _add(scene, f"{self._frames[visual.link].name}/{number}", visual)
-            # Mesh readers raise all kinds of errors, ImportError among them.
-            except Exception as error:
-                self.mistakes.append(f"A visual of link {visual.link!r} is not shown: {error}")
-                log.warning("%s", self.mistakes[-1])
+        self._count = 0
+        self.show(Look(), True)
+
+    # What it consists of
 
     @property
-    def links(self) -> Collection[str]:
-        """The links that have visuals."""
-        return self._frames.keys()
+    def sources(self) -> Collection[MeshSource]:
+        """The mesh files that it needs, for what is shown."""
+        return self._sources.keys()
 
-    def draw(self, placed: Placed) -> None:
-        """Move the links to their frames."""
-        for link, frame in self._frames.items():
-            row = placed.index.get(link)
-            if frame.visible != (row is not None):
-                frame.visible = row is not None
+    @property
+    def loaded(self) -> int:
+        """How many of them are loaded, or cannot be."""
+        return sum(self._sources.values())
+
+    def points(self, placed: Placed) -> Floats:
+        """The corners (N, 3) of the boxes around its links that have a place, and their origins."""
+        found = [np.zeros((0, 3))]
+        for name, link in self._links.items():
+            row = placed.index.get(self.robot.frame_of(name))
             if row is not None:
-                frame.position, frame.wxyz = placed.xyz[row], placed.quat_wxyz[row]
+                found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
+        return np.concatenate(found)
 
+    # How it is drawn
 
-def _add(scene: viser.SceneApi, path: str, visual: Visual) -> None:
-    x, y, z, w = visual.origin.quat_xyzw
-    place: dict[str, Any] = {"position": visual.origin.xyz, "wxyz": (w, x, y, z)}
-    look: dict[str, Any] = {
-        "color": visual.color or _GREY,
-        "opacity": None if visual.opacity >= 1.0 else visual.opacity,
-    }
-    shape = visual.shape
-    match shape:
-        case Box():
-            scene.add_box(path, dimensions=shape.size, **look, **place)
-        case Cylinder():
-            scene.add_cylinder(path, radius=shape.radius, height=shape.length, **look, **place)
-        case Sphere():
-            scene.add_icosphere(path, radius=shape.radius, subdivisions=3, **look, **place)
-        case Mesh():
-            mesh = load_mesh(shape)
-            if visual.color is None:
-                scene.add_mesh_trimesh(path, mesh, **place)
+    def show(self, look: Look, is_visible: bool) -> None:
+        """Draw it so; collisions are only made once they are shown."""
+        wanted = [kind for kind in (False, True) if _shows(look.shown, kind)]
+        for is_collision in wanted:
+            if is_collision not in self._added:
+                self._added.add(is_collision)
+                self._add_all(self.robot.collisions if is_collision else self.robot.visuals)
+        self._look = look
+        for node in self._nodes:
+            self._dress(node)
+        if self._root.visible != is_visible:
+            self._root.visible = is_visible
+
+    def draw(self, placed: Placed, opacity_of: Callable[[str], float]) -> None:
+        """Move the links to their frames, each as faded as its frame."""
+        faded = set()
+        for name, link in self._links.items():
+            frame = self.robot.frame_of(name)
+            row = placed.index.get(frame)
+            if link.frame.visible != (row is not None):
+                link.frame.visible = row is not None
+            if row is None:
+                continue
+            link.frame.position, link.frame.wxyz = placed.xyz[row], placed.quat_wxyz[row]
+            fading = round(opacity_of(frame) / _STEP) * _STEP
+            if fading != link.fading:
+                link.fading = fading
+                faded.add(name)
+        for node in self._nodes if faded else ():
+            if node.link in faded:
+                self._dress(node)
+
+    def take_meshes(self, most: int) -> bool:
+        """Draw at most this many meshes that have come meanwhile; whether there were any."""
+        taken = 0
+        for waiting in list(self._waiting):
+            mesh = self._loader.found(waiting.source)
+            if mesh is None:
+                continue
+            self._waiting.remove(waiting)
+            self._sources[waiting.source] = True
+            if isinstance(mesh, str):
+                self._note(waiting.shape, f"is not shown: mesh {waiting.source.name}: {mesh}")
             else:
-                scene.add_mesh_simple(path, mesh.vertices, mesh.faces, **look, **place)
+                for name, why in mesh.refused.items():
+                    lack = f"{name} of mesh {waiting.source.name}: {why}"
+                    self._note(waiting.shape, f"is shown without {lack}")
+                self._add_parts(waiting.shape, mesh.parts)
+            taken += 1
+            if taken == most:
+                break
+        return taken > 0
 
+    def remove(self) -> None:
+        """Take it out of the scene."""
+        self._root.remove()
 
-def load_mesh(shape: Mesh) -> Any:
-    """The scaled trimesh.Trimesh of a mesh's file.
+    # The parts
 
-    Raises UrdfError if the file does not exist or no installed package reads it, and any error of
-    a mesh reader.
-    """
-    if not shape.file.is_file():
-        package = shape.name.removeprefix("package://").partition("/")[0]
-        remedy = f"; --package-path names the folder with package {package!r}"
-        raise UrdfError(
-            f"no file {shape.file}" + (remedy if shape.name.startswith("package://") else "")
+    def _add_all(self, shapes: Sequence[Visual | Collision]) -> None:
+        for shape in shapes:
+            match shape.shape:
+                case Mesh():
+                    source = self.robot.source_of(shape.shape)
+                    if isinstance(source, str):
+                        self._note(shape, f"is not shown: mesh {shape.shape.name}: {source}")
+                        continue
+                    self._sources.setdefault(source, False)
+                    self._waiting.append(_Waiting(source, shape))
+                    self._loader.load(source)
+                case _:
+                    self._add_primitive(shape, shape.shape)
+
+    def _note(self, shape: Visual | Collision, what: str) -> None:
+        kind = "collision" if isinstance(shape, Collision) else "visual"
+        self.mistakes[f"A {kind} of link {shape.link!r} {what}"] = None
+
+    def _add_primitive(self, shape: Visual | Collision, primitive: Shape) -> None:
+        path, look = self._next_path(shape), self._solid(shape)
+        make: Any
+        extent: dict[str, Any]
+        match primitive:
+            case Box(size):
+                make, extent = self._scene.add_box, {"dimensions": size}
+                corner = np.array(size) / 2.0
+            case Cylinder(radius, length):
+                make, extent = self._scene.add_cylinder, {"radius": radius, "height": length}
+                corner = np.array((radius, radius, length / 2.0))
+            case Sphere(radius):
+                make, extent = self._scene.add_icosphere, {"radius": radius, "subdivisions": 3}
+                corner = np.full(3, radius)
+            case _:
+                return
+        color = getattr(shape, "color", None)
+        handle = make(path, color=self._color(shape, color), **extent, **look)
+        self._keep(shape, handle, getattr(shape, "opacity", 1.0))
+        self._enclose(shape, np.array([-corner, corner]), (1.0, 1.0, 1.0))
+
+    def _add_parts(self, shape: Visual | Collision, parts: Sequence[Part]) -> None:
+        assert isinstance(shape.shape, Mesh)
+        scale = shape.shape.scale
+        self._enclose(shape, bounds_of(parts), scale)
+        for part in parts:
+            if part.textured and isinstance(shape, Visual):
+                handle: Any = self._scene.add_glb(
+                    self._next_path(shape), part.textured, scale=scale, **_place(shape)
+                )
+                self._keep(shape, handle, 1.0, part)
+                continue
+            # As in RViz, what the mesh says goes first.
+            color = part.color or getattr(shape, "color", None)
+            opacity = part.opacity if part.color else getattr(shape, "opacity", 1.0)
+            handle = self._add_part(shape, part, self._color(shape, color))
+            self._keep(shape, handle, opacity)
+
+    def _add_part(self, shape: Visual | Collision, part: Part, color: Color) -> Any:
+        assert isinstance(shape.shape, Mesh)
+        return self._scene.add_mesh_simple(
+            self._next_path(shape),
+            part.vertices,
+            part.faces,
+            color=color,
+            scale=shape.shape.scale,
+            side="double",
+            **self._solid(shape),
         )
-    # Its functions have no exact types.
-    trimesh: Any = import_module("trimesh")
-    kind = shape.file.suffix[1:].lower()
-    if kind not in trimesh.available_formats():
-        remedy = "pip install pycollada" if kind == "dae" else "convert it to STL or GLB"
-        raise UrdfError(f"no installed package reads {shape.file.name}; {remedy}")
-    mesh = trimesh.load(shape.file, force="mesh")
-    if kind == "dae":
-        # The only format that states its unit.
-        mesh.apply_scale(trimesh.units.unit_conversion(mesh.units, "meters"))
-    mesh.apply_scale(shape.scale)
-    return mesh
+
+    def _keep(
+        self,
+        shape: Visual | Collision,
+        handle: Any,
+        opacity: float,
+        textured: Part | None = None,
+    ) -> None:
+        node = _Node(shape.link, handle, isinstance(shape, Collision), opacity, textured)
+        if textured is not None:
+            node.twin = lambda: self._add_part(shape, textured, textured.color or _GREY)
+        self._nodes.append(node)
+        self._dress(node)
+
+    def _dress(self, node: _Node) -> None:
+        is_shown = _shows(self._look.shown, node.is_collision)
+        opacity = node.opacity * self._look.opacity * self._links[node.link].fading
+        if node.is_collision and self._look.shown == "both":
+            opacity *= _THROUGH
+        if node.textured is None:
+            _set(node.handle, is_shown, opacity)
+            return
+        # viser draws pictures opaque only.
+        is_through = opacity < 1.0
+        if is_through and callable(node.twin):
+            node.twin = node.twin()
+        if not callable(node.twin):
+            _set(node.twin, is_shown and is_through, opacity)
+        _set(node.handle, is_shown and not is_through, None)
+
+    def _color(self, shape: Visual | Collision, color: Color | None) -> Color:
+        return _COLLIDES if isinstance(shape, Collision) else color or _GREY
+
+    def _solid(self, shape: Visual | Collision) -> dict[str, Any]:
+        return {"cast_shadow": False, "receive_shadow": False, **_place(shape)}
+
+    def _next_path(self, shape: Visual | Collision) -> str:
+        self._count += 1
+        return f"{self._links[shape.link].frame.name}/{self._count}"
+
+    def _enclose(
+        self, shape: Visual | Collision, box: Floats, scale: tuple[float, float, float]
+    ) -> None:
+        corners = np.array([[x, y, z] for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]])
+        link = self._links[shape.link]
+        link.corners = np.concatenate((link.corners, shape.origin.apply(corners * scale)))
+
+
+def _shows(shown: Shown, is_collision: bool) -> bool:
+    return shown == "both" or (shown == "collision") == is_collision
+
+
+def _set(handle: Any, is_shown: bool, opacity: float | None) -> None:
+    """Set only what changes: each change is a message to all browsers."""
+    if opacity is not None:
+        wanted = None if opacity >= 1.0 else round(opacity, 3)
+        if handle.opacity != wanted:
+            handle.opacity = wanted
+    if handle.visible != is_shown:
+        handle.visible = is_shown
+
+
+def _place(shape: Visual | Collision) -> dict[str, Any]:
+    x, y, z, w = shape.origin.quat_xyzw
+    return {"position": shape.origin.xyz, "wxyz": (w, x, y, z)}
+
+
+def all_mistakes(scenes: Collection[RobotScene]) -> Iterator[str]:
+    """What cannot be shown, each once; with the robot where there are several."""
+    for each in scenes:
+        lead = f"{each.robot.title}: " if len(scenes) > 1 else ""
+        for mistake in each.mistakes:
+            yield f"{lead}{mistake}"

@@ -1,0 +1,1 @@
+"""What `tfbus robot_state` and `tfbus joints` are made of."""

@@ -1,0 +1,91 @@
+"""Sliders of joints as lines of text, moved by keys."""
+
+from tfbus.wording import columns, counted, cut, printable
+
+from .board import Board
+from .ranges import Range
+
+_HELP = "↑↓ joint  ←→ move  [ ] finely  0 this one to rest  z all  r random  q quit"
+
+# A key moves a joint by this part of its range.
+_STEPS = {"left": -0.02, "right": 0.02, "[": -0.002, "]": 0.002}
+
+_LONGEST_NAME = 26
+_SHORTEST_BAR = 5
+
+_BOLD, _FAINT, _END = "\x1b[1m", "\x1b[2m", "\x1b[0m"
+
+
+class Sliders:
+    """Which joint of a board is chosen, and what keys do to it."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._chosen = 0
+        self._top = 0
+
+    @property
+    def chosen(self) -> str:
+        """The joint that keys move; "" where there is none."""
+        names = list(self._board.ranges)
+        return names[min(self._chosen, len(names) - 1)] if names else ""
+
+    def press(self, key: str) -> None:
+        """Do what a key is for; others are ignored."""
+        board, chosen = self._board, self.chosen
+        if not chosen:
+            return
+        each = board.ranges[chosen]
+        if key in _STEPS:
+            board.set({chosen: board.positions[chosen] + _STEPS[key] * each.width})
+        elif key in ("up", "down"):
+            count = len(board.ranges)
+            self._chosen = (min(self._chosen, count - 1) + (1 if key == "down" else -1)) % count
+        elif key == "0":
+            board.set({chosen: each.rest})
+        elif key == "z":
+            board.rest()
+        elif key == "r":
+            board.randomise()
+
+    def lines(self, width: int, height: int) -> list[str]:
+        """The screen, at most `height` lines of at most `width` columns."""
+        board = self._board
+        if board.robot is None:
+            return [cut("Waiting for a robot on topic robot_description", width)]
+        names = list(board.ranges)
+        title = f"{printable(board.robot.name, 40)}: {counted(len(names), 'joint')}"
+        above = [f"{_BOLD}{cut(title, width)}{_END}", f"{_FAINT}{cut(_HELP, width)}{_END}"]
+        room = max(1, height - len(above))
+        if len(names) > room:
+            room = max(1, room - 1)
+        chosen = min(self._chosen, max(len(names) - 1, 0))
+        self._top = max(chosen - room + 1, min(self._top, chosen, max(0, len(names) - room)))
+        shown = names[self._top : self._top + room]
+        longest = min(_LONGEST_NAME, max(map(columns, map(printable, names)), default=0))
+        rows = [
+            _row(board.ranges[name], board.positions[name], name == self.chosen, longest, width)
+            for name in shown
+        ]
+        if len(shown) < len(names):
+            first, last = self._top + 1, self._top + len(shown)
+            rows.append(f"{_FAINT}{cut(f'  {first} to {last} of {len(names)}', width)}{_END}")
+        return above + rows
+
+
+def _row(each: Range, position: float, is_chosen: bool, longest: int, width: int) -> str:
+    name = cut(printable(each.name), longest)
+    unit = "rad" if each.turns else "m"
+    before = f"{'>' if is_chosen else ' '} {name}{' ' * (longest - columns(name))} "
+    before += f"{position:8.3f} {unit:<3} {each.lower:7.2f} "
+    after = f" {each.upper:.2f}"
+    room = width - columns(before) - max(len(after), 6)
+    text = before + _bar(each, position, room) + after if room >= _SHORTEST_BAR else before
+    text = cut(text, width)
+    return f"{_BOLD}{text}{_END}" if is_chosen else text
+
+
+def _bar(each: Range, position: float, length: int) -> str:
+    part = (position - each.lower) / each.width if each.width else 0.0
+    at = round(part * (length - 1))
+    return "─" * at + "●" + "─" * (length - 1 - at)

@@ -1,0 +1,143 @@
+"""Joint states and descriptions of robots, which ROS has under its own names."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from tfbus import DecodeError, messages
+from tfbus.ros.counterparts import COUNTERPARTS, counterpart_of_ros
+from tfbus.ros.definitions import JOINT_STATE, STRING, Definition
+from tfbus.ros.schema import MessageCodec, MessageCodecs
+from tfbus.wire.codec import as_map
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+STATE = messages.JointState(
+    1_795_354_648_223_567_966, ("a", "b"), (0.5, -1.0), (math.inf, 2.0), (0.0, -0.0)
+)
+
+
+def test_ros_reads_a_joint_state() -> None:
+    """A JointState is a sensor_msgs/msg/JointState of ROS 2, field by field."""
+    codec, data = MessageCodecs().encode("JointState", as_map(STATE))
+    assert codec.definition == JOINT_STATE
+    store = get_typestore(Stores.ROS2_JAZZY)
+    read = store.deserialize_cdr(data, JOINT_STATE.name)
+    assert (read.header.stamp.sec, read.header.stamp.nanosec) == (1_795_354_648, 223_567_966)
+    assert read.header.frame_id == ""
+    assert (read.name, list(read.position)) == (["a", "b"], [0.5, -1.0])
+    assert (list(read.velocity), list(read.effort)) == ([math.inf, 2.0], [0.0, 0.0])
+    assert codec.decode(data) == as_map(STATE)
+
+
+def test_a_joint_state_of_ros_is_ours() -> None:
+    """What ROS wrote reads as a JointState, with velocities that are not known."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    time = types["builtin_interfaces/msg/Time"](7, 5)
+    header = types["std_msgs/msg/Header"](time, "base")
+    import numpy as np
+
+    made = types[JOINT_STATE.name](
+        header, ["a"], np.array([1.0]), np.array([math.nan]), np.array([])
+    )
+    data = bytes(store.serialize_cdr(made, JOINT_STATE.name))
+    text, _ = store.generate_msgdef(JOINT_STATE.name, ros_version=2)
+    codec = MessageCodec.of_definition(
+        Definition(JOINT_STATE.name, text), counterpart_of_ros(JOINT_STATE.name, "", "joint_states")
+    )
+    values = codec.decode(data)
+    assert math.isnan(values.pop("velocities")[0])
+    assert values == {"stamp_ns": 7_000_000_005, "names": ["a"], "positions": [1.0], "efforts": []}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"stamp_ns": 2**62, "names": [], "positions": [], "velocities": [], "efforts": []},
+        {"stamp_ns": 0.5, "names": [], "positions": [], "velocities": [], "efforts": []},
+        {"stamp_ns": 0, "names": [], "positions": []},
+        {"stamp_ns": 0, "names": ["a"], "positions": ["x"], "velocities": [], "efforts": []},
+    ],
+)
+def test_what_ros_cannot_hold_is_kept_as_it_is(values: dict[str, object]) -> None:
+    """A joint state after 2038, or with other fields, is another type, and comes back as it was."""
+    codec, data = MessageCodecs().encode("JointState", values)
+    assert codec.definition.name != JOINT_STATE.name
+    assert codec.decode(data) == values
+
+
+@given(texts, texts, texts)
+def test_a_description_comes_back(urdf: str, prefix: str, source: str) -> None:
+    """A description is a std_msgs/msg/String, and nothing of it is lost."""
+    values = {"urdf": urdf, "prefix": prefix, "source": source}
+    codec, data = MessageCodecs().encode("RobotDescription", values)
+    assert codec.definition == STRING
+    assert codec.decode(data) == values
+
+
+@pytest.mark.parametrize("inside", ["\n<!-- tfbus: x -->", '\n<!-- tfbus: ["a", "b"] -->', "--"])
+def test_a_description_that_looks_like_ours_comes_back(inside: str) -> None:
+    """What stands behind a description cannot be taken for a part of it."""
+    values = {"urdf": f"<robot/>{inside}", "prefix": "", "source": inside}
+    codec, data = MessageCodecs().encode("RobotDescription", values)
+    assert codec.decode(data) == values
+
+
+def test_a_description_stays_xml() -> None:
+    """The text that others read parses, and says the same robot."""
+    from xml.etree import ElementTree
+
+    values = {"urdf": "<robot name='r'/>", "prefix": "--", "source": "<-->"}
+    text = COUNTERPARTS["RobotDescription"].to_ros(values)["data"]
+    assert ElementTree.fromstring(text).attrib == {"name": "r"}
+
+
+def test_a_text_of_ros_is_a_description_on_its_topic_only() -> None:
+    """A std_msgs/msg/String is a description on robot_description, and a plain text elsewhere."""
+    found = counterpart_of_ros(STRING.name, STRING.name, "robot7/robot_description")
+    assert found is COUNTERPARTS["RobotDescription"]
+    assert counterpart_of_ros(STRING.name, STRING.name, "chatter") is None
+
+
+def test_other_fields_under_the_name_are_refused() -> None:
+    """A type that only has the name of ROS's is named as such."""
+    definition = Definition(JOINT_STATE.name, "float64 x\n")
+    codec = MessageCodec.of_definition(definition, COUNTERPARTS["JointState"])
+    data = MessageCodec.of_definition(definition).encode({"x": 1.0})
+    assert data is not None
+    with pytest.raises(DecodeError, match="other fields than ROS's own"):
+        codec.decode(data)
+
+
+def test_a_recording_has_them_for_ros(tmp_path: Path) -> None:
+    """In a file they are types of ROS, the description transient local; read, they are ours."""
+    pytest.importorskip("mcap")
+    from rosbags.highlevel import AnyReader
+
+    from tfbus.recording.items import TopicItem
+    from tfbus.recording.reader import RecordingReader
+    from tfbus.recording.writer import RecordingWriter
+
+    described = {"urdf": "<robot/>", "prefix": "a_", "source": "r.urdf"}
+    items = [
+        TopicItem(1, "robot_description", "RobotDescription", described, retained=True),
+        TopicItem(2, "joint_states", "JointState", as_map(STATE)),
+    ]
+    path = tmp_path / "run.mcap"
+    with RecordingWriter(path) as writer:
+        for item in items:
+            writer.write(item)
+    with AnyReader([path]) as reader:
+        types = {each.topic: each.msgtype for each in reader.connections}
+    assert types == {"/robot_description": STRING.name, "/joint_states": JOINT_STATE.name}
+    with RecordingReader(path) as ours:
+        assert list(ours.items()) == items
+        assert {topic.name: topic.is_retained for topic in ours.topics} == {
+            "joint_states": False,
+            "robot_description": True,
+        }
+        assert ours.state_at(2).items(9)[0].values == described  # type: ignore[union-attr]

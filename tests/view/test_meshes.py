@@ -1,0 +1,241 @@
+"""The meshes that a URDF names, as `tfbus view` reads them: also those of strangers."""
+
+import json
+import struct
+import zipfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser", reason="needs viser: the extra view")
+
+from tests.live_bus import eventually
+from tfbus.view.meshes.creases import with_creases
+from tfbus.view.meshes.guard import MeshError
+from tfbus.view.meshes.loader import MeshLoader, MeshSource
+from tfbus.view.meshes.part import Part, bounds_of
+from tfbus.view.meshes.read import read_mesh
+from tfbus.view.meshes.reader import MeshReader, ReadMesh
+from tfbus.view.meshes.references import References
+from tfbus.view.meshes.request import MeshRequest
+
+# A corner of a box: a triangle 1 m wide and 2 m high.
+TRIANGLE = b"""solid corner
+ facet normal 0 0 1
+  outer loop
+   vertex 0 0 0
+   vertex 1 0 0
+   vertex 0 2 0
+  endloop
+ endfacet
+endsolid
+"""
+
+OBJ = b"""mtllib colors.mtl
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 0 0 1
+usemtl red
+f 1 2 3
+usemtl glass
+f 1 2 4
+"""
+MTL = b"newmtl red\nKd 1 0 0\nnewmtl glass\nKd 0 0.5 0\nd 0.5\n"
+
+
+def box(kind: str) -> bytes:
+    """A box of 1 m, 2 m and 3 m."""
+    trimesh: Any = pytest.importorskip("trimesh")
+    data = trimesh.creation.box((1.0, 2.0, 3.0)).export(file_type=kind)
+    return data.encode() if isinstance(data, str) else bytes(data)
+
+
+def extents(parts: list[Part]) -> list[float]:
+    """The sides of the box around parts."""
+    low, high = bounds_of(parts)
+    return [round(float(side), 6) for side in high - low]
+
+
+def glb(header: dict[str, Any]) -> bytes:
+    """A GLB file of this description alone."""
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    chunk = struct.pack("<II", len(text), 0x4E4F534A) + text
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunk)) + chunk
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply", "off", "glb"])
+def test_a_mesh_of_each_kind_has_its_size_and_no_colour_of_its_own(kind: str) -> None:
+    """So it gets that of the URDF."""
+    parts = read_mesh(kind, box(kind), References())
+    assert extents(parts) == [1.0, 2.0, 3.0]
+    assert [(part.color, part.textured) for part in parts] == [(None, b"")]
+
+
+def test_a_mesh_of_collada_is_read_in_its_unit() -> None:
+    """With pycollada installed, centimetres become metres."""
+    pytest.importorskip("collada", reason="needs pycollada: the extra robot")
+    data = box("dae").replace(b"<asset>", b'<asset><unit name="cm" meter="0.01"/>', 1)
+    assert extents(read_mesh("dae", data, References())) == [0.01, 0.02, 0.03]
+
+
+def test_an_obj_has_a_part_for_each_of_its_materials(tmp_path: Path) -> None:
+    """With their colours, and as transparent as they are."""
+    (tmp_path / "colors.mtl").write_bytes(MTL)
+    parts = read_mesh("obj", OBJ, References(tmp_path, tmp_path))
+    looks = {(part.color, part.opacity) for part in parts}
+    assert looks == {((255, 0, 0), 1.0), ((0, 128, 0), 0.5)}
+
+
+def test_a_picture_is_sent_with_the_mesh_and_gives_its_mean_colour() -> None:
+    """For browsers that draw it, and for where it is seen through."""
+    trimesh: Any = pytest.importorskip("trimesh")
+    from PIL import Image
+
+    mesh = trimesh.creation.box((1.0, 1.0, 1.0))
+    picture = Image.new("RGB", (8, 8), (200, 100, 50))
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=picture)
+    [part] = read_mesh("glb", mesh.export(file_type="glb"), References())
+    assert part.color == pytest.approx((200, 100, 50), abs=4)
+    assert part.textured.startswith(b"glTF")
+
+
+def test_a_material_outside_of_the_package_is_not_read(tmp_path: Path) -> None:
+    """The mesh is there without it, and it is named."""
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "colors.mtl").write_bytes(MTL)
+    references = References(tmp_path / "arm", tmp_path / "arm")
+    outside = OBJ.replace(b"colors.mtl", b"../colors.mtl")
+    parts = read_mesh("obj", outside, references)
+    assert [part.color for part in parts] == [None]
+    assert references.refused == {"../colors.mtl": "it is outside of the mesh's package"}
+
+
+def test_only_pictures_materials_and_buffers_are_read_beside_a_mesh(tmp_path: Path) -> None:
+    """Whatever a mesh names, no other file of the machine is opened."""
+    (tmp_path / "id_rsa").write_bytes(b"secret")
+    references = References(tmp_path, tmp_path)
+    with pytest.raises(FileNotFoundError):
+        references.get("id_rsa")
+    assert references.refused == {"id_rsa": "it is no picture, material or buffer"}
+
+
+def zipped() -> bytes:
+    """A ZIP archive with a DAE."""
+    with BytesIO() as file:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("bomb.dae", b"\0" * 1_000_000)
+        return file.getvalue()
+
+
+BOMB = b'<!DOCTYPE c [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLLADA>'
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "said"),
+    [
+        ("dae", zipped(), "it is a ZIP archive, not XML"),
+        ("dae", BOMB, "it declares XML entities, which are not read"),
+        ("dae", BOMB.decode().encode("utf-16"), "it declares XML entities, which are not read"),
+        ("dae", b"not xml", "it is not XML: syntax error: line 1, column 0"),
+        ("glb", b"not a glb", "it is not a GLB file"),
+        ("glb", glb({"accessors": [{"count": 10**12}]}), "it has more than 2,000,000 triangles"),
+        ("glb", glb({"nodes": [{"children": [1]}, {"children": [1]}]}), "two parents"),
+        ("gltf", b"[1]", "its description is not a JSON object"),
+        ("stl", b"\0" * 80 + struct.pack("<I", 10**9), "it is cut short"),
+        ("stl", b"", "it is empty"),
+        ("blend", b"BLENDER", "no reader for .blend"),
+    ],
+)
+def test_a_file_that_would_harm_a_reader_is_refused(kind: str, data: bytes, said: str) -> None:
+    """Before the reader gets it, in one sentence."""
+    with pytest.raises(MeshError, match=said):
+        read_mesh(kind, data, References())
+
+
+def test_vertices_are_shared_along_smooth_edges_and_not_along_sharp_ones() -> None:
+    """A browser shades by vertices: each side of a box needs its own, a sphere does not."""
+    trimesh: Any = pytest.importorskip("trimesh")
+    for mesh, count in (
+        (trimesh.creation.box(), 24),
+        (trimesh.creation.icosphere(subdivisions=3), 642),
+    ):
+        loose = np.asarray(mesh.triangles, np.float32).reshape(-1, 3)
+        faces = np.arange(len(loose), dtype=np.uint32).reshape(-1, 3)
+        vertices, corners = with_creases(loose, faces)
+        assert len(vertices) == count
+        assert np.array_equal(vertices[corners], loose[faces])
+
+
+# The process that reads
+
+
+def test_meshes_are_read_in_another_process_that_starts_again(tmp_path: Path) -> None:
+    """A file that cannot be read does not end it, and after its end the next file is read."""
+    good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
+    good.write_bytes(TRIANGLE)
+    bad.write_bytes(b"solid nothing")
+    reader = MeshReader()
+    try:
+        with pytest.raises(MeshError):
+            reader.read(MeshRequest("stl", bad, tmp_path))
+        first = reader.read(MeshRequest("stl", good, tmp_path))
+        reader.rest()
+        second = reader.read(MeshRequest("stl", good, tmp_path))
+        assert extents([*first.parts]) == extents([*second.parts]) == [1.0, 2.0, 0.0]
+    finally:
+        reader.close()
+
+
+class Machine:
+    """Another machine with mesh files, that counts what is fetched."""
+
+    def __init__(self, files: dict[str, bytes]) -> None:
+        self.files = files
+        self.fetched: list[str] = []
+
+    def fetch(self, origin: str, name: str) -> bytes:
+        """A file of it."""
+        self.fetched.append(name)
+        if name not in self.files:
+            raise MeshError(f"{origin} has no {name}")
+        return self.files[name]
+
+
+def test_a_mesh_of_another_machine_comes_with_its_materials_and_once() -> None:
+    """They are asked for by their names beside it."""
+    machine = Machine({"package://arm/a.obj": OBJ, "package://arm/colors.mtl": MTL})
+    loader = MeshLoader(machine.fetch)
+    source = MeshSource("package://arm/a.obj", origin="robot7")
+    try:
+        loader.load(source)
+        loader.load(source)
+        eventually(lambda: loader.found(source) is not None)
+        mesh = loader.found(source)
+        assert isinstance(mesh, ReadMesh)
+        assert {part.color for part in mesh.parts} == {(255, 0, 0), (0, 128, 0)}
+        assert machine.fetched == ["package://arm/a.obj", "package://arm/colors.mtl"]
+    finally:
+        loader.close()
+
+
+def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> None:
+    """Neither by a path from the root nor by one that leads out."""
+    secret = tmp_path / "colors.mtl"
+    secret.write_bytes(MTL)
+    machine = Machine({"a.obj": OBJ.replace(b"colors.mtl", str(secret).encode())})
+    loader = MeshLoader(machine.fetch)
+    source = MeshSource("a.obj")
+    try:
+        loader.load(source)
+        eventually(lambda: loader.found(source) is not None)
+        mesh = loader.found(source)
+        assert isinstance(mesh, ReadMesh)
+        assert [part.color for part in mesh.parts] == [None]
+        assert machine.fetched == ["a.obj"]
+    finally:
+        loader.close()

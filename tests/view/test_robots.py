@@ -1,0 +1,269 @@
+"""Robots in the scene of the page, without a browser."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.live_bus import eventually, free_port
+from tfbus import Buffer, InvalidArgumentException, Robot, Transform, TransformStamped
+
+pytest.importorskip("viser", reason="needs viser: the extra view")
+
+from tfbus.frames.snapshot import frame_tree
+from tfbus.view.model.placement import Placed, place
+from tfbus.view.model.settings import ViewSettings
+from tfbus.view.model.shown_frames import Frames, frames_of
+from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.panels.robots import range_of, slider_joints, state_of
+from tfbus.view.robot_source import GivenRobots
+from tfbus.view.scene.robots import RobotScenes
+from tfbus.view.server import serve
+from tfbus.wire.fleet import Fleet
+
+ARM = """<robot name="arm">
+<material name="red"><color rgba="1 0 0 0.5"/></material>
+<link name="base">
+  <visual><geometry><box size="1 1 2"/></geometry><material name="red"/></visual>
+  <collision><geometry><sphere radius="1"/></geometry></collision>
+</link>
+<link name="hand">
+  <visual><geometry><mesh filename="hand.stl" scale="2 2 2"/></geometry></visual>
+</link>
+<link name="tool"/>
+<joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>
+  <axis xyz="0 0 1"/><limit lower="0.5" upper="1.5" effort="1" velocity="1"/></joint>
+<joint name="fix" type="fixed"><parent link="hand"/><child link="tool"/></joint>
+</robot>"""
+
+TRIANGLE = b"""solid
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 2 0
+endloop
+endfacet
+endsolid
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Any]:
+    """A server of viser, with no browser."""
+    server = serve("127.0.0.1", free_port())
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    """An arm with a mesh that is there."""
+    (tmp_path / "hand.stl").write_bytes(TRIANGLE)
+    return Robot.from_text(ARM, folder=tmp_path)
+
+
+@pytest.fixture
+def scenes_of(server: Any) -> Iterator[Callable[..., RobotScenes]]:
+    """Make the scenes of robots; they end with the test."""
+    made: list[RobotScenes] = []
+
+    def make(*robots: ShownRobot) -> RobotScenes:
+        made.append(
+            RobotScenes(server.scene, GivenRobots(robots), logging.getLogger("test_robots"))
+        )
+        return made[-1]
+
+    yield make
+    for scenes in made:
+        scenes.source.robots = list  # type: ignore[method-assign]
+        scenes.look(ViewSettings())
+        scenes.close()
+
+
+def seen(*edges: tuple[str, str, float], fixed: str = "base") -> tuple[Placed, Frames]:
+    """Frames one above the other, and where they are."""
+    buffer = Buffer()
+    for parent, child, z in edges:
+        stamped = TransformStamped(0, parent, child, Transform((0.0, 0.0, z)))
+        buffer.set_transform(stamped, static=True)
+    names = sorted({name for edge in edges for name in edge[:2]})
+    frames = frames_of(frame_tree(buffer, (), 0), buffer, fixed)
+    return place(buffer, fixed, names, None), frames
+
+
+NOTHING = (Placed((), np.zeros((0, 3)), np.zeros((0, 4)), {}), Frames())
+ALL = (("base", "hand", 1.0), ("hand", "tool", 0.0))
+
+
+def load(scenes: RobotScenes) -> None:
+    """Wait until all meshes are there."""
+
+    def loaded() -> bool:
+        scenes.take_meshes()
+        return scenes.progress[0] == scenes.progress[1]
+
+    eventually(loaded)
+
+
+def nodes(scenes: RobotScenes) -> Sequence[Any]:
+    """What a scene has of its only robot."""
+    [scene] = scenes._scenes.values()
+    return scene._nodes
+
+
+def test_meshes_come_while_the_rest_is_shown(
+    arm: Robot, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """They are counted, and then as large as their scale says."""
+    scenes = scenes_of(ShownRobot(arm))
+    scenes.look(ViewSettings())
+    assert (scenes.progress, len(nodes(scenes))) == ((0, 1), 1)
+    load(scenes)
+    assert (scenes.progress, len(nodes(scenes))) == ((1, 1), 2)
+    points = scenes.points(*seen(*ALL))
+    assert points.max(axis=0).tolist() == [2.0, 4.0, 1.0]
+
+
+def test_what_cannot_be_loaded_is_named_and_the_rest_is_shown(
+    scenes_of: Callable[..., RobotScenes], tmp_path: Path
+) -> None:
+    """With the link, the mesh and the reason."""
+    scenes = scenes_of(ShownRobot(Robot.from_text(ARM, folder=tmp_path)))
+    scenes.look(ViewSettings())
+    [mistake] = scenes.mistakes()
+    assert mistake.startswith("A visual of link 'hand' is not shown: mesh hand.stl: no file ")
+    assert len(nodes(scenes)) == 1
+
+
+def test_collisions_are_shown_on_request_through_the_visuals(
+    arm: Robot, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """Alone they are solid; nothing of them is made before."""
+    scenes = scenes_of(ShownRobot(arm))
+
+    def shown(**settings: Any) -> list[tuple[bool, float]]:
+        scenes.look(ViewSettings(**settings))
+        load(scenes)
+        return [
+            (node.is_collision, node.handle.opacity or 1.0)
+            for node in nodes(scenes)
+            if node.handle.visible
+        ]
+
+    assert shown() == [(False, 0.5), (False, 1.0)]
+    assert shown(shapes="collision") == [(True, 1.0)]
+    assert shown(shapes="both", robot_opacity=0.5) == [(False, 0.25), (False, 0.5), (True, 0.175)]
+
+
+def test_links_are_where_their_frames_are_and_hidden_without_a_place(
+    arm: Robot, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """A frame that is gone fades its link too."""
+    scenes = scenes_of(ShownRobot(arm, is_described=True))
+    scenes.look(ViewSettings())
+    placed, frames = seen(("base", "other", 1.0))
+    scenes.draw(placed, frames)
+    [scene] = scenes._scenes.values()
+    base, hand = scene._links["base"], scene._links["hand"]
+    assert (base.frame.visible, hand.frame.visible) == (True, False)
+    faded = Frames(replace(frame, opacity=0.25) for frame in seen(*ALL)[1])
+    scenes.draw(seen(*ALL)[0], faded)
+    assert hand.frame.position.tolist() == [0.0, 0.0, 1.0]
+    assert nodes(scenes)[0].handle.opacity == 0.125
+
+
+def test_a_robot_of_a_file_stands_by_itself_where_its_frames_are_not_on_the_bus(
+    arm: Robot, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """At rest, or as its sliders say; once it has frames these count."""
+    scenes = scenes_of(ShownRobot(arm))
+    scenes.look(ViewSettings())
+    [scene] = scenes._scenes.values()
+    hand = scene._links["hand"].frame
+    scenes.draw(*NOTHING)
+    assert hand.position.tolist() == [0.0, 0.0, 1.0]
+    scenes.move({"lift": 1.5})
+    scenes.draw(*NOTHING)
+    assert hand.position.tolist() == [0.0, 0.0, 1.5]
+    scenes.draw(*seen(("base", "hand", 0.7)))
+    assert hand.position.tolist() == [0.0, 0.0, 0.7]
+
+
+def test_axes_do_not_hide_a_robot_that_is_drawn(
+    arm: Robot, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """On request they are there, and where the robot is hidden."""
+    scenes = scenes_of(ShownRobot(arm, prefix="left_"))
+    scenes.look(ViewSettings())
+    assert scenes.covered == {"left_base", "left_hand", "left_tool"}
+    assert scenes.frames == {"left_base", "left_hand"}
+    for settings in (ViewSettings(link_axes=True), ViewSettings(hidden_robots=("left/arm",))):
+        scenes.look(settings)
+        assert scenes.covered == frozenset()
+
+
+def test_a_robot_that_changes_is_drawn_again_and_the_other_stays(
+    arm: Robot, server: Any, scenes_of: Callable[..., RobotScenes]
+) -> None:
+    """By what the source has now."""
+    scenes = scenes_of(ShownRobot(arm, prefix="a_"), ShownRobot(arm, prefix="b_"))
+    scenes.look(ViewSettings())
+    kept = list(scenes._scenes.values())
+    assert isinstance(scenes.source, GivenRobots)
+    scenes.source.add(ShownRobot(arm, prefix="b_"))
+    assert scenes.look(ViewSettings())
+    assert [scene in kept for scene in scenes._scenes.values()] == [True, False]
+
+
+def test_a_robot_of_a_fleet_has_the_frames_and_the_title_of_its_namespace(arm: Robot) -> None:
+    """Shared frames keep their names."""
+    names = Fleet(("base",)).names("robot7")
+    robot = ShownRobot(arm, "", names, is_described=True)
+    assert list(robot.frames.values()) == ["base", "robot7/hand", "robot7/tool"]
+    assert (robot.title, robot.origin) == ("robot7/arm", "robot7")
+
+
+def test_the_state_of_a_robot_is_said_in_a_few_words(arm: Robot) -> None:
+    """Which links have no frame yet, and how many have one."""
+    robot = ShownRobot(arm, is_described=True)
+    assert state_of(robot, Frames(), is_still=False) == "no frames yet"
+    assert state_of(robot, seen(("base", "hand", 1.0))[1], is_still=False) == "without tool"
+    frames = seen(*ALL)[1]
+    assert state_of(robot, frames, is_still=False) == "3 links"
+    partly = Frames(
+        replace(frame, state="gone") if frame.name == "tool" else frame for frame in frames
+    )
+    assert state_of(robot, partly, is_still=False).endswith(" 1 of 3 gone")
+    wholly = Frames(replace(frame, state="gone") if frame.depth else frame for frame in frames)
+    assert state_of(robot, wholly, is_still=False).endswith("> gone")
+
+
+def test_sliders_go_as_far_as_the_joints(arm: Robot) -> None:
+    """A joint without limits has a slider of one turn; fixed ones and mimics have none."""
+    [lift] = slider_joints(ShownRobot(arm))
+    reach = range_of(lift)
+    assert (reach.lower, reach.upper, reach.zero) == (0.5, 1.5, 1.0)
+    free = range_of(replace(lift, type="continuous", limits=None))
+    assert (free.lower, free.upper) == (-np.pi, np.pi)
+    assert free.within(7.0, turns=True) == pytest.approx(7.0 - 2 * np.pi)
+    soft = range_of(replace(lift, soft_limits=(0.6, 9.0)))
+    assert (soft.lower, soft.upper) == (0.6, 1.5)
+
+
+def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:
+    """Without any frame of its own; again it replaces the former."""
+    from tfbus.view import show
+
+    with show(Buffer(), port=free_port()) as view:
+        view.add_robot(arm)
+        view.add_robot(arm)
+        view.add_robot(arm, prefix="left_")
+        scenes = view._page._robots
+        eventually(lambda: [each.title for each in scenes.robots] == ["arm", "left/arm"])
+        with pytest.raises(InvalidArgumentException):
+            view.add_robot(arm, prefix="/left")

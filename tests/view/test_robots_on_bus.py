@@ -1,0 +1,158 @@
+"""The robots that the page finds on the bus, and in recordings."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.live_bus import Bus, eventually
+from tfbus import Fleet, Node, Robot
+from tfbus.errors import ServiceError
+from tfbus.messages import JointState, RobotDescription, RobotMesh
+
+pytest.importorskip("viser", reason="needs viser: the extra view")
+
+from tfbus.recording.items import TopicItem
+from tfbus.view.meshes.guard import MeshError
+from tfbus.view.model.playhead import Cursor
+from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.robots_on_bus import RobotsOnBus
+
+
+def urdf(name: str) -> str:
+    """A robot of one link and a joint."""
+    return (
+        f"<robot name='{name}'><link name='base'/><link name='hand'/>"
+        "<joint name='lift' type='continuous'><parent link='base'/><child link='hand'/></joint>"
+        "</robot>"
+    )
+
+
+def describe(node: Node, text: str, prefix: str = "") -> None:
+    """Publish a robot for late joiners."""
+    publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
+    publisher.publish(RobotDescription(text, prefix))
+
+
+def titles(robots: RobotsOnBus) -> list[str]:
+    """What the robots are called."""
+    return [robot.title for robot in robots.robots()]
+
+
+def test_a_robot_that_was_described_before_is_found_and_a_new_one_replaces_it(bus: Bus) -> None:
+    """The same description again changes nothing."""
+    node = bus.node("arm")
+    publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
+    publisher.publish(RobotDescription(urdf("old")))
+    robots = RobotsOnBus(bus.node("view"))
+    eventually(lambda: titles(robots) == ["old"])
+    [old] = robots.robots()
+    publisher.publish(RobotDescription(urdf("old")))
+    publisher.publish(RobotDescription(urdf("new")))
+    eventually(lambda: titles(robots) == ["new"])
+    assert robots.robots() != [old]
+
+
+def test_robots_of_a_fleet_are_told_apart_by_namespace_and_prefix(bus: Bus) -> None:
+    """Without a fleet, only the robots of the own namespace are shown."""
+    describe(bus.node("a", namespace="robot3"), urdf("arm"))
+    describe(bus.node("b", namespace="robot7"), urdf("arm"), "left_")
+    describe(bus.node("c"), urdf("gantry"))
+    view = bus.node("view")
+    fleet, alone = RobotsOnBus(view, Fleet(("base",))), RobotsOnBus(view)
+    eventually(lambda: titles(fleet) == ["gantry", "robot3/arm", "robot7/left/arm"])
+    eventually(lambda: titles(alone) == ["gantry"])
+    frames = list(fleet.robots()[2].frames.values())
+    assert frames == ["robot7/left_base", "robot7/left_hand"]
+
+
+def test_a_description_that_is_none_is_named_and_the_former_robot_stays(bus: Bus) -> None:
+    """With the line of the mistake; the text of a stranger is printable."""
+    node = bus.node("arm")
+    publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
+    robots = RobotsOnBus(bus.node("view"))
+    publisher.publish(RobotDescription(urdf("arm")))
+    eventually(lambda: titles(robots) == ["arm"])
+    publisher.publish(RobotDescription("<robot name='x'>\n<link name='\u202e'/><joint/></robot>"))
+    [mistake] = eventually(robots.mistakes)
+    assert mistake.startswith("The robot_description is not shown: ")
+    assert "2" in mistake
+    assert mistake.isprintable()
+    assert titles(robots) == ["arm"]
+
+
+def serve_mesh(node: Node, content: Callable[[], bytes], size: int = 4) -> None:
+    """A mesh `arm.stl` in parts of this size."""
+
+    def part(request: RobotMesh.Request) -> RobotMesh.Response:
+        if request.mesh != "arm.stl":
+            raise ServiceError("the description does not name it")
+        data = content()
+        piece = data[request.offset : request.offset + size]
+        return RobotMesh.Response(piece, len(data), data[:1].decode())
+
+    node.create_service(RobotMesh, "robot_mesh", part)
+
+
+def test_a_mesh_that_is_not_here_is_fetched_in_parts_and_again_where_it_changes(bus: Bus) -> None:
+    """From the namespace of its robot."""
+    versions = iter([b"1 first", *[b"2 second version"] * 100])
+    serve_mesh(bus.node("arm", namespace="robot7"), lambda: next(versions))
+    robots = RobotsOnBus(bus.node("view"), Fleet())
+    assert robots.fetch("robot7", "arm.stl") == b"2 second version"
+    with pytest.raises(MeshError, match="could not be fetched: the description does not name it"):
+        robots.fetch("robot7", "/etc/passwd")
+
+
+def test_joints_follow_joint_states_and_their_targets_are_sent(bus: Bus) -> None:
+    """Several messages may have a part of the joints each."""
+    arm = bus.node("arm", namespace="robot7")
+    states = arm.create_publisher(JointState, "joint_states")
+    got: list[JointState] = []
+    robots = RobotsOnBus(bus.node("view"), Fleet())
+    shown = ShownRobot(Robot.from_text(urdf("arm")), "", Fleet().names("robot7"))
+    joints = robots.joints(shown)
+    assert joints is not None
+    assert not joints.is_heard
+    arm.create_subscription(JointState, "joint_targets", got.append)
+    eventually(lambda: joints.is_heard)
+
+    def known() -> bool:
+        states.publish(JointState(1, ("lift",), (0.5,)))
+        states.publish(JointState(1, ("turn",), (0.7,)))
+        return joints.positions == {"lift": 0.5, "turn": 0.7}
+
+    eventually(known)
+    joints.send({"lift": 0.25})
+    eventually(lambda: got)
+    assert (got[0].names, got[0].positions) == (("lift",), (0.25,))
+
+
+def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
+    """Before its first description by that one; a string as in ROS is a description too."""
+    pytest.importorskip("mcap", reason="needs mcap: the extra bag")
+    from tests.recordings import at, write
+    from tfbus.recording.reader import RecordingReader
+    from tfbus.view.recorded_robots import RecordedRobots
+    from tfbus.view.replay import Replay
+
+    topic = "robot_description"
+    path = write(
+        tmp_path / "arm.mcap",
+        TopicItem(at(0.0), "other", "Other", {"x": 1.0}),
+        TopicItem(
+            at(2.0), topic, "RobotDescription", {"urdf": urdf("one"), "prefix": "", "source": ""}
+        ),
+        TopicItem(
+            at(4.0), topic, "RobotDescription", {"urdf": urdf("two"), "prefix": "", "source": ""}
+        ),
+        TopicItem(at(9.0), "other", "Other", {"x": 1.0}),
+    )
+    with RecordingReader(path) as reader:
+        replay = Replay(reader, cursor=Cursor(at(0.0)))
+        robots = RecordedRobots(reader, replay)
+        shown = []
+        for seconds in (0.0, 3.0, 5.0):
+            replay.playhead.seek(at(seconds))
+            shown.append([robot.title for robot in robots.robots()])
+    assert shown == [["one"], ["one"], ["two"]]

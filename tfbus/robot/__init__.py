@@ -1,0 +1,1 @@
+"""A robot as its URDF describes it: links, joints, shapes, and where the links are."""

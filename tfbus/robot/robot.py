@@ -1,0 +1,516 @@
+"""`Robot`: what a URDF describes, and where its links are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Container, Iterable, Mapping, Sequence
+from functools import cached_property
+from itertools import accumulate
+from math import isfinite
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from tfbus.core.kernel import IDENTITY, compose, invert, normalised
+from tfbus.errors import InvalidArgumentException, UrdfError
+from tfbus.geometry.rotations import matrix_of
+from tfbus.geometry.transform import Transform, as_floats, make_transform
+from tfbus.geometry.transform_array import TransformArray
+from tfbus.robot.configurations import ManySteps
+from tfbus.robot.kinematics import Steps, local_pose, plane_axes
+from tfbus.robot.mesh_files import MeshFiles
+from tfbus.robot.model import Collision, Joint, Link, Model, Visual
+from tfbus.robot.urdf import read_model
+from tfbus.robot.xml import decoded, read_xml
+from tfbus.wording import counted, did_you_mean
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats = NDArray[np.float64]
+else:
+    from tfbus.core import lazy_numpy as np
+
+FilePath = str | os.PathLike[str]
+
+# A number; of a planar joint x, y and angle; of a floating one a Transform or its seven numbers.
+Position = float | Sequence[float] | Transform
+Edge = tuple[str, str, Transform]
+
+
+class Robot:
+    """A robot of a URDF: its links and joints, and the frames of the links (forward kinematics).
+
+    `links` and `joints` are by name in the order of the URDF, `root` is the link at the top.
+    `free_joints` are those with a position of their own: neither fixed nor mimics. `text` is the
+    URDF, expanded where it was xacro; `files` are those that were read. `warnings` are sentences on
+    what the URDF leaves out.
+
+    Positions are radians or metres, by joint: a map of names, or an array with the numbers of
+    `free_joints` one after the other. A planar joint has three numbers (x, y, angle), a floating
+    one seven (x y z qx qy qz qw), or in a map a `Transform`. In a map a joint that is not named is
+    at its `zero`; a mimic joint follows its joint unless it is named itself.
+
+    Robots are immutable, and may be used by several threads.
+    """
+
+    def __init__(self, model: Model, text: str, files: tuple[Path, ...] = ()) -> None:
+        self._model = model
+        self.name = model.name
+        self.root = model.root
+        self.links: Mapping[str, Link] = MappingProxyType(dict(model.links))
+        self.joints: Mapping[str, Joint] = MappingProxyType(dict(model.joints))
+        self.free_joints = tuple(joint for joint in model.joints.values() if joint.is_free)
+        self.warnings = model.warnings
+        self.text = text
+        self.files = files
+        # Each joint that moves has a place in a list of positions; free ones in order, then mimics.
+        movable = [*self.free_joints, *_mimics(model.joints)]
+        self._places = {joint.name: place for place, joint in enumerate(movable)}
+        self._mimics = [
+            (place, joint.name, self._places[joint.mimic.joint], joint.mimic)
+            for place, joint in enumerate(movable)
+            if joint.mimic is not None
+        ]
+        self._zeros = [_zero(joint) for joint in self.free_joints] + [0.0] * len(self._mimics)
+        self._scalar = all(joint.position_size == 1 for joint in self.free_joints)
+        self._steps = Steps(model.root, model.down, self._places)
+
+    @staticmethod
+    def from_urdf(
+        path: FilePath,
+        *,
+        package_path: FilePath | Iterable[FilePath] = (),
+        xacro_args: Mapping[str, object] | None = None,
+    ) -> "Robot":
+        """The robot of a URDF file, or of a xacro file: one whose name ends in `.xacro`.
+
+        `package_path` are folders that hold the packages of `package://` and `$(find ...)`, or are
+        such a package; they are searched before what ROS has installed. `xacro_args` are the
+        arguments of a xacro file by name.
+
+        Raises UrdfError, with the line, where the file cannot be read or is not a URDF.
+        """
+        file = Path(path)
+        files = MeshFiles(file.parent, _folders(package_path))
+        try:
+            data = file.read_bytes()
+        except OSError as error:
+            raise UrdfError(f"cannot read {file}: {error.strerror}") from None
+        text = decoded(data, str(file))
+        if file.suffix != ".xacro":
+            if xacro_args:
+                raise UrdfError(f"{file} takes no arguments: it is not a .xacro file")
+            return Robot(read_model(text, str(file), files), text, (file,))
+        from tfbus.robot.xacro_file import expand
+
+        read_xml(text, str(file))
+        arguments = {name: _argument(value) for name, value in (xacro_args or {}).items()}
+        text, included = expand(file, arguments, files)
+        return Robot(read_model(text, f"{file} (expanded)", files), text, (file, *included))
+
+    @staticmethod
+    def from_text(
+        text: str,
+        *,
+        folder: FilePath | None = None,
+        package_path: FilePath | Iterable[FilePath] = (),
+        name_of_source: str = "<text>",
+    ) -> "Robot":
+        """The robot of a URDF's text, such as came over the network. xacro is not expanded.
+
+        Paths of meshes begin in `folder`; without one, only those in packages have a file.
+        `name_of_source` is what mistakes call the text. Raises as `from_urdf`.
+        """
+        files = MeshFiles(None if folder is None else Path(folder), _folders(package_path))
+        return Robot(read_model(text, name_of_source, files), text)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Robot, (self._model, self.text, self.files)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Robot {self.name!r}: {counted(len(self.links), 'link')}, "
+            f"{counted(len(self.joints), 'joint')}, {len(self.free_joints)} free>"
+        )
+
+    @property
+    def visuals(self) -> list[Visual]:
+        """How all links look, in the order of the URDF."""
+        return [visual for link in self.links.values() for visual in link.visuals]
+
+    @property
+    def collisions(self) -> list[Collision]:
+        """The shapes in which all links collide, in the order of the URDF."""
+        return [collision for link in self.links.values() for collision in link.collisions]
+
+    # Positions
+
+    @cached_property
+    def dof(self) -> int:
+        """How many columns the Jacobian has: 1 a free joint; 3 a planar, 6 a floating one."""
+        return sum(min(joint.position_size, 6) for joint in self.free_joints)
+
+    def zeros(self) -> dict[str, Position]:
+        """The position of each free joint at rest: 0, or the middle of its limits where 0 is
+        outside; of a planar joint (0, 0, 0), of a floating one the identity.
+        """
+        at_rest: dict[str, Position] = {}
+        for joint, zero in zip(self.free_joints, self._zeros, strict=False):
+            at_rest[joint.name] = Transform.identity() if joint.type == "floating" else zero
+        return at_rest
+
+    def _positions(self, given: Mapping[str, Position] | ArrayLike | None) -> list[Any]:
+        """One position for each joint that moves, by place."""
+        if given is None:
+            given = {}
+        if not isinstance(given, Mapping):
+            return self._follow(self._of_array(given), ())
+        positions = self._zeros.copy()
+        places = self._places
+        for name, value in given.items():
+            place = places.get(name)
+            if place is None:
+                raise self._unknown(name)
+            # Most are plain numbers, and finite.
+            if type(value) is not float or not isfinite(value) or not self._scalar:
+                value = _checked(self.joints[name], value)
+            positions[place] = value
+        return self._follow(positions, given)
+
+    def _follow(self, positions: list[Any], given: Container[str]) -> list[Any]:
+        """The positions, with those of the mimics that are not given."""
+        for place, name, source, mimic in self._mimics:
+            if name not in given:
+                position = mimic.multiplier * positions[source] + mimic.offset
+                if not (isfinite if type(position) is float else _all_finite)(position):
+                    raise InvalidArgumentException(
+                        f"joint {name!r} mimics {mimic.joint!r} to a position that is not finite"
+                    )
+                positions[place] = position
+        return positions
+
+    def _of_array(self, given: Any) -> list[Any]:
+        numbers = as_floats(given, "positions")
+        size = sum(joint.position_size for joint in self.free_joints)
+        if numbers.shape != (size,):
+            raise InvalidArgumentException(
+                f"positions: expected shape ({size},), got {numbers.shape}"
+            )
+        if not np.isfinite(numbers).all():
+            raise InvalidArgumentException("positions must be finite")
+        row = numbers.tolist()
+        if self._scalar:
+            return [*row, *([0.0] * len(self._mimics))]
+        positions: list[Any] = []
+        for joint in self.free_joints:
+            part, row = row[: joint.position_size], row[joint.position_size :]
+            positions.append(part[0] if len(part) == 1 else _checked(joint, part))
+        return [*positions, *([0.0] * len(self._mimics))]
+
+    def _unknown(self, name: object) -> InvalidArgumentException:
+        if name in self.joints:
+            return InvalidArgumentException(f"joint {name!r} is fixed: it has no position")
+        return InvalidArgumentException(
+            f"the robot has no joint {name!r}{did_you_mean(str(name), self._places)}"
+        )
+
+    # Frames
+
+    def fk(
+        self,
+        positions: Mapping[str, Position] | ArrayLike | None = None,
+        *,
+        links: Iterable[str] | None = None,
+    ) -> dict[str, Transform]:
+        """The pose of each link in the root, or only of `links`: forward kinematics.
+
+        Raises InvalidArgumentException for a joint or link that the robot does not have, and a
+        position that is not finite.
+        """
+        values = self._positions(positions)
+        names, numbers, way = self._wanted(links)
+        poses = self._steps.poses(values, way)
+        return {
+            name: make_transform(poses[number]) for name, number in zip(names, numbers, strict=True)
+        }
+
+    def _wanted(
+        self, links: Iterable[str] | None
+    ) -> tuple[Sequence[str], Sequence[int], Sequence[int] | None]:
+        """The names of the links, their numbers, and the steps to them, None for all."""
+        if links is None:
+            return self._steps.links, range(len(self._steps.links)), None
+        names = [links] if isinstance(links, str) else list(links)
+        numbers = [self._link_number(name) for name in names]
+        return names, numbers, self._steps.way_to(numbers)
+
+    def _link_number(self, link: str) -> int:
+        number = self._steps.index.get(link)
+        if number is None:
+            raise InvalidArgumentException(
+                f"the robot has no link {link!r}{did_you_mean(str(link), self.links)}"
+            )
+        return number
+
+    def fk_many(
+        self,
+        positions: Mapping[str, ArrayLike] | ArrayLike,
+        *,
+        links: Iterable[str] | None = None,
+    ) -> dict[str, TransformArray]:
+        """The poses of each link in the root in N configurations at once.
+
+        `positions` are a map of arrays (N,) by joint, (N, 3) of a planar and (N, 7) of a floating
+        one, or one array (N, numbers of `free_joints`). A single number is for all configurations.
+        """
+        values, count = self._many(positions)
+        names, numbers, way = self._wanted(links)
+        return dict(zip(names, self._many_steps.poses(values, count, numbers, way), strict=True))
+
+    @cached_property
+    def _many_steps(self) -> ManySteps:
+        return ManySteps(self._steps)
+
+    def _many(self, given: Mapping[str, ArrayLike] | ArrayLike) -> tuple[list[Any], int]:
+        """One position for each joint that moves, of arrays (N,); and N."""
+        counts = {}
+        if not isinstance(given, Mapping):
+            rows = as_floats(given, "positions")
+            given, counts[""] = self._columns_of(rows), len(rows)
+        positions: list[Any] = [
+            _by_number(joint, np.array(zero))
+            for joint, zero in zip(self.free_joints, self._zeros, strict=False)
+        ]
+        positions += [0.0] * len(self._mimics)
+        for name, value in given.items():
+            if name not in self._places:
+                raise self._unknown(name)
+            joint = self.joints[name]
+            array = as_floats(value, f"positions of joint {name!r}")
+            if not np.isfinite(array).all():
+                raise InvalidArgumentException(f"positions of joint {name!r} must be finite")
+            row = () if joint.position_size == 1 else (joint.position_size,)
+            if array.shape[1:] == row and array.ndim == 1 + len(row):
+                counts[name] = len(array)
+            elif array.shape != row:
+                shape = f"(N, {joint.position_size})" if row else "(N,)"
+                raise InvalidArgumentException(
+                    f"positions of joint {name!r}: expected shape {shape}, got {array.shape}"
+                )
+            positions[self._places[name]] = _by_number(joint, array)
+        if len(set(counts.values())) > 1:
+            said = ", ".join(f"{name!r} {count}" for name, count in list(counts.items())[:8])
+            raise InvalidArgumentException(f"positions must be of one length, got {said}")
+        self._follow(positions, given)
+        return positions, next(iter(counts.values()), 1)
+
+    def _columns_of(self, array: Floats) -> dict[str, Floats]:
+        size = sum(joint.position_size for joint in self.free_joints)
+        if array.ndim != 2 or array.shape[1] != size:
+            raise InvalidArgumentException(
+                f"positions: expected shape (N, {size}), got {array.shape}"
+            )
+        columns, start = {}, 0
+        for joint in self.free_joints:
+            end = start + joint.position_size
+            columns[joint.name] = array[:, start] if end - start == 1 else array[:, start:end]
+            start = end
+        return columns
+
+    def chain(self, a: str, b: str) -> tuple[Joint, ...]:
+        """The joints on the way from link `a` to link `b`, first those up, then those down."""
+        up, down = self._ways(self._link_number(a), self._link_number(b))
+        steps = self._steps.steps
+        return tuple(steps[number][0] for number in [*up, *reversed(down)])
+
+    def _ways(self, a: int, b: int) -> tuple[list[int], list[int]]:
+        """The steps from each of two links up to the first link that carries both."""
+        steps = self._steps.steps
+        up, down = [], []
+        # A link's number is larger than that of its parent.
+        while a != b:
+            if a > b:
+                up.append(a - 1)
+                a = steps[a - 1][1]
+            else:
+                down.append(b - 1)
+                b = steps[b - 1][1]
+        return up, down
+
+    def transform(
+        self,
+        target: str,
+        source: str,
+        positions: Mapping[str, Position] | ArrayLike | None = None,
+    ) -> Transform:
+        """The pose of link `source` in link `target`: takes points of the source into the target.
+
+        As `lookup_transform` of a buffer. Raises as `fk`.
+        """
+        values = self._positions(positions)
+        a, b = self._link_number(target), self._link_number(source)
+        if a == b:
+            return Transform.identity()
+        up, down = self._ways(a, b)
+        pose = IDENTITY
+        for way in (up, down):
+            climbed = IDENTITY
+            for number in way:
+                joint, _, origin, place = self._steps.steps[number]
+                local = local_pose(joint, origin, values[place] if place >= 0 else None)
+                climbed = normalised(compose(local, climbed))
+            pose = compose(invert(pose), climbed)
+        return make_transform(normalised(pose))
+
+    def jacobian(
+        self, link: str, positions: Mapping[str, Position] | ArrayLike | None = None
+    ) -> Floats:
+        """The Jacobian (6, `dof`) of a link: how fast it moves for the speeds of the free joints.
+
+        The rows are the linear velocity of the link's origin (m/s), then its angular velocity
+        (rad/s), both in the axes of the root. The columns are the free joints in order, with what
+        moves in mimicry of them: one each; of a planar joint x, y and angle; of a floating one the
+        linear, then the angular velocity of its child in the axes of the joint's frame.
+        """
+        values = self._positions(positions)
+        number = self._link_number(link)
+        way = self._steps.way_to([number])
+        poses = self._steps.poses(values, way)
+        tip = np.array(poses[number][:3])
+        jacobian = np.zeros((6, self.dof))
+        for step in way:
+            joint, parent, origin, place = self._steps.steps[step]
+            if place < 0:
+                continue
+            frame = np.array(matrix_of(*compose(poses[parent], origin)[3:]))
+            lever = tip - poses[step + 1][:3]
+            column, factor = self._columns[place]
+            part = factor * _velocities(joint, frame, lever)
+            jacobian[:, column : column + part.shape[1]] += part
+        return jacobian
+
+    @cached_property
+    def _columns(self) -> list[tuple[int, float]]:
+        """Of each joint that moves, by place: its first column of the Jacobian, and its factor."""
+        sizes = [min(joint.position_size, 6) for joint in self.free_joints]
+        columns = [(end - size, 1.0) for end, size in zip(accumulate(sizes), sizes, strict=True)]
+        for _, _, source, mimic in self._mimics:
+            column, factor = columns[source]
+            columns.append((column, factor * mimic.multiplier))
+        return columns
+
+    # What a robot publishes
+
+    def static_transforms(self, prefix: str = "") -> list[Edge]:
+        """Parent, child and pose of each fixed joint; `prefix` is put before the names."""
+        return [
+            (prefix + joint.parent, prefix + joint.child, joint.origin)
+            for joint in self.joints.values()
+            if joint.type == "fixed"
+        ]
+
+    def joint_transforms(self, positions: Mapping[str, Position], prefix: str = "") -> list[Edge]:
+        """Parent, child and pose of each joint that `positions` names and of those that mimic it.
+
+        A mimic joint follows the first of its chain that is named, unless it is named itself;
+        `prefix` is put before the names. Raises as `fk`.
+        """
+        values = self._positions(positions)
+        moved = dict.fromkeys(positions)
+        for _, name, _, mimic in self._mimics:
+            if mimic.joint in moved:
+                moved[name] = None
+        edges = []
+        for name in moved:
+            joint = self.joints[name]
+            pose = local_pose(joint, joint.origin.as_pose(), values[self._places[name]])
+            edges.append(
+                (prefix + joint.parent, prefix + joint.child, make_transform(normalised(pose)))
+            )
+        return edges
+
+
+def _mimics(joints: Mapping[str, Joint]) -> list[Joint]:
+    """The joints that mimic others, each after the one that it mimics."""
+    ordered: dict[str, Joint] = {}
+    for joint in joints.values():
+        way = []
+        while joint.mimic is not None and joint.name not in ordered:
+            way.append(joint)
+            joint = joints[joint.mimic.joint]
+        ordered.update((each.name, each) for each in reversed(way))
+    return list(ordered.values())
+
+
+def _all_finite(array: Floats) -> bool:
+    return bool(np.isfinite(array).all())
+
+
+def _zero(joint: Joint) -> Any:
+    if joint.type == "floating":
+        return IDENTITY
+    return (0.0, 0.0, 0.0) if joint.type == "planar" else joint.zero
+
+
+def _checked(joint: Joint, value: Any) -> Any:
+    """The position of a joint as a number, or as a tuple of as many as it has."""
+    if joint.type == "floating":
+        return (value if isinstance(value, Transform) else Transform.from_pose(value)).as_pose()
+    try:
+        numbers = np.array(np.nan if isinstance(value, str) else value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.array(np.nan)
+    if joint.position_size == 1 and numbers.shape == () and np.isfinite(numbers):
+        return float(numbers)
+    if joint.position_size == 3 and numbers.shape == (3,) and np.isfinite(numbers).all():
+        return tuple(numbers.tolist())
+    wanted = counted(joint.position_size, "finite number")
+    raise InvalidArgumentException(
+        f"the position of {joint.type} joint {joint.name!r} must be {wanted}, got {value!r}"
+    )
+
+
+def _by_number(joint: Joint, array: Floats) -> Any:
+    """An array of positions (N,), or of (N, numbers) a tuple of those."""
+    if joint.position_size == 1:
+        return array
+    columns = np.moveaxis(array, -1, 0)
+    if joint.type == "floating":
+        columns = np.concatenate(
+            (columns[:3], columns[3:] / np.linalg.norm(columns[3:], axis=0, keepdims=True))
+        )
+    return tuple(columns)
+
+
+def _velocities(joint: Joint, frame: Floats, lever: Floats) -> Floats:
+    """The columns of a joint of the Jacobian (6, 1, 3 or 6): `frame` is the matrix (3, 3) of its
+    frame in the root, `lever` leads from its child's origin to what moves.
+    """
+    slides: list[Any] = []
+    turns: list[Any] = []
+    if joint.type == "prismatic":
+        slides = [joint.axis]
+    elif joint.type == "planar":
+        slides, turns = list(plane_axes(joint.axis)), [joint.axis]
+    elif joint.type == "floating":
+        slides = turns = list(np.eye(3))
+    else:
+        turns = [joint.axis]
+    columns = [np.concatenate((frame @ axis, np.zeros(3))) for axis in slides]
+    for axis in turns:
+        about = frame @ axis
+        columns.append(np.concatenate((np.cross(about, lever), about)))
+    return np.column_stack(columns)
+
+
+def _folders(given: FilePath | Iterable[FilePath]) -> list[Path]:
+    if isinstance(given, str | os.PathLike):
+        return [Path(given)]
+    return [Path(each) for each in given]
+
+
+def _argument(value: object) -> str:
+    """An argument as xacro has it: a text."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

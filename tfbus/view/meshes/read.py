@@ -1,0 +1,169 @@
+"""Reads the bytes of a mesh file, with trimesh."""
+
+import io
+import logging
+from collections.abc import Iterator
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from tfbus.view.meshes.creases import with_creases
+from tfbus.view.meshes.guard import MeshError, check, small_picture
+from tfbus.view.meshes.limits import KINDS, MOST_TRIANGLES
+from tfbus.view.meshes.part import Color, Part
+from tfbus.view.meshes.references import References
+
+# Exporters that write no transparency write all of it.
+_LEAST_OPACITY = 0.05
+
+
+def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
+    """The parts of a mesh file of a kind, such as "stl", in metres where it states its unit.
+
+    Raises MeshError, and any error of a mesh reader.
+    """
+    if kind not in KINDS:
+        raise MeshError(f"no reader for .{kind}: convert it to {', '.join(KINDS[:3])} or GLB")
+    check(kind, data)
+    # Its functions have no exact types.
+    trimesh: Any = import_module("trimesh")
+    if kind not in trimesh.available_formats():
+        raise MeshError(f"no installed package reads .{kind}: pip install pycollada")
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
+    scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
+    solids: list[Part] = []
+    textured: list[Part] = []
+    triangles = 0
+    for mesh, matrix in _instances(scene):
+        triangles += len(mesh.faces)
+        if triangles > MOST_TRIANGLES:
+            raise MeshError(f"it has more than {MOST_TRIANGLES:,} triangles")
+        placed = _placed(mesh, matrix, _unit_m(trimesh, mesh))
+        if _is_textured(placed):
+            textured.append(_textured(trimesh, placed))
+        else:
+            color, opacity = _look(placed, is_linear=kind in ("glb", "gltf"))
+            vertices = np.asarray(placed.vertices, np.float32)
+            solids.append(Part(vertices, np.asarray(placed.faces, np.uint32), color, opacity))
+    if not triangles:
+        raise MeshError("it has no triangles")
+    return [*_merged(solids), *textured]
+
+
+def _instances(scene: Any) -> Iterator[tuple[Any, Any]]:
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if len(getattr(mesh, "faces", ())):
+            yield mesh, matrix
+
+
+def _placed(mesh: Any, matrix: Any, unit_m: float) -> Any:
+    placed = mesh.copy()
+    placed.apply_transform(matrix)
+    if unit_m != 1.0:
+        placed.apply_scale(unit_m)
+    vertices = np.asarray(placed.vertices)
+    if not np.isfinite(vertices).all():
+        raise MeshError("it has vertices that are not finite")
+    if int(placed.faces.max()) >= len(vertices) or int(placed.faces.min()) < 0:
+        raise MeshError("it has triangles of vertices that do not exist")
+    return placed
+
+
+def _unit_m(trimesh: Any, mesh: Any) -> float:
+    """The unit of a DAE, the only format that states one; as RViz, its up axis is not heeded."""
+    unit = mesh.metadata.get("units")
+    return float(trimesh.units.unit_conversion(unit, "meters")) if unit else 1.0
+
+
+def _is_textured(mesh: Any) -> bool:
+    visual = mesh.visual
+    if visual.kind == "texture":
+        return visual.uv is not None and _picture(visual.material) is not None
+    if visual.kind == "vertex":
+        colors = visual.vertex_colors
+        return bool((colors != colors[0]).any())
+    return False
+
+
+def _picture(material: Any) -> Any:
+    picture = getattr(material, "baseColorTexture", None)
+    return getattr(material, "image", None) if picture is None else picture
+
+
+def _textured(trimesh: Any, mesh: Any) -> Part:
+    visual = mesh.visual
+    if visual.kind == "texture":
+        picture = small_picture(_picture(visual.material))
+        mean = np.asarray(picture.convert("RGB").resize((1, 1))).reshape(3)
+        # Browsers draw no reflections here, and metal without them is black.
+        material = trimesh.visual.material.PBRMaterial(
+            baseColorTexture=picture,
+            metallicFactor=0.0,
+            roughnessFactor=0.9,
+            doubleSided=True,
+            alphaMode="BLEND" if picture.mode == "RGBA" else None,
+        )
+        mesh.visual = trimesh.visual.TextureVisuals(uv=visual.uv, material=material)
+    else:
+        mean = visual.vertex_colors[:, :3].mean(axis=0)
+    r, g, b = (round(float(part)) for part in mean)
+    return Part(
+        np.asarray(mesh.vertices, np.float32),
+        np.asarray(mesh.faces, np.uint32),
+        (r, g, b),
+        1.0,
+        mesh.export(file_type="glb"),
+    )
+
+
+def _look(mesh: Any, is_linear: bool) -> tuple[Color | None, float]:
+    """The colour and the opacity of a mesh without a picture; None where it has no colour."""
+    visual = mesh.visual
+    if visual.kind == "texture":
+        rgba = _base_color(visual.material)
+    elif visual.kind == "vertex":
+        rgba = np.asarray(visual.vertex_colors[0], float) / 255.0
+    elif visual.kind == "face":
+        rgba = np.asarray(visual.face_colors, float).mean(axis=0) / 255.0
+    else:
+        rgba = None
+    if rgba is None:
+        return None, 1.0
+    rgb = np.clip(rgba[:3], 0.0, 1.0)
+    if is_linear:
+        rgb = np.where(rgb <= 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1.0 / 2.4) - 0.055)
+    r, g, b = (round(255.0 * float(part)) for part in rgb)
+    opacity = float(rgba[3]) if len(rgba) > 3 else 1.0
+    return (r, g, b), opacity if _LEAST_OPACITY <= opacity < 1.0 else 1.0
+
+
+def _base_color(material: Any) -> Any:
+    """The colour of a material from 0 to 1, None where the file has none."""
+    base = getattr(material, "baseColorFactor", None)
+    if base is not None:
+        numbers = np.asarray(base)
+        return numbers / 255.0 if np.issubdtype(numbers.dtype, np.integer) else numbers
+    # Of an OBJ; its other fields are the reader's own where the file has none.
+    named = getattr(material, "kwargs", {})
+    if "kd" not in named:
+        return None
+    return np.array([*named["kd"][:3], *map(float, named.get("d", ())[:1])])
+
+
+def _merged(parts: list[Part]) -> list[Part]:
+    """The parts with one for each look, with their creases."""
+    looks: dict[tuple[Color | None, float], list[Part]] = {}
+    for part in parts:
+        looks.setdefault((part.color, part.opacity), []).append(part)
+    return [_joined(same) for same in looks.values()]
+
+
+def _joined(parts: list[Part]) -> Part:
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([part.vertices for part in parts])
+    pairs = zip(parts, starts, strict=False)
+    faces = np.concatenate([part.faces + np.uint32(start) for part, start in pairs])
+    return Part(*with_creases(vertices, faces), parts[0].color, parts[0].opacity)

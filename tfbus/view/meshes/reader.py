@@ -1,0 +1,104 @@
+"""The page's end of the process that reads mesh files."""
+
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from tfbus.view.meshes.child import receive, send
+from tfbus.view.meshes.guard import MeshError
+from tfbus.view.meshes.limits import LONGEST_S
+from tfbus.view.meshes.part import Part
+from tfbus.view.meshes.request import MeshRequest
+
+# With the paths of this process, and not with the working directory, where anything may lie.
+_PROGRAM = (
+    "import sys; sys.path[:] = sys.argv[1:]; from tfbus.view.meshes import child; child.main()"
+)
+
+
+@dataclass(frozen=True)
+class ReadMesh:
+    """The parts of a mesh file; `refused` says of the files that it names and that could not be had
+    why.
+    """
+
+    parts: tuple[Part, ...]
+    refused: dict[str, str] = field(default_factory=dict)
+
+
+class MeshReader:
+    """Reads mesh files in a process that starts with the first one, until `close`.
+
+    For one thread; `close` is for any.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._is_closed = False
+
+    def read(self, request: MeshRequest) -> ReadMesh:
+        """Read a file. Raises MeshError."""
+        process = self._start()
+        late = threading.Timer(LONGEST_S, process.kill)
+        late.daemon = True
+        late.start()
+        answer: dict[str, Any] | None
+        try:
+            assert process.stdin is not None and process.stdout is not None
+            send(process.stdin, request.as_map())
+            answer = receive(process.stdout)
+        except (OSError, ValueError):  # the pipes of a process that `close` has ended
+            answer = None
+        finally:
+            late.cancel()
+        if answer is None:
+            self.rest()
+            if self._is_closed:
+                raise MeshError("the page has ended")
+            raise MeshError(f"reading it took more than {LONGEST_S:g} s, or too much memory")
+        if "error" in answer:
+            raise MeshError(answer["error"])
+        return ReadMesh(tuple(map(Part.from_map, answer["parts"])), answer["refused"])
+
+    def rest(self) -> None:
+        """End the process; a later file starts another."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            _end(process)
+
+    def close(self) -> None:
+        """End the process, also in the middle of a file. Twice is fine."""
+        self._is_closed = True
+        self.rest()
+
+    def _start(self) -> "subprocess.Popen[bytes]":
+        with self._lock:
+            if self._is_closed:
+                raise MeshError("the page has ended")
+            if self._process is None:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-c", _PROGRAM, *filter(None, sys.path)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    # Threads for matrices would count as memory.
+                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+                    # Ctrl-C ends it by its input.
+                    start_new_session=True,
+                )
+            return self._process
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(OSError):  # what was not yet written
+                pipe.close()
+    process.wait()

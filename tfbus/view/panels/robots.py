@@ -1,0 +1,297 @@
+"""The tab of robots: which are drawn and how, and the sliders of their joints."""
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from random import uniform
+from typing import Any
+
+import viser
+
+from tfbus.robot.model import Joint
+from tfbus.view.model.settings import RANGES, SHAPES
+from tfbus.view.model.shown_frames import Frames
+from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.model.view_state import ViewState
+from tfbus.view.panels.frame_dropdown import FrameDropdown
+from tfbus.view.panels.markup import Channel, Html, event, sign
+from tfbus.view.robot_source import Joints
+from tfbus.view.scene.robots import RobotScenes
+from tfbus.wording import counted, listed, printable
+
+# More sliders are slow to show.
+_MOST_SLIDERS = 100
+
+# A slider that was dragged follows the joint again after this.
+_HELD_S = 1.0
+
+# How far joints without limits go, in rad and m, and the steps of sliders.
+_TURN_RAD = math.pi
+_SLIDE_M = 1.0
+_STEP = 0.001
+
+_NOBODY_LISTENS = (
+    "They follow <code>joint_states</code>. To move the robot from here, start "
+    "<code>tfbus joints</code> with its URDF in the place of what publishes them now."
+)
+_STANDS_STILL = (
+    "None of its frames is on the bus: the robot stands here by itself. "
+    "<code>tfbus robot_state</code> publishes its frames."
+)
+
+
+@dataclass(frozen=True)
+class Range:
+    """From where to where a slider goes, in rad or m, and where the joint rests."""
+
+    lower: float
+    upper: float
+    zero: float
+
+    def within(self, position: float, *, turns: bool = False) -> float:
+        """A position, or the end of the slider that is nearer; of a joint that `turns` for ever
+        the same angle within one turn.
+        """
+        if turns:
+            position = math.remainder(position, 2.0 * math.pi)
+        return min(max(position, self.lower), self.upper)
+
+
+def range_of(joint: Joint) -> Range:
+    """The range of a slider: the joint's limits, and the narrower ones of a safety controller."""
+    open_end = _SLIDE_M if joint.type == "prismatic" else _TURN_RAD
+    lower, upper = -math.inf, math.inf
+    if joint.limits is not None:
+        lower, upper = joint.limits.lower, joint.limits.upper
+    if joint.soft_limits is not None:
+        soft_lower, soft_upper = joint.soft_limits
+        if soft_lower < soft_upper:
+            lower, upper = max(lower, soft_lower), min(upper, soft_upper)
+    lower = -open_end if lower == -math.inf else lower
+    upper = open_end if upper == math.inf else upper
+    if not lower < upper:
+        lower, upper = lower - _STEP, lower + _STEP
+    return Range(lower, upper, min(max(joint.zero, lower), upper))
+
+
+def slider_joints(robot: ShownRobot) -> list[Joint]:
+    """The joints that a slider can move: free ones with one number."""
+    return [joint for joint in robot.robot.free_joints if joint.position_size == 1]
+
+
+@dataclass(eq=False)
+class _Slider:
+    joint: Joint
+    range: Range
+    handle: Any
+    held_until_s: float = 0.0
+
+
+class JointSliders:
+    """The sliders of one robot.
+
+    A drag sends the target of that joint; a slider that is not dragged follows the joint.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        robot: ShownRobot,
+        joints: Joints | None,
+        scenes: RobotScenes,
+    ) -> None:
+        self._joints = joints
+        self._scenes = scenes
+        self._note = Html(gui.add_html(""))
+        self._sliders: list[_Slider] = []
+        self._buttons: Any = None
+        movable = slider_joints(robot)
+        if not movable:
+            self._note.show('<div class="tf tf-dim">It has no joints that move.</div>')
+            return
+        self._buttons = gui.add_button_group("Joints", ("Zero", "Random"))
+        self._buttons.on_click(lambda event: self._press(self._buttons.value))
+        for joint in movable[:_MOST_SLIDERS]:
+            self._add(gui, joint)
+        if len(movable) > _MOST_SLIDERS:
+            more = len(movable) - _MOST_SLIDERS
+            gui.add_html(f'<div class="tf tf-dim">{more} more joints have no slider.</div>')
+
+    def _add(self, gui: viser.GuiApi, joint: Joint) -> None:
+        reach = range_of(joint)
+        unit = "m" if joint.type == "prismatic" else "rad"
+        handle: Any = gui.add_slider(
+            printable(joint.name, 60),
+            round(reach.lower, 3),
+            round(reach.upper, 3),
+            _STEP,
+            round(reach.zero, 3),
+            hint=f"{joint.type}, {reach.lower:.3g} to {reach.upper:.3g} {unit}",
+        )
+        slider = _Slider(joint, reach, handle)
+        self._sliders.append(slider)
+
+        def on_update(event: Any) -> None:
+            # A change by the program has no client.
+            if event.client is not None:
+                self._send({slider: float(handle.value)})
+
+        handle.on_update(on_update)
+
+    def refresh(self, is_still: bool) -> None:
+        """Follow the joints, unless the robot stands by itself."""
+        if self._buttons is None:
+            return
+        is_open = is_still or (self._joints is not None and self._joints.is_heard)
+        for handle in (self._buttons, *(slider.handle for slider in self._sliders)):
+            if handle.disabled == is_open:
+                handle.disabled = not is_open
+        note = _STANDS_STILL if is_still else "" if is_open else _NOBODY_LISTENS
+        self._note.show(f'<div class="tf tf-dim">{note}</div>' if note else "")
+        if is_still or self._joints is None:
+            return
+        positions, now_s = self._joints.positions, time.monotonic()
+        for slider in self._sliders:
+            position = positions.get(slider.joint.name)
+            if position is not None and now_s >= slider.held_until_s:
+                turns = slider.joint.type == "continuous"
+                value = round(slider.range.within(position, turns=turns), 3)
+                if abs(slider.handle.value - value) >= _STEP / 2.0:
+                    slider.handle.value = value
+
+    def _press(self, button: str) -> None:
+        if button == "Zero":
+            targets = {slider: slider.range.zero for slider in self._sliders}
+        else:
+            targets = {
+                slider: uniform(slider.range.lower, slider.range.upper) for slider in self._sliders
+            }
+        for slider, value in targets.items():
+            slider.handle.value = round(value, 3)
+        self._send(targets)
+
+    def _send(self, targets: Mapping[_Slider, float]) -> None:
+        until_s = time.monotonic() + _HELD_S
+        for slider in targets:
+            slider.held_until_s = until_s
+        positions = {slider.joint.name: value for slider, value in targets.items()}
+        self._scenes.move(positions)
+        if self._joints is not None:
+            self._joints.send(positions)
+
+
+class RobotsPanel:
+    """The controls of all robots, and the sliders of the one that is chosen."""
+
+    title = "Robot"
+
+    def __init__(
+        self, gui: viser.GuiApi, view: ViewState, channel: Channel, scenes: RobotScenes
+    ) -> None:
+        self._gui = gui
+        self._view = view
+        self._scenes = scenes
+        self._chosen = ""
+        self._shown: ShownRobot | None = None
+        self._folder: Any = None
+        self._sliders: JointSliders | None = None
+        channel.on(
+            "show robot",
+            lambda e: view.tick("hidden_robots", str(e.get("robot", "")), not e.get("on")),
+        )
+        self._rows = Html(gui.add_html(""))
+        settings = view.settings
+        shapes: Any = gui.add_dropdown(
+            "Shapes",
+            SHAPES,
+            initial_value=settings.shapes,
+            hint="How the links look, and where they collide.",
+        )
+        shapes.on_update(lambda event: view.change(shapes=shapes.value))
+        least, most = RANGES["robot_opacity"]
+        opacity: Any = gui.add_slider("Opacity", least, most, 0.05, settings.robot_opacity)
+        opacity.on_update(lambda event: view.change(robot_opacity=opacity.value))
+        axes: Any = gui.add_checkbox(
+            "Axes of links", settings.link_axes, hint="Axes, names and arrows of the links' frames."
+        )
+        axes.on_update(lambda event: view.change(link_axes=axes.value))
+        self._choice: FrameDropdown | None = None
+        self._order = axes.order
+
+    def refresh(self, frames: Frames) -> None:
+        """Show the robots that there are."""
+        robots = list(self._scenes.robots)
+        self._rows.show(
+            f'<div class="tf">{"".join(self._row(robot, frames) for robot in robots)}</div>'
+        )
+        if len(robots) > 1 and self._choice is None:
+            self._choice = FrameDropdown(self._gui, "Joints of", "", self._choose)
+        shown = next((each for each in robots if each.title == self._chosen), None)
+        shown = shown or next(iter(robots), None)
+        if self._choice is not None and shown is not None:
+            titles = [robot.title for robot in robots[1:]]
+            first = robots[0].title
+            self._choice.show(titles, "" if shown is robots[0] else shown.title, first)
+        if shown is not self._shown:
+            self._replace(shown)
+        if self._sliders is not None and shown is not None:
+            self._sliders.refresh(self._scenes.is_still(shown, frames))
+
+    def _choose(self, title: str) -> None:
+        self._chosen = title
+
+    def _replace(self, robot: ShownRobot | None) -> None:
+        if self._folder is not None:
+            self._folder.remove()
+        self._shown, self._folder, self._sliders = robot, None, None
+        if robot is None:
+            return
+        joints = self._scenes.source.joints(robot)
+        if joints is None and robot.is_described:
+            return
+        self._folder = self._gui.add_folder("Joints")
+        with self._folder:
+            self._sliders = JointSliders(self._gui, robot, joints, self._scenes)
+
+    def _row(self, robot: ShownRobot, frames: Frames) -> str:
+        title = escape(printable(robot.title))
+        checked = "" if robot.title in self._view.settings.hidden_robots else "checked"
+        box = event("show robot", robot="this.dataset.robot", on="this.checked")
+        return (
+            f'<div class="tf-row" data-robot-row="{title}">'
+            f'<label class="tf-robot"><input type="checkbox" {checked} aria-label="show robot '
+            f'{title}" data-robot="{escape(robot.title)}" onclick="{box}"><b>{title}</b></label>'
+            f'<span class="tf-note">{self._note(robot, frames)}</span></div>'
+        )
+
+    def _note(self, robot: ShownRobot, frames: Frames) -> str:
+        loaded, all_meshes = self._scenes.loaded(robot)
+        if loaded < all_meshes:
+            return f"{loaded} of {counted(all_meshes, 'mesh file')}"
+        return state_of(robot, frames, self._scenes.is_still(robot, frames))
+
+
+def state_of(robot: ShownRobot, frames: Frames, is_still: bool) -> str:
+    """How a robot is, in a few words, as HTML."""
+    known = [frames[frame] for frame in robot.frames.values() if frame in frames]
+    if is_still:
+        return "stands by itself"
+    if not known:
+        return "no frames yet"
+    gone = sum(frame.state == "gone" for frame in known)
+    if gone:
+        # The root of the tree has no publisher that could be gone.
+        is_all = gone + sum(frame.state == "root" for frame in known) == len(known)
+        return f"{sign('gone')} gone" if is_all else f"{sign('gone')} {gone} of {len(known)} gone"
+    missing = [link for link in robot.robot.links if robot.frame_of(link) not in frames]
+    if missing:
+        return f"without {escape(listed([printable(link) for link in missing], most=2))}"
+    return counted(len(known), "link")
+
+
+def progress_text(progress: tuple[int, int]) -> str:
+    """How far meshes are loaded, "" once all are."""
+    loaded, all_meshes = progress
+    return f"{loaded} of {counted(all_meshes, 'mesh file')}" if loaded < all_meshes else ""

@@ -139,7 +139,7 @@ def test_only_the_bus_imports_zenoh() -> None:
 def test_transforms_and_the_buffer_know_nothing_of_the_bus(package: str) -> None:
     """Transforms and the buffer are usable without Zenoh, msgpack and click."""
     used = {name for path in sources(f"tfbus/{package}") for name in libraries(path)}
-    assert used - {"tfbus", "numpy", "cython", *sys.stdlib_module_names} <= {"scipy"}
+    assert used - {"tfbus", "numpy", "cython", *sys.stdlib_module_names} <= {"scipy", "xacro"}
 
 
 @pytest.mark.parametrize("path", LIBRARY, ids=lambda path: str(path.relative_to(ROOT)))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.builders import transforms
 from tests.robot.robots import ARM, HOVERCRAFT, random_positions, row
-from tfbus import InvalidArgumentException, Robot, Transform
+from tfbus import InvalidArgumentException, Robot, Transform, TransformArray
 
 ROBOTS = {"arm": Robot.from_text(ARM), "hovercraft": Robot.from_text(HOVERCRAFT)}
 BOTH = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
@@ -254,3 +254,14 @@ def test_a_mimic_that_would_be_infinitely_far_is_refused() -> None:
         robot.fk({"elbow": 3.0})
     with pytest.raises(InvalidArgumentException, match=said), np.errstate(over="ignore"):
         robot.fk_many({"elbow": [0.0, 3.0]})
+
+
+def test_a_floating_joint_takes_many_transforms() -> None:
+    """Or one for all; their quaternions are checked as those of any transform."""
+    robot = ROBOTS["hovercraft"]
+    many = TransformArray.from_rpy([(0, 0, 0.1), (0, 0, 0.2)], (1, 2, 3))
+    booms = robot.fk_many({"ball": many})["boom"]
+    assert booms[1].is_close(robot.fk({"ball": many[1]})["boom"])
+    assert robot.fk_many({"ball": many[1], "swivel": [0, 0]})["boom"][0].is_close(booms[1])
+    with pytest.raises(InvalidArgumentException, match=r"row 1: the quaternion .* has norm 0"):
+        robot.fk_many({"ball": [(0, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 0, 0)]})

@@ -135,9 +135,8 @@ class _ManyStep:
 
 
 def _floating(xyz: Floats, quat: Floats, position: Any) -> _Poses:
-    moves, turns = np.array(position[:3]), np.array(position[3:])
-    moved = xyz + rotate(quat.T, moves.T).T
-    return _Poses(moved, product(np.broadcast_to(quat.T, turns.T.shape), turns.T).T)
+    moves, turns = np.array(position[:3]).reshape(3, -1), np.array(position[3:]).reshape(4, -1)
+    return _Poses(xyz + rotate(quat.T, moves.T).T, product(quat.T, turns.T).T)
 
 
 def _right(b: Floats) -> Floats:

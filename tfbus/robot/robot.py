@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import accumulate
-from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -14,15 +13,16 @@ from typing import TYPE_CHECKING, Any
 from tfbus.core.kernel import IDENTITY, compose, invert, normalised
 from tfbus.errors import InvalidArgumentException, UrdfError
 from tfbus.geometry.rotations import matrix_of
-from tfbus.geometry.transform import Transform, as_floats, make_transform
+from tfbus.geometry.transform import Transform, make_transform
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.robot.configurations import ManySteps
 from tfbus.robot.kinematics import Steps, local_pose, plane_axes
 from tfbus.robot.mesh_files import MeshFiles
 from tfbus.robot.model import Collision, Joint, Link, Model, Visual
+from tfbus.robot.positions import Position, Positions
 from tfbus.robot.urdf import read_model
-from tfbus.robot.xml import decoded, read_xml
-from tfbus.wording import counted, did_you_mean
+from tfbus.robot.xml import MOST_BYTES, decoded, read_xml
+from tfbus.wording import counted, did_you_mean, printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,8 +34,6 @@ else:
 
 FilePath = str | os.PathLike[str]
 
-# A number; of a planar joint x, y and angle; of a floating one a Transform or its seven numbers.
-Position = float | Sequence[float] | Transform
 Edge = tuple[str, str, Transform]
 
 
@@ -65,17 +63,8 @@ class Robot:
         self.warnings = model.warnings
         self.text = text
         self.files = files
-        # Each joint that moves has a place in a list of positions; free ones in order, then mimics.
-        movable = [*self.free_joints, *_mimics(model.joints)]
-        self._places = {joint.name: place for place, joint in enumerate(movable)}
-        self._mimics = [
-            (place, joint.name, self._places[joint.mimic.joint], joint.mimic)
-            for place, joint in enumerate(movable)
-            if joint.mimic is not None
-        ]
-        self._zeros = [_zero(joint) for joint in self.free_joints] + [0.0] * len(self._mimics)
-        self._scalar = all(joint.position_size == 1 for joint in self.free_joints)
-        self._steps = Steps(model.root, model.down, self._places)
+        self._positions = Positions(self.joints, self.free_joints)
+        self._steps = Steps(model.root, model.down, self._positions.places)
 
     @staticmethod
     def from_urdf(
@@ -95,9 +84,11 @@ class Robot:
         file = Path(path)
         files = MeshFiles(file.parent, _folders(package_path))
         try:
-            data = file.read_bytes()
-        except OSError as error:
-            raise UrdfError(f"cannot read {file}: {error.strerror}") from None
+            with file.open("rb") as opened:
+                data = opened.read(MOST_BYTES + 1)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise UrdfError(f"cannot read {printable(str(file))}: {reason}") from None
         text = decoded(data, str(file))
         if file.suffix != ".xacro":
             if xacro_args:
@@ -157,64 +148,9 @@ class Robot:
         outside; of a planar joint (0, 0, 0), of a floating one the identity.
         """
         at_rest: dict[str, Position] = {}
-        for joint, zero in zip(self.free_joints, self._zeros, strict=False):
+        for joint, zero in zip(self.free_joints, self._positions.zeros, strict=False):
             at_rest[joint.name] = Transform.identity() if joint.type == "floating" else zero
         return at_rest
-
-    def _positions(self, given: Mapping[str, Position] | ArrayLike | None) -> list[Any]:
-        """One position for each joint that moves, by place."""
-        if given is None:
-            given = {}
-        if not isinstance(given, Mapping):
-            return self._follow(self._of_array(given), ())
-        positions = self._zeros.copy()
-        places = self._places
-        for name, value in given.items():
-            place = places.get(name)
-            if place is None:
-                raise self._unknown(name)
-            # Most are plain numbers, and finite.
-            if type(value) is not float or not isfinite(value) or not self._scalar:
-                value = _checked(self.joints[name], value)
-            positions[place] = value
-        return self._follow(positions, given)
-
-    def _follow(self, positions: list[Any], given: Container[str]) -> list[Any]:
-        """The positions, with those of the mimics that are not given."""
-        for place, name, source, mimic in self._mimics:
-            if name not in given:
-                position = mimic.multiplier * positions[source] + mimic.offset
-                if not (isfinite if type(position) is float else _all_finite)(position):
-                    raise InvalidArgumentException(
-                        f"joint {name!r} mimics {mimic.joint!r} to a position that is not finite"
-                    )
-                positions[place] = position
-        return positions
-
-    def _of_array(self, given: Any) -> list[Any]:
-        numbers = as_floats(given, "positions")
-        size = sum(joint.position_size for joint in self.free_joints)
-        if numbers.shape != (size,):
-            raise InvalidArgumentException(
-                f"positions: expected shape ({size},), got {numbers.shape}"
-            )
-        if not np.isfinite(numbers).all():
-            raise InvalidArgumentException("positions must be finite")
-        row = numbers.tolist()
-        if self._scalar:
-            return [*row, *([0.0] * len(self._mimics))]
-        positions: list[Any] = []
-        for joint in self.free_joints:
-            part, row = row[: joint.position_size], row[joint.position_size :]
-            positions.append(part[0] if len(part) == 1 else _checked(joint, part))
-        return [*positions, *([0.0] * len(self._mimics))]
-
-    def _unknown(self, name: object) -> InvalidArgumentException:
-        if name in self.joints:
-            return InvalidArgumentException(f"joint {name!r} is fixed: it has no position")
-        return InvalidArgumentException(
-            f"the robot has no joint {name!r}{did_you_mean(str(name), self._places)}"
-        )
 
     # Frames
 
@@ -229,7 +165,7 @@ class Robot:
         Raises InvalidArgumentException for a joint or link that the robot does not have, and a
         position that is not finite.
         """
-        values = self._positions(positions)
+        values = self._positions.of_one(positions)
         names, numbers, way = self._wanted(links)
         poses = self._steps.poses(values, way)
         return {
@@ -265,59 +201,13 @@ class Robot:
         `positions` are a map of arrays (N,) by joint, (N, 3) of a planar and (N, 7) of a floating
         one, or one array (N, numbers of `free_joints`). A single number is for all configurations.
         """
-        values, count = self._many(positions)
+        values, count = self._positions.of_many(positions)
         names, numbers, way = self._wanted(links)
         return dict(zip(names, self._many_steps.poses(values, count, numbers, way), strict=True))
 
     @cached_property
     def _many_steps(self) -> ManySteps:
         return ManySteps(self._steps)
-
-    def _many(self, given: Mapping[str, ArrayLike] | ArrayLike) -> tuple[list[Any], int]:
-        """One position for each joint that moves, of arrays (N,); and N."""
-        counts = {}
-        if not isinstance(given, Mapping):
-            rows = as_floats(given, "positions")
-            given, counts[""] = self._columns_of(rows), len(rows)
-        positions: list[Any] = [
-            _by_number(joint, np.array(zero))
-            for joint, zero in zip(self.free_joints, self._zeros, strict=False)
-        ]
-        positions += [0.0] * len(self._mimics)
-        for name, value in given.items():
-            if name not in self._places:
-                raise self._unknown(name)
-            joint = self.joints[name]
-            array = as_floats(value, f"positions of joint {name!r}")
-            if not np.isfinite(array).all():
-                raise InvalidArgumentException(f"positions of joint {name!r} must be finite")
-            row = () if joint.position_size == 1 else (joint.position_size,)
-            if array.shape[1:] == row and array.ndim == 1 + len(row):
-                counts[name] = len(array)
-            elif array.shape != row:
-                shape = f"(N, {joint.position_size})" if row else "(N,)"
-                raise InvalidArgumentException(
-                    f"positions of joint {name!r}: expected shape {shape}, got {array.shape}"
-                )
-            positions[self._places[name]] = _by_number(joint, array)
-        if len(set(counts.values())) > 1:
-            said = ", ".join(f"{name!r} {count}" for name, count in list(counts.items())[:8])
-            raise InvalidArgumentException(f"positions must be of one length, got {said}")
-        self._follow(positions, given)
-        return positions, next(iter(counts.values()), 1)
-
-    def _columns_of(self, array: Floats) -> dict[str, Floats]:
-        size = sum(joint.position_size for joint in self.free_joints)
-        if array.ndim != 2 or array.shape[1] != size:
-            raise InvalidArgumentException(
-                f"positions: expected shape (N, {size}), got {array.shape}"
-            )
-        columns, start = {}, 0
-        for joint in self.free_joints:
-            end = start + joint.position_size
-            columns[joint.name] = array[:, start] if end - start == 1 else array[:, start:end]
-            start = end
-        return columns
 
     def chain(self, a: str, b: str) -> tuple[Joint, ...]:
         """The joints on the way from link `a` to link `b`, first those up, then those down."""
@@ -349,7 +239,7 @@ class Robot:
 
         As `lookup_transform` of a buffer. Raises as `fk`.
         """
-        values = self._positions(positions)
+        values = self._positions.of_one(positions)
         a, b = self._link_number(target), self._link_number(source)
         if a == b:
             return Transform.identity()
@@ -374,7 +264,7 @@ class Robot:
         moves in mimicry of them: one each; of a planar joint x, y and angle; of a floating one the
         linear, then the angular velocity of its child in the axes of the joint's frame.
         """
-        values = self._positions(positions)
+        values = self._positions.of_one(positions)
         number = self._link_number(link)
         way = self._steps.way_to([number])
         poses = self._steps.poses(values, way)
@@ -396,7 +286,7 @@ class Robot:
         """Of each joint that moves, by place: its first column of the Jacobian, and its factor."""
         sizes = [min(joint.position_size, 6) for joint in self.free_joints]
         columns = [(end - size, 1.0) for end, size in zip(accumulate(sizes), sizes, strict=True)]
-        for _, _, source, mimic in self._mimics:
+        for _, _, source, mimic in self._positions.mimics:
             column, factor = columns[source]
             columns.append((column, factor * mimic.multiplier))
         return columns
@@ -417,71 +307,19 @@ class Robot:
         A mimic joint follows the first of its chain that is named, unless it is named itself;
         `prefix` is put before the names. Raises as `fk`.
         """
-        values = self._positions(positions)
+        values = self._positions.of_one(positions)
         moved = dict.fromkeys(positions)
-        for _, name, _, mimic in self._mimics:
+        for _, name, _, mimic in self._positions.mimics:
             if mimic.joint in moved:
                 moved[name] = None
         edges = []
         for name in moved:
             joint = self.joints[name]
-            pose = local_pose(joint, joint.origin.as_pose(), values[self._places[name]])
+            pose = local_pose(joint, joint.origin.as_pose(), values[self._positions.places[name]])
             edges.append(
                 (prefix + joint.parent, prefix + joint.child, make_transform(normalised(pose)))
             )
         return edges
-
-
-def _mimics(joints: Mapping[str, Joint]) -> list[Joint]:
-    """The joints that mimic others, each after the one that it mimics."""
-    ordered: dict[str, Joint] = {}
-    for joint in joints.values():
-        way = []
-        while joint.mimic is not None and joint.name not in ordered:
-            way.append(joint)
-            joint = joints[joint.mimic.joint]
-        ordered.update((each.name, each) for each in reversed(way))
-    return list(ordered.values())
-
-
-def _all_finite(array: Floats) -> bool:
-    return bool(np.isfinite(array).all())
-
-
-def _zero(joint: Joint) -> Any:
-    if joint.type == "floating":
-        return IDENTITY
-    return (0.0, 0.0, 0.0) if joint.type == "planar" else joint.zero
-
-
-def _checked(joint: Joint, value: Any) -> Any:
-    """The position of a joint as a number, or as a tuple of as many as it has."""
-    if joint.type == "floating":
-        return (value if isinstance(value, Transform) else Transform.from_pose(value)).as_pose()
-    try:
-        numbers = np.array(np.nan if isinstance(value, str) else value, dtype=float)
-    except (TypeError, ValueError):
-        numbers = np.array(np.nan)
-    if joint.position_size == 1 and numbers.shape == () and np.isfinite(numbers):
-        return float(numbers)
-    if joint.position_size == 3 and numbers.shape == (3,) and np.isfinite(numbers).all():
-        return tuple(numbers.tolist())
-    wanted = counted(joint.position_size, "finite number")
-    raise InvalidArgumentException(
-        f"the position of {joint.type} joint {joint.name!r} must be {wanted}, got {value!r}"
-    )
-
-
-def _by_number(joint: Joint, array: Floats) -> Any:
-    """An array of positions (N,), or of (N, numbers) a tuple of those."""
-    if joint.position_size == 1:
-        return array
-    columns = np.moveaxis(array, -1, 0)
-    if joint.type == "floating":
-        columns = np.concatenate(
-            (columns[:3], columns[3:] / np.linalg.norm(columns[3:], axis=0, keepdims=True))
-        )
-    return tuple(columns)
 
 
 def _velocities(joint: Joint, frame: Floats, lever: Floats) -> Floats:

@@ -19,7 +19,7 @@ STOREYS = [
     {"geometry"},
     {"trajectory"},
     {"buffer", "wire"},
-    {"ros"},
+    {"ros", "secure"},
     {"recording"},
     {"bus"},
     {"discover"},

@@ -54,11 +54,13 @@ class NodeSettings:
     """A node's name, and how it joins the bus.
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
-    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`, `TFBUS_LIMITS`), so one
-    setting serves all processes of a machine. `mode` is "peer", "client", "router", or "" for that
-    of the configuration file ("peer" without one). Endpoints are Zenoh's (`tcp/host:7447`):
-    several, or one as a str. With `sim_time` the node's time comes from the topic `clock`. `limits`
-    are the largest messages that it reads and sends, by kind; in the environment `topic=64MB,
+    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`,
+    `TFBUS_LIMITS`), so one setting serves all processes of a machine. `mode` is "peer", "client",
+    "router", or "" for that of the configuration file ("peer" without one). Endpoints are Zenoh's
+    (`tcp/host:7447`): several, or one as a str. `secure` is the folder of an identity, as `tfbus
+    keys add` makes it: then all links are encrypted, and each side has the rights of its
+    certificate. With `sim_time` the node's time comes from the topic `clock`. `limits` are the
+    largest messages that it reads and sends, by kind; in the environment `topic=64MB,
     service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
@@ -70,6 +72,7 @@ class NodeSettings:
     connect: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("CONNECT"))
     listen: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("LISTEN"))
     config: str = field(default_factory=lambda: _from_environment("CONFIG"))
+    secure: str = field(default_factory=lambda: _from_environment("SECURE"))
     log_level: str = field(default_factory=lambda: _from_environment("LOG_LEVEL") or "info")
     sim_time: bool = field(default_factory=lambda: _truth_from_environment("SIM_TIME"))
     parameters: Mapping[str, Any] = field(default_factory=dict)
@@ -94,6 +97,10 @@ class NodeSettings:
             _check_endpoint(endpoint)
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
+        if self.secure:
+            set_field(self, "secure", os.path.abspath(self.secure))
+            for endpoint in (*self.connect, *self.listen):
+                _check_encrypted(endpoint)
 
     @property
     def full_name(self) -> str:
@@ -146,8 +153,17 @@ def _check_endpoint(endpoint: str) -> None:
         raise SettingsError(
             f"endpoint {endpoint!r} has an unknown protocol: use one of {', '.join(PROTOCOLS)}"
         )
-    if protocol in ("tcp", "udp") and not _PORT.search(address):
+    if protocol in ("tcp", "udp", "tls") and not _PORT.search(address):
         raise SettingsError(f"endpoint {endpoint!r} has no port: write {protocol}/{address}:7447")
+
+
+def _check_encrypted(endpoint: str) -> None:
+    protocol, _, address = endpoint.partition("/")
+    if protocol != "tls":
+        raise SettingsError(
+            f"endpoint {endpoint!r} is not encrypted, and --secure has only links that are: write "
+            f"tls/{address}"
+        )
 
 
 def _check_choice(what: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -70,6 +70,8 @@ def zenoh_config(
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
+    if settings.secure:
+        given |= _closed(settings)
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
     unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
@@ -82,6 +84,34 @@ def zenoh_config(
         listen = config.get_json("listen/endpoints")
         config.insert_json5("listen/endpoints", _PORT.sub(":0", listen))
     return config
+
+
+def _closed(settings: NodeSettings) -> dict[str, Any]:
+    """What makes every link encrypted, and lets in only what the rights allow."""
+    from tfbus.secure.access_control import access_control
+    from tfbus.secure.folder import open_folder
+
+    folder = open_folder(settings.secure)
+    certificate, key = str(folder.certificate), str(folder.key)
+    tls = {
+        "root_ca_certificate": str(folder.authority),
+        "enable_mtls": True,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+        # Scouting finds addresses; whose they are, and what it may do, the certificate says.
+        "verify_name_on_connect": folder.rights.names_hosts,
+        "close_link_on_expiration": True,
+    }
+    given: dict[str, Any] = {
+        "transport/link/protocols": ["tls"],
+        "transport/link/tls": tls,
+        "access_control": access_control(folder.rights),
+    }
+    if not settings.listen and settings.mode != "client":
+        given["listen/endpoints"] = ["tls/[::]:0"]
+    return given
 
 
 def id_in_file(path: str) -> str | None:

@@ -11,6 +11,7 @@ from tfbus.runtime.log import open_log
 from tfbus.runtime.signals import StopSignals
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
+SECURE_ENDPOINT = "tls/[::]:7447"
 
 
 @click.command(epilog="Example: tfbus router --listen tcp/[::]:7447")
@@ -21,7 +22,8 @@ def command(settings: NodeSettings) -> None:
     Nodes reach it with `--connect tcp/HOST:7447`; with `--mode client`, all their messages go
     through it. Routers join each other with `--connect`.
     """
-    listen = settings.listen or (() if settings.config else (DEFAULT_ENDPOINT,))
+    endpoint = SECURE_ENDPOINT if settings.secure else DEFAULT_ENDPOINT
+    listen = settings.listen or (() if settings.config else (endpoint,))
     settings = replace(settings, mode="router", listen=listen)
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()

@@ -11,6 +11,7 @@ _MODULES = {
     "bags": "rosbags",
     "foxglove": "foxglove-sdk",
     "plot": "matplotlib",
+    "secure": "cryptography",
     "sim": "pygame-ce",
     "top": "textual",
     "view": "viser",

@@ -214,6 +214,12 @@ _BUS_OPTIONS = {
     "config": click.option(
         "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, in JSON5."
     ),
+    "secure": click.option(
+        "--secure",
+        type=click.Path(),
+        metavar="DIR",
+        help="Join a closed bus by the identity in DIR (tfbus keys).",
+    ),
     "log_level": click.option(
         "--log-level", type=click.Choice(LOG_LEVELS), help="The lowest level to log (default info)."
     ),

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.command.yaml_file import Place
+from tfbus.runtime.yaml_file import Place
 
 
 @dataclass(frozen=True, slots=True)

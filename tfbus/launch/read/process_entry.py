@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.command.yaml_file import Place, Value
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Process, Respawn
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.substitution import Scope
+from tfbus.runtime.yaml_file import Place, Value
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
 
 _KEYS = (

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tfbus.command.yaml_file import Value, read_yaml_file
 from tfbus.launch.description import Argument, Process
 from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import argument_values, declared_arguments
@@ -16,6 +15,7 @@ from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.find import find_in, find_launch_file
 from tfbus.launch.read.process_entry import ProcessEntry, joined, read_process
 from tfbus.launch.read.substitution import Scope, truth
+from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean
 

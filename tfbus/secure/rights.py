@@ -1,0 +1,156 @@
+"""What each identity may do, in the words of the project."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tfbus.errors import SettingsError
+from tfbus.secure.patterns import check_pattern, matches
+from tfbus.wire.keys import check_namespace, check_node_name
+from tfbus.wording import did_you_mean, listed
+
+EVERYTHING = ("**",)
+NOTHING: tuple[str, ...] = ()
+
+# What a role may do where the file of rights does not say more; every role runs its own nodes.
+_ROLES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "reader": {},
+    "publisher": dict.fromkeys(("frames", "topics", "serves", "calls"), EVERYTHING),
+    "operator": dict.fromkeys(("topics", "calls", "sets"), EVERYTHING),
+    "router": {},
+    "admin": {
+        **dict.fromkeys(("nodes", "frames", "serves", "calls", "sets"), EVERYTHING),
+        "topics": (*EVERYTHING, "clock"),
+    },
+}
+ROLES = tuple(_ROLES)
+RIGHTS = ("nodes", "frames", "topics", "serves", "calls", "sets")
+
+# Only for those who name it: a clock is the time of all that follow it.
+NAMED_ONLY = ("clock",)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """One identity: who it is by its certificate, and what it may do.
+
+    All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
+    None for what the role has: names of its `nodes` and of their streams; child `frames` that it
+    publishes; `topics` that it publishes; services and actions that it `serves` and `calls`;
+    parameters of other nodes that it `sets`, as node/parameter. Every identity may read all of its
+    namespace. `hosts` are the names and addresses in its certificate. `revoked` is when its rights
+    ended, as a date; "" while it has them.
+
+    Raises SettingsError, or InvalidNameError for the name, for an invalid value.
+    """
+
+    name: str
+    role: str
+    namespace: str = ""
+    nodes: tuple[str, ...] | None = None
+    frames: tuple[str, ...] | None = None
+    topics: tuple[str, ...] | None = None
+    serves: tuple[str, ...] | None = None
+    calls: tuple[str, ...] | None = None
+    sets: tuple[str, ...] | None = None
+    hosts: tuple[str, ...] = ()
+    revoked: str = ""
+
+    def __post_init__(self) -> None:
+        check_node_name(self.name)
+        if len(self.name) > 64:
+            raise SettingsError(f"the name of an identity has at most 64 letters: {self.name!r}")
+        if self.role not in _ROLES:
+            raise SettingsError(
+                f"{self.role!r} is no role{did_you_mean(self.role, ROLES)}; use one of "
+                f"{', '.join(ROLES)}"
+            )
+        object.__setattr__(self, "namespace", check_namespace(self.namespace))
+        for right in RIGHTS:
+            for pattern in getattr(self, right) or ():
+                check_pattern(pattern)
+
+    def may(self, right: str) -> tuple[str, ...]:
+        """The patterns of a right, by the role where none are given; none once revoked."""
+        if self.revoked:
+            return NOTHING
+        given: tuple[str, ...] | None = getattr(self, right)
+        if given is not None:
+            return given
+        own_nodes = (self.name, f"{self.name}_*") if right == "nodes" else NOTHING
+        return _ROLES[self.role].get(right, own_nodes)
+
+    def allows(self, right: str, name: str) -> bool:
+        """Whether it has a right for a name, relative to its namespace."""
+        patterns = self.may(right)
+        if right == "topics" and name in NAMED_ONLY:
+            return name in patterns
+        return any(matches(pattern, name) for pattern in patterns)
+
+    def mistake_in(self, right: str, name: str) -> str:
+        """Why it may not do what a right is about with a name; "" where it may."""
+        if self.allows(right, name):
+            return ""
+        if self.revoked:
+            why = f"it was revoked on {self.revoked}"
+        elif getattr(self, right) is None:
+            why = f"its role is {self.role}"
+        else:
+            why = f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
+        what = f"{_THINGS[right]} {name!r}"
+        return f"this identity, {self.name!r}, may not {_VERBS[right]} {what}: {why}"
+
+
+_VERBS = {
+    "nodes": "run",
+    "frames": "publish",
+    "topics": "publish",
+    "serves": "serve",
+    "calls": "call",
+    "sets": "set",
+}
+_THINGS = {
+    "nodes": "node",
+    "frames": "frame",
+    "topics": "topic",
+    "serves": "service",
+    "calls": "service",
+    "sets": "parameter",
+}
+
+
+@dataclass(frozen=True)
+class Rights:
+    """The rights of all identities of one authority, by name."""
+
+    identities: Mapping[str, Identity] = field(default_factory=dict)
+
+    def of(self, name: str) -> Identity:
+        """The identity of this name. Raises SettingsError where there is none."""
+        if name not in self.identities:
+            raise SettingsError(
+                f"there is no identity {name!r}{did_you_mean(name, self.identities)}"
+            )
+        return self.identities[name]
+
+    @property
+    def names_hosts(self) -> bool:
+        """Whether every identity names its hosts, so that connecting can check them."""
+        valid = [each for each in self.identities.values() if not each.revoked]
+        return bool(valid) and all(each.hosts for each in valid)
+
+    def frames_of_stream(self, stream: str, namespace: str) -> tuple[str, ...] | None:
+        """The child frames that may come on a stream, by those who may publish it; None for all."""
+        patterns: list[str] = []
+        for identity in self.identities.values():
+            if not _is_within(namespace, identity.namespace):
+                continue
+            own = identity.may("frames")
+            if any(matches(pattern, stream) for pattern in identity.may("nodes")):
+                if "**" in own:
+                    return None
+                patterns.extend(own)
+        return tuple(patterns)
+
+
+def _is_within(namespace: str, outer: str) -> bool:
+    return not outer or namespace == outer or namespace.startswith(f"{outer}/")

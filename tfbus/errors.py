@@ -19,6 +19,7 @@
       ParameterError                  a parameter is unknown, or its value invalid
       InvalidNameError                a name of a node, topic, service or action is invalid
       SettingsError                   a setting or command-line option is invalid
+      RightsError                     the identity may not do that on a closed bus
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
 what to do; the facts are fields.
@@ -207,3 +208,7 @@ class InvalidNameError(TfbusError, ValueError):
 
 class SettingsError(TfbusError, ValueError):
     """A setting or command-line option is invalid."""
+
+
+class RightsError(TfbusError):
+    """The identity of this process has no right to do that on its closed bus."""

@@ -27,7 +27,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
-from tfbus.errors import BusError
+from tfbus.errors import BusError, RightsError
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
@@ -137,7 +137,14 @@ class Session:
         one opens a second session, without a namespace, which ends with this one.
         """
         key = relative(key, self.settings.namespace)
-        return (self._open_outside(), key[1:]) if key.startswith("/") else (self, key)
+        if not key.startswith("/"):
+            return self, key
+        outside = self._open_outside()
+        own = outside.settings.namespace
+        key = relative(key, own)
+        if own and key.startswith("/"):
+            raise RightsError(f"{key} is outside of {own!r}, the namespace of this identity")
+        return outside, key.removeprefix("/")
 
     def _open_outside(self) -> "Session":
         with self._outside_lock:

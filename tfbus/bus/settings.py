@@ -8,7 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tfbus.errors import SettingsError
+from tfbus.errors import RightsError, SettingsError
+from tfbus.secure.folder import SecureFolder, open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
 from tfbus.wording import printable
@@ -78,6 +79,7 @@ class NodeSettings:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
     limits: Limits = field(default_factory=_limits_from_environment)
+    closed: SecureFolder | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_node_name(self.name)
@@ -99,8 +101,46 @@ class NodeSettings:
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
             set_field(self, "secure", os.path.abspath(self.secure))
+            set_field(self, "closed", open_folder(self.secure))
+            set_field(self, "namespace", self._namespace_within())
             for endpoint in (*self.connect, *self.listen):
                 _check_encrypted(endpoint)
+
+    def named_by_default(self, name: str) -> "NodeSettings":
+        """These settings for a node whose name the user did not choose.
+
+        On a closed bus where the identity may not run a node of this name, it begins with that of
+        the identity: `laptop_echo_5d205229`.
+        """
+        if self.closed is not None and not self.closed.identity.allows("nodes", name):
+            hidden = "_" if name.startswith("_") else ""
+            name = f"{hidden}{self.closed.identity.name}_{name.removeprefix('_')}"
+        return self.renamed(name)
+
+    def _namespace_within(self) -> str:
+        """The namespace, which is the identity's own where none is given."""
+        assert self.closed is not None
+        identity = self.closed.identity
+        if not self.namespace:
+            return identity.namespace
+        if not identity.is_within(self.namespace):
+            raise SettingsError(
+                f"identity {identity.name!r} is of the namespace {identity.namespace!r}, not of "
+                f"{self.namespace!r}"
+            )
+        return self.namespace
+
+    def check_right(self, right: str, name: str) -> None:
+        """Check a right of a node with these settings for a name as the node uses it.
+
+        `right` is one of those of an Identity. Raises RightsError where the bus is closed and its
+        identity has not got it.
+        """
+        if self.closed is None:
+            return
+        mistake = self.closed.identity.mistake_in(right, name, self.namespace)
+        if mistake:
+            raise RightsError(mistake)
 
     @property
     def full_name(self) -> str:

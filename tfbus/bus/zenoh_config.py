@@ -12,6 +12,7 @@ from tfbus.bus.interfaces import loopback_where_alone
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
+from tfbus.secure.folder import SecureFolder
 
 # A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
 # in this time.
@@ -70,8 +71,10 @@ def zenoh_config(
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
-    if settings.secure:
-        given |= _closed(settings)
+    if settings.closed is not None:
+        given |= _encrypted(settings.closed)
+        if not settings.listen and settings.mode != "client":
+            given["listen/endpoints"] = ["tls/[::]:0"]
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
     unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
@@ -86,12 +89,10 @@ def zenoh_config(
     return config
 
 
-def _closed(settings: NodeSettings) -> dict[str, Any]:
+def _encrypted(folder: SecureFolder) -> dict[str, Any]:
     """What makes every link encrypted, and lets in only what the rights allow."""
     from tfbus.secure.access_control import access_control
-    from tfbus.secure.folder import open_folder
 
-    folder = open_folder(settings.secure)
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {
         "root_ca_certificate": str(folder.authority),
@@ -104,14 +105,11 @@ def _closed(settings: NodeSettings) -> dict[str, Any]:
         "verify_name_on_connect": folder.rights.names_hosts,
         "close_link_on_expiration": True,
     }
-    given: dict[str, Any] = {
+    return {
         "transport/link/protocols": ["tls"],
         "transport/link/tls": tls,
         "access_control": access_control(folder.rights),
     }
-    if not settings.listen and settings.mode != "client":
-        given["listen/endpoints"] = ["tls/[::]:0"]
-    return given
 
 
 def id_in_file(path: str) -> str | None:

@@ -105,9 +105,12 @@ def add(name: str, role: str, days: float, place: Path, **given: Any) -> None:
     All options but --role, --namespace and --days can be repeated. Patterns have * for any letters
     of a name, and ** for any parts: arm/*. What is not given is that of the role.
     """
-    values = {key: value or None if key in RIGHTS else value for key, value in given.items()}
-    folder = _open(place).add(Identity(name, role, **values), days)
-    print_text(f"Made {folder}: {_may(Identity(name, role, **values))}.")
+    values: dict[str, Any] = {
+        key: value or None if key in RIGHTS else value for key, value in given.items()
+    }
+    identity = Identity(name, role, **values)
+    folder = _open(place).add(identity, days)
+    print_text(f"Made {folder}: {_may(identity)}.")
     print_text(f"Use it: tfbus --secure {folder} node list")
 
 

@@ -147,6 +147,8 @@ def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
     # With ROS's sign in --param name:=value.
     values["parameters"] = {name.removesuffix(":"): text for name, text in parameters.items()}
     settings = NodeSettings(**({"name": default_name} | values))
+    if "name" not in values:
+        settings = settings.named_by_default(default_name)
     return _with_sim_time(_with_parameter_files(settings, files), given.get("sim_time"))
 
 

@@ -85,6 +85,7 @@ class Node:
             raise SettingsError(
                 f"settings: expected a tfbus.NodeSettings, got {type(settings).__name__}"
             )
+        settings.check_right("nodes", settings.name)
         self.settings = settings
         self.name = settings.name
         self.namespace = settings.namespace
@@ -275,6 +276,7 @@ class Node:
         """A publisher of messages of this type, a dataclass."""
         check_message_type("create_publisher(message_type, topic)", message_type)
         topic = check_no_transforms(self._resolve(topic))
+        self.settings.check_right("topics", topic)
         return self._info.add("publishes", Publisher(self.session, message_type, topic))
 
     def create_subscription(
@@ -293,6 +295,7 @@ class Node:
     def create_raw_publisher(self, topic: str, *, type_name: str = "") -> RawPublisher:
         """A publisher of messages that are bytes already, of a type known by its name only."""
         topic = self._resolve(topic)
+        self.settings.check_right("topics", topic)
         return self._info.add("publishes", RawPublisher(self.session, topic, type_name))
 
     def create_raw_subscription(
@@ -316,6 +319,7 @@ class Node:
         check_parts(call, service_type, ("Request", "Response"))
         check_callback(call, handler)
         name = self._resolve(name)
+        self.settings.check_right("serves", name)
         return self._info.add(
             "serves", Service(self.session, self.executor, self.log, service_type, name, handler)
         )
@@ -324,6 +328,7 @@ class Node:
         """A client that calls a service."""
         check_parts("create_client(service_type, name)", service_type, ("Request", "Response"))
         name = self._resolve(name)
+        self.settings.check_right("calls", name)
         return self._info.add("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
@@ -336,6 +341,7 @@ class Node:
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         check_callback(call, handler)
         name = self._resolve(name)
+        self.settings.check_right("serves", name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
         )
@@ -347,6 +353,7 @@ class Node:
         call = "create_goal_client(goal_type, name)"
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         name = self._resolve(name)
+        self.settings.check_right("calls", name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
     def create_timer(
@@ -371,6 +378,7 @@ class Node:
         from tfbus.node.clock_topic import ClockPublisher
 
         topic = self._resolve(CLOCK_TOPIC)
+        self.settings.check_right("topics", topic)
         return self._info.add("publishes", ClockPublisher(self.session, self.executor, topic))
 
     def declare_parameter(

@@ -76,8 +76,14 @@ class Identity:
         given: tuple[str, ...] | None = getattr(self, right)
         if given is not None:
             return given
-        own_nodes = (self.name, f"{self.name}_*") if right == "nodes" else NOTHING
-        return _ROLES[self.role].get(right, own_nodes)
+        # Hidden ones, of tools, begin with _.
+        own = (self.name, f"{self.name}_*", f"_{self.name}_*") if right == "nodes" else NOTHING
+        return _ROLES[self.role].get(right, own)
+
+    def is_within(self, namespace: str) -> bool:
+        """Whether a namespace is its own, or within it."""
+        own = self.namespace
+        return not own or namespace == own or namespace.startswith(f"{own}/")
 
     def allows(self, right: str, name: str) -> bool:
         """Whether it has a right for a name, relative to its namespace."""
@@ -86,18 +92,29 @@ class Identity:
             return name in patterns
         return any(matches(pattern, name) for pattern in patterns)
 
-    def mistake_in(self, right: str, name: str) -> str:
-        """Why it may not do what a right is about with a name; "" where it may."""
-        if self.allows(right, name):
-            return ""
+    def mistake_in(self, right: str, name: str, namespace: str = "") -> str:
+        """Why it may not do what a right is about with a name; "" where it may.
+
+        The name is relative to `namespace`, or absolute; that of a frame is only a name.
+        """
+        what = f"this identity, {self.name!r}, may not {_VERBS[right]} {_THINGS[right]} {name!r}"
+        relative = name
+        if right != "frames":
+            absolute = (
+                name if name.startswith("/") else "/".join(filter(None, ("", namespace, name)))
+            )
+            path = absolute.lstrip("/")
+            if not self.is_within(path):
+                return f"{what}: its namespace is {self.namespace!r}"
+            relative = path.removeprefix(f"{self.namespace}/") if self.namespace else path
+        return f"{what}: {self._reason(right)}" if not self.allows(right, relative) else ""
+
+    def _reason(self, right: str) -> str:
         if self.revoked:
-            why = f"it was revoked on {self.revoked}"
-        elif getattr(self, right) is None:
-            why = f"its role is {self.role}"
-        else:
-            why = f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
-        what = f"{_THINGS[right]} {name!r}"
-        return f"this identity, {self.name!r}, may not {_VERBS[right]} {what}: {why}"
+            return f"it was revoked on {self.revoked}"
+        if getattr(self, right) is None:
+            return f"its role is {self.role}"
+        return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
 
 
 _VERBS = {
@@ -142,7 +159,7 @@ class Rights:
         """The child frames that may come on a stream, by those who may publish it; None for all."""
         patterns: list[str] = []
         for identity in self.identities.values():
-            if not _is_within(namespace, identity.namespace):
+            if not identity.is_within(namespace):
                 continue
             own = identity.may("frames")
             if any(matches(pattern, stream) for pattern in identity.may("nodes")):
@@ -150,7 +167,3 @@ class Rights:
                     return None
                 patterns.extend(own)
         return tuple(patterns)
-
-
-def _is_within(namespace: str, outer: str) -> bool:
-    return not outer or namespace == outer or namespace.startswith(f"{outer}/")

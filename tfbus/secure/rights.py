@@ -1,6 +1,6 @@
 """What each identity may do, in the words of the project."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from tfbus.errors import SettingsError
@@ -34,7 +34,8 @@ class Identity:
     """One identity: who it is by its certificate, and what it may do.
 
     All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
-    None for what the role has: names of its `nodes` and of their streams; child `frames` that it
+    None for what the role has: names of its `nodes` and of their streams, besides NAME, NAME_* and
+    _NAME_*, which are its own; child `frames` that it
     publishes; `topics` that it publishes; services and actions that it `serves` and `calls`;
     parameters of other nodes that it `sets`, as node/parameter. Every identity may read all of its
     namespace. `hosts` are the names and addresses in its certificate. `revoked` is when its rights
@@ -74,11 +75,13 @@ class Identity:
         if self.revoked:
             return NOTHING
         given: tuple[str, ...] | None = getattr(self, right)
-        if given is not None:
-            return given
+        rights = _ROLES[self.role].get(right, NOTHING) if given is None else given
+        return (*self._own_nodes, *rights) if right == "nodes" else rights
+
+    @property
+    def _own_nodes(self) -> tuple[str, ...]:
         # Hidden ones, of tools, begin with _.
-        own = (self.name, f"{self.name}_*", f"_{self.name}_*") if right == "nodes" else NOTHING
-        return _ROLES[self.role].get(right, own)
+        return self.name, f"{self.name}_*", f"_{self.name}_*"
 
     def is_within(self, namespace: str) -> bool:
         """Whether a namespace is its own, or within it."""
@@ -158,12 +161,22 @@ class Rights:
     def frames_of_stream(self, stream: str, namespace: str) -> tuple[str, ...] | None:
         """The child frames that may come on a stream, by those who may publish it; None for all."""
         patterns: list[str] = []
-        for identity in self.identities.values():
-            if not identity.is_within(namespace):
-                continue
+        for identity in self._publishers_of(stream, namespace):
             own = identity.may("frames")
-            if any(matches(pattern, stream) for pattern in identity.may("nodes")):
-                if "**" in own:
-                    return None
-                patterns.extend(own)
+            if "**" in own:
+                return None
+            patterns.extend(own)
         return tuple(patterns)
+
+    def may_be_of(self, node: str, stream: str, namespace: str) -> bool:
+        """Whether one identity may both publish a stream and run a node of this full name."""
+        return any(
+            not identity.mistake_in("nodes", node)
+            for identity in self._publishers_of(stream, namespace)
+        )
+
+    def _publishers_of(self, stream: str, namespace: str) -> Iterator[Identity]:
+        name = "/".join(filter(None, ("", namespace, stream)))
+        for identity in self.identities.values():
+            if identity.may("frames") and not identity.mistake_in("nodes", name):
+                yield identity

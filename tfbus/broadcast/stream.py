@@ -28,7 +28,7 @@ from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
-from tfbus.wire.keys import static_transforms_key, stream_key
+from tfbus.wire.keys import escape, static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import printable
 
@@ -65,7 +65,7 @@ class Stream:
                 f"a stream cannot be called '{printable(name, most=60)}': use 1 to 255 letters "
                 "that can be printed"
             )
-        session.settings.check_right("nodes", name)
+        session.settings.check_right("nodes", escape(name))
         self.name = name
         self._node = node
         self._started_ns = self._epoch_ns = epoch_ns

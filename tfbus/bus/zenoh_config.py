@@ -108,8 +108,16 @@ def _encrypted(folder: SecureFolder) -> dict[str, Any]:
     return {
         "transport/link/protocols": ["tls"],
         "transport/link/tls": tls,
-        "access_control": access_control(folder.rights),
+        "access_control": _canonical(access_control(folder.rights)),
     }
+
+
+def _canonical(control: dict[str, Any]) -> dict[str, Any]:
+    """Access control with key expressions in the one form that Zenoh takes: `*/**` for `**/*`."""
+    for rule in control["rules"]:
+        keys = [str(zenoh.KeyExpr.autocanonize(key)) for key in rule["key_exprs"]]
+        rule["key_exprs"] = list(dict.fromkeys(keys))
+    return control
 
 
 def id_in_file(path: str) -> str | None:

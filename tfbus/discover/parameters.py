@@ -11,7 +11,13 @@ from tfbus.discover.presence import describe_nodes, key_beside
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
-from tfbus.wire.keys import node_parameters_key, parameter_key, relative_name, setting_key
+from tfbus.wire.keys import (
+    escape,
+    node_parameters_key,
+    parameter_key,
+    relative_name,
+    setting_key,
+)
 
 Warn = Callable[[str], object]
 
@@ -39,7 +45,7 @@ def set_parameter(
     this identity may not set it on a closed bus.
     """
     full_name = full_name_of(session, node)
-    session.settings.check_right("sets", f"{full_name}/{name}")
+    session.settings.check_right("sets", f"{full_name}/{escape(name)}")
     answers = _ask(session, node, name, encode_map({"value": value}))
     return _one(session, node, answers, warn)
 

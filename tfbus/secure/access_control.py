@@ -13,7 +13,7 @@ keys of transforms and the clock are denied.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from tfbus.secure.patterns import as_chunk, as_path
+from tfbus.secure.patterns import as_keys, as_path
 from tfbus.secure.rights import NAMED_ONLY, Identity, Rights
 from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
@@ -91,21 +91,24 @@ def _own(identity: Identity) -> list[dict[str, Any]]:
         return [*rules, _rule(_ALL, _EVERY_KEY)]
     within = f"{identity.namespace}/" if identity.namespace else ""
     rules += _reading(within)
-    nodes = [as_chunk(pattern) for pattern in identity.may("nodes")]
-    rules += _presence(within, nodes)
+    rules += _presence(within, identity.may("nodes"))
     if identity.may("frames"):
-        rules += _streams(within, nodes)
+        rules += _streams(within, identity.may("nodes"))
     if named := [topic for topic in identity.may("topics") if topic in NAMED_ONLY]:
         rules.append(_rule(_PUBLISH, [f"{within}{topic}" for topic in named]))
     if sets := identity.may("sets"):
-        rules.append(_rule(["query"], [f"{within}@tfbus/set/{_of_node(each)}" for each in sets]))
+        rules.append(
+            _rule(["query"], [f"{within}{key}" for each in sets for key in _set_keys(each)])
+        )
     return rules
 
 
-def _of_node(pattern: str) -> str:
-    """The key expression of a pattern `node/parameter`."""
-    node, _, parameter = pattern.partition("/")
-    return f"{as_chunk(node)}/{as_chunk(parameter or '*')}" if node != "**" else "**"
+def _set_keys(pattern: str) -> list[str]:
+    """The key expressions to set the parameters of a pattern `node/parameter`."""
+    node, _, parameter = pattern.rpartition("/")
+    if pattern.endswith("**"):
+        node, parameter = pattern, "*"
+    return [f"{key}/{as_path(parameter)}" for key in as_keys(node or "*", "@tfbus/set")]
 
 
 def _reading(within: str) -> list[dict[str, Any]]:
@@ -123,26 +126,28 @@ def _reading(within: str) -> list[dict[str, Any]]:
 
 
 def _presence(within: str, nodes: Sequence[str]) -> list[dict[str, Any]]:
-    alive = [f"{within}@tfbus/node/{node}" for node in nodes]
-    served = [
-        *(f"{within}@tfbus/clock/{node}" for node in nodes),
-        *(f"{within}@tfbus/{kind}/{node}/**" for node in nodes for kind in ("param", "set")),
-    ]
-    return [_rule([_ALIVE], alive), _rule(_SERVE, [*alive, *served])]
+    alive = _keys(within, nodes, "@tfbus/node")
+    clocks = _keys(within, nodes, "@tfbus/clock")
+    parameters = [*_keys(within, nodes, "@tfbus/param"), *_keys(within, nodes, "@tfbus/set")]
+    served = [*alive, *clocks, *(f"{key}/**" for key in parameters)]
+    return [_rule([_ALIVE], alive), _rule(_SERVE, served)]
 
 
 def _streams(within: str, streams: Sequence[str]) -> list[dict[str, Any]]:
-    dynamic = [f"{within}{TRANSFORMS}/{stream}/**" for stream in streams]
+    dynamic = [f"{key}/**" for key in _keys(within, streams, TRANSFORMS)]
     retained = [
-        f"{within}{kind}/{stream}"
-        for stream in streams
-        for kind in (STATIC_TRANSFORMS, "@tfbus/stream")
+        *_keys(within, streams, STATIC_TRANSFORMS),
+        *_keys(within, streams, "@tfbus/stream"),
     ]
     below = [f"{key}{_RETAINED}" for key in retained]
     return [
         _rule([*_PUBLISH, *_SERVE], [*dynamic, *retained, *below]),
         _rule([_ALIVE], [*retained, *below]),
     ]
+
+
+def _keys(within: str, patterns: Sequence[str], kind: str) -> list[str]:
+    return [f"{within}{key}" for pattern in patterns for key in as_keys(pattern, kind)]
 
 
 def _chosen(identity: Identity) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ import re
 from functools import lru_cache
 
 from tfbus.errors import SettingsError
-from tfbus.wire.keys import escape
 from tfbus.wording import printable
 
 _RESERVED = re.compile(r"[$?#\s]")
@@ -55,15 +54,23 @@ def _letters(part: str) -> re.Pattern[str]:
 
 def as_path(pattern: str) -> str:
     """The key expression of a pattern of topics or services, which are paths of keys."""
-    return "/".join(part if part == "**" else _chunk(part) for part in pattern.split("/"))
+    return "/".join(map(_as_part, pattern.split("/")))
 
 
-def as_chunk(pattern: str) -> str:
-    """The key expression of a pattern of nodes or streams, whose names are one chunk of a key."""
-    return "*" if pattern == "**" else _chunk(pattern)
+def as_keys(pattern: str, kind: str) -> list[str]:
+    """The key expressions of what nodes or streams of a pattern have: `arm` of the kind
+    `@tfbus/node` is `@tfbus/node/arm`, and `robot7/arm` is `robot7/@tfbus/node/arm`.
+
+    Its last part is that of the name, those before it are a namespace. Names of streams stand
+    escaped, as they do in keys.
+    """
+    *around, name = pattern.split("/")
+    if name != "**":
+        return ["/".join([*map(_as_part, around), kind, _as_part(name)])]
+    all_below = "/".join([*map(_as_part, around), "**", kind, "*"])
+    # `arm/**` stands for `arm` too.
+    return [all_below, *(as_keys("/".join(around), kind) if around else ())]
 
 
-def _chunk(part: str) -> str:
-    if part == "*":
-        return part
-    return "$*".join(escape(letters) for letters in part.split("*"))
+def _as_part(part: str) -> str:
+    return part if part in ("*", "**") else "$*".join(part.split("*"))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.errors import SettingsError
 from tfbus.secure.patterns import check_pattern, matches
-from tfbus.wire.keys import check_namespace, check_node_name
+from tfbus.wire.keys import check_namespace, check_node_name, escape
 from tfbus.wording import did_you_mean, listed
 
 EVERYTHING = ("**",)
@@ -35,7 +35,7 @@ class Identity:
 
     All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
     None for what the role has: names of its `nodes` and of their streams, besides NAME, NAME_* and
-    _NAME_*, which are its own; child `frames` that it
+    _NAME_* in any namespace, which are its own; child `frames` that it
     publishes; `topics` that it publishes; services and actions that it `serves` and `calls`;
     parameters of other nodes that it `sets`, as node/parameter. Every identity may read all of its
     namespace. `hosts` are the names and addresses in its certificate. `revoked` is when its rights
@@ -81,7 +81,8 @@ class Identity:
     @property
     def _own_nodes(self) -> tuple[str, ...]:
         # Hidden ones, of tools, begin with _.
-        return self.name, f"{self.name}_*", f"_{self.name}_*"
+        names = self.name, f"{self.name}_*", f"_{self.name}_*"
+        return tuple(f"**/{name}" for name in names)
 
     def is_within(self, namespace: str) -> bool:
         """Whether a namespace is its own, or within it."""
@@ -98,7 +99,8 @@ class Identity:
     def mistake_in(self, right: str, name: str, namespace: str = "") -> str:
         """Why it may not do what a right is about with a name; "" where it may.
 
-        The name is relative to `namespace`, or absolute; that of a frame is only a name.
+        The name is relative to `namespace`, or absolute; that of a frame is only a name. The name
+        of a stream or a parameter is escaped, as in keys.
         """
         what = f"this identity, {self.name!r}, may not {_VERBS[right]} {_THINGS[right]} {name!r}"
         relative = name
@@ -176,7 +178,7 @@ class Rights:
         )
 
     def _publishers_of(self, stream: str, namespace: str) -> Iterator[Identity]:
-        name = "/".join(filter(None, ("", namespace, stream)))
+        name = escape(stream)
         for identity in self.identities.values():
-            if identity.may("frames") and not identity.mistake_in("nodes", name):
+            if identity.may("frames") and not identity.mistake_in("nodes", name, namespace):
                 yield identity

@@ -34,6 +34,7 @@ NAMES = [
     "Parameter",
     "ParameterError",
     "PastExtrapolationException",
+    "RightsError",
     "Recording",
     "Sampling",
     "ServiceError",

@@ -1,6 +1,6 @@
 """What each identity may do, in the words of the project."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tfbus.errors import SettingsError
@@ -177,8 +177,12 @@ class Rights:
             for identity in self._publishers_of(stream, namespace)
         )
 
-    def _publishers_of(self, stream: str, namespace: str) -> Iterator[Identity]:
+    def _publishers_of(self, stream: str, namespace: str) -> list[Identity]:
+        """Those who may publish a stream: an admin only where it is of no other identity."""
         name = escape(stream)
-        for identity in self.identities.values():
-            if identity.may("frames") and not identity.mistake_in("nodes", name, namespace):
-                yield identity
+        found = [
+            identity
+            for identity in self.identities.values()
+            if identity.may("frames") and not identity.mistake_in("nodes", name, namespace)
+        ]
+        return [each for each in found if each.role != "admin"] or found

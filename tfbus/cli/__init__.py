@@ -93,6 +93,8 @@ class Commands(Verbs):
             # Python writes what is left in its buffers at its end, and would fail once more.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
+        except click.exceptions.NoArgsIsHelpError:
+            raise  # its message is the whole help
         except click.ClickException as error:
             vars(error)["message"] = sentence(error.message)
             raise

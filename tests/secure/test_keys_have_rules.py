@@ -94,8 +94,7 @@ def test_every_key_is_in_the_table() -> None:
         for name, value in vars(keys).items()
         if not name.startswith("_")
         and (
-            (isinstance(value, str)
-            and name.isupper())
+            (isinstance(value, str) and name.isupper())
             or name.endswith(("_key", "_key_beside", "_selector"))
         )
     }

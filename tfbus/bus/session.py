@@ -372,6 +372,14 @@ class Session:
         with self._errors("list the routers"):
             return [str(zid) for zid in self.zenoh.info.routers_zid()]
 
+    def identities(self) -> dict[str, str]:
+        """The identities of the processes that it has a link to, as their certificates prove them,
+        by the ids of their sessions; {} on an open bus.
+        """
+        with self._errors("list the links"):
+            links = self.zenoh.info.links()
+        return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""
         with self._errors("watch links"):

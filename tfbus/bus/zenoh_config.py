@@ -12,6 +12,7 @@ from tfbus.bus.interfaces import loopback_where_alone
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
+from tfbus.runtime.addresses import is_local
 from tfbus.secure.folder import SecureFolder
 
 # A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
@@ -131,6 +132,22 @@ def has_scouting(settings: NodeSettings) -> bool:
     enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
     has_router = settings.mode == "client" and bool(settings.connect)
     return enabled is not False and not has_router
+
+
+def listens_beyond_loopback(settings: NodeSettings) -> list[str]:
+    """The endpoints on which a session with these settings listens, and other hosts reach it."""
+    if settings.mode == "client":
+        return []
+    listen = json.loads(zenoh_config(settings).get_json("listen/endpoints"))
+    if isinstance(listen, dict):  # by mode
+        listen = listen.get(settings.mode or "peer", [])
+    return [endpoint for endpoint in listen or () if not _is_of_loopback(endpoint)]
+
+
+def _is_of_loopback(endpoint: str) -> bool:
+    protocol, _, address = endpoint.partition("/")
+    host = address.partition("#")[0].rpartition(":")[0].strip("[]")
+    return protocol.startswith("unix") or is_local(host)
 
 
 def _named_in_file(path: str) -> Any:

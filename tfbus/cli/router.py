@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import click
 
+from tfbus.bus.members import watch_members
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
@@ -27,7 +28,8 @@ def command(settings: NodeSettings) -> None:
     settings = replace(settings, mode="router", listen=listen)
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
-    with Session(settings, log):
+    with Session(settings, log) as session:
+        watch_members(session, log)
         log.info("Routing on %s", ", ".join(listen) or f"the endpoints of {settings.config}")
         signals.wait()
     signals.uninstall()

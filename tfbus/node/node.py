@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfbus.bus import forks
+from tfbus.bus.members import watch_members
 from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -133,6 +134,7 @@ class Node:
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
         session.watch_links(OpenFilesWatch(self.log).look)
+        watch_members(session, self.log)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )

@@ -1,12 +1,14 @@
 """An identity's folder: what one machine needs to be on a closed bus."""
 
+import hashlib
 import os
 import stat
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tfbus.errors import SettingsError
-from tfbus.runtime.yaml_file import read_yaml_file
+from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.secure.rights import Identity, Rights
 from tfbus.secure.rights_file import RIGHTS_FILE, read_rights
 
@@ -23,11 +25,15 @@ _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 @dataclass(frozen=True)
 class SecureFolder:
-    """An identity's folder that can be used: all files are there, and its key is its own."""
+    """An identity's folder that can be used: all files are there, its key is its own, and its
+    certificate is valid until `ends`. `digest` is the same for the same rights.
+    """
 
     path: Path
     identity: Identity
     rights: Rights
+    ends: datetime
+    digest: str
 
     @property
     def authority(self) -> Path:
@@ -60,12 +66,47 @@ def open_folder(path: str | os.PathLike[str]) -> SecureFolder:
     if missing:
         raise SettingsError(f"{path} has no {', '.join(missing)}: export the identity again")
     check_key_is_own(folder / KEY_FILE)
-    name = read_yaml_file(folder / NAME_FILE, "the identity's name").entries()["name"].text()
+    fields = read_yaml_file(folder / NAME_FILE, "the identity's name").fields(_FIELDS)
+    name, begins, ends = fields["name"].text(), _time(fields["begins"]), _time(fields["ends"])
+    _check_time(name, begins, ends)
     rights = read_rights(folder / RIGHTS_FILE)
     identity = rights.of(name)
     if identity.revoked:
         raise SettingsError(f"identity {name!r} was revoked on {identity.revoked}")
-    return SecureFolder(folder, identity, rights)
+    digest = hashlib.sha256((folder / RIGHTS_FILE).read_bytes()).hexdigest()[:16]
+    return SecureFolder(folder, identity, rights, ends, digest)
+
+
+def name_file(name: str, begins: datetime, ends: datetime) -> bytes:
+    """The content of identity.yaml: what the certificate says, for those without a library."""
+    return f"name: {name}\nbegins: {_shown(begins)}\nends: {_shown(ends)}\n".encode()
+
+
+_FIELDS = ("name", "begins", "ends")
+
+
+def _shown(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat()
+
+
+def _time(value: Value) -> datetime:
+    try:
+        return datetime.fromisoformat(value.text())
+    except ValueError:
+        raise value.place.mistake(f"{value.text()!r} is not a time: export it again") from None
+
+
+def _check_time(name: str, begins: datetime, ends: datetime) -> None:
+    now = datetime.now(UTC)
+    if now > ends:
+        raise SettingsError(
+            f"identity {name!r} expired on {ends:%Y-%m-%d}: tfbus keys renew {name}, and export it"
+        )
+    if now < begins:
+        raise SettingsError(
+            f"identity {name!r} is not valid before {begins:%Y-%m-%d %H:%M} UTC, and the clock of "
+            f"this machine says {now:%Y-%m-%d %H:%M}: set the clock"
+        )
 
 
 def check_key_is_own(path: Path) -> None:

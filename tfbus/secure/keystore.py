@@ -24,6 +24,7 @@ from tfbus.secure.folder import (
     KEY_FILE,
     NAME_FILE,
     check_key_is_own,
+    name_file,
 )
 from tfbus.secure.rights import Identity, Rights
 from tfbus.secure.rights_file import RIGHTS_FILE, read_rights, write_rights
@@ -164,7 +165,8 @@ class Keystore:
         write_private(folder / KEY_FILE, issued.key)
         _write(folder / CERTIFICATE_FILE, issued.certificate)
         _write(folder / AUTHORITY_FILE, authority.certificate)
-        _write(folder / NAME_FILE, f"name: {identity.name}\n".encode())
+        facts = facts_of(issued.certificate)
+        _write(folder / NAME_FILE, name_file(facts.name, facts.begins, facts.ends))
         return folder
 
     def _read_authority(self) -> Issued:

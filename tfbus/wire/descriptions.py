@@ -47,7 +47,8 @@ class NodeDescription:
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to.
-    All names come as they can be printed.
+    All names come as they can be printed. On a closed bus `identity` is that of the node, and
+    `rights` a digest of the rights that it enforces.
     """
 
     name: str
@@ -64,9 +65,12 @@ class NodeDescription:
     calls: dict[str, str]
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
+    identity: str = ""
+    rights: str = ""
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread")
+        _make_printable(self, "identity", "rights")
         _make_printable(self, "publishes", "subscribes", "serves", "calls")
 
 

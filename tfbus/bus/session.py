@@ -24,7 +24,7 @@ from tfbus.bus.handles import (
 )
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_config import listens_beyond_loopback, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
 from tfbus.errors import BusError, RightsError
@@ -78,6 +78,8 @@ class Session:
         self._outside_lock = threading.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
         config = zenoh_config(settings, scouting_s, is_second=is_second)
+        # Where any process of another host reaches it.
+        self.open_to = () if settings.closed else listens_beyond_loopback(config)
         with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())

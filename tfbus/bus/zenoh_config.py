@@ -134,14 +134,15 @@ def has_scouting(settings: NodeSettings) -> bool:
     return enabled is not False and not has_router
 
 
-def listens_beyond_loopback(settings: NodeSettings) -> list[str]:
-    """The endpoints on which a session with these settings listens, and other hosts reach it."""
-    if settings.mode == "client":
-        return []
-    listen = json.loads(zenoh_config(settings).get_json("listen/endpoints"))
-    if isinstance(listen, dict):  # by mode
-        listen = listen.get(settings.mode or "peer", [])
-    return [endpoint for endpoint in listen or () if not _is_of_loopback(endpoint)]
+def listens_beyond_loopback(config: zenoh.Config) -> tuple[str, ...]:
+    """The endpoints of a configuration on which other hosts reach its session."""
+    mode = json.loads(config.get_json("mode")) or "peer"
+    listen = json.loads(config.get_json("listen/endpoints"))
+    if isinstance(listen, dict):
+        listen = listen.get(mode)
+    if mode == "client":
+        listen = ()
+    return tuple(endpoint for endpoint in listen or () if not _is_of_loopback(endpoint))
 
 
 def _is_of_loopback(endpoint: str) -> bool:

@@ -30,6 +30,8 @@ def command(settings: NodeSettings) -> None:
     signals = StopSignals()
     with Session(settings, log) as session:
         watch_members(session, log)
-        log.info("Routing on %s", ", ".join(listen) or f"the endpoints of {settings.config}")
+        where = ", ".join(listen) or f"the endpoints of {settings.config}"
+        is_open = " (open to the network; --secure closes it)" if session.open_to else ""
+        log.info("Routing on %s%s", where, is_open)
         signals.wait()
     signals.uninstall()

@@ -207,11 +207,14 @@ class Node:
         self._signals.stop()
 
     def ready(self, text: str = "ready") -> None:
-        """Log in one line that the node works now; only the first call does."""
+        """Log in one line that the node works now, and whether any process on the network can
+        reach it; only the first call does.
+        """
         if not self._is_ready:
             self._is_ready = True
             self._parameters.warn_of_undeclared()
-            self.log.info(text)
+            is_open = " (open to the network; --secure closes it)" if self.session.open_to else ""
+            self.log.info("%s%s", text, is_open)
             self._clock_start.expect()
 
     def spin(self) -> None:

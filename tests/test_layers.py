@@ -19,7 +19,7 @@ STOREYS = [
     {"geometry"},
     {"trajectory"},
     {"buffer", "robot", "wire"},
-    {"ros"},
+    {"ros", "secure"},
     {"recording"},
     {"bus"},
     {"discover"},

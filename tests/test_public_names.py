@@ -36,6 +36,7 @@ NAMES = [
     "Parameter",
     "ParameterError",
     "PastExtrapolationException",
+    "RightsError",
     "Recording",
     "Robot",
     "Sampling",

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from tfbus.errors import NoDataException as NoDataException
     from tfbus.errors import ParameterError as ParameterError
     from tfbus.errors import PastExtrapolationException as PastExtrapolationException
+    from tfbus.errors import RightsError as RightsError
     from tfbus.errors import ServiceError as ServiceError
     from tfbus.errors import SettingsError as SettingsError
     from tfbus.errors import SingleSampleException as SingleSampleException
@@ -98,6 +99,7 @@ _MODULE_OF = {
     "Parameter": "tfbus.node.parameters",
     "ParameterError": "tfbus.errors",
     "PastExtrapolationException": "tfbus.errors",
+    "RightsError": "tfbus.errors",
     "Sampling": "tfbus.core.sampling",
     "Recording": "tfbus.recording.recording",
     "Robot": "tfbus.robot.robot",

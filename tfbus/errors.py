@@ -20,6 +20,7 @@
       InvalidNameError                a name of a node, topic, service or action is invalid
       SettingsError                   a setting or command-line option is invalid
       UrdfError                       a URDF or xacro file cannot be read, or is not one
+      RightsError                     the identity may not do that on a closed bus
 
 The names of the transform errors are tf2's. Each message says in one sentence what is wrong and
 what to do; the facts are fields.
@@ -213,3 +214,7 @@ class SettingsError(TfbusError, ValueError):
 
 class UrdfError(TfbusError, ValueError):
     """A URDF or xacro file cannot be read, or is not one; the message has the line."""
+
+
+class RightsError(TfbusError):
+    """The identity of this process has no right to do that on its closed bus."""

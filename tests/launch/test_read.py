@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus.bus.settings import NodeSettings
-from tfbus.command.yaml_file import Place, YamlFileError
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Argument, Process, Respawn
 from tfbus.launch.errors import LaunchArgumentError, LaunchError
@@ -19,6 +18,7 @@ from tfbus.launch.read.find import find_launch_file, installed_launch_files
 from tfbus.launch.read.reader import read_arguments, read_launch_file
 from tfbus.launch.read.substitution import Scope
 from tfbus.launch.run.program import check_startable, dry_run_line, program_of
+from tfbus.runtime.yaml_file import Place, YamlFileError
 
 
 def write(folder: Path, text: str, name: str = "robot.yaml") -> Path:

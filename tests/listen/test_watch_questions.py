@@ -9,6 +9,7 @@ import pytest
 
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
+from tfbus.bus.settings import NodeSettings
 from tfbus.listen import watch
 from tfbus.listen.watch import StreamWatch
 from tfbus.runtime.executor import Executor
@@ -35,6 +36,7 @@ class Questions:
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self.token: Callable[[str, bool], None]
         self.describe: Callable[[str, bytes], None]
+        self.settings = NodeSettings("listener")
         monkeypatch.setattr(watch, "ask_retained_later", self.ask)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         self.watch = StreamWatch(

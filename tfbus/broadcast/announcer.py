@@ -31,7 +31,8 @@ _KINDS = {
 class FrameAnnouncer:
     """Holds the frames of a stream and announces each change soon, on the node's thread.
 
-    `publisher` sends `describe(rows)` of all rows (parent, child, static). `reparented` counts how
+    `check_right(child)` raises where the stream may not have a frame. `publisher` sends
+    `describe(rows)` of all rows (parent, child, static). `reparented` counts how
     often a known frame got another parent, or became static or dynamic.
     """
 
@@ -41,8 +42,10 @@ class FrameAnnouncer:
         publisher: BytesPublisher,
         describe: Callable[[FrameRows], bytes],
         executor: Executor,
+        check_right: Callable[[str], object] = lambda child: None,
     ) -> None:
         self._stream = stream
+        self._check_right = check_right
         self._publisher = publisher
         self._describe = describe
         self._executor = executor
@@ -59,13 +62,14 @@ class FrameAnnouncer:
         """Add edges that the stream is about to send.
 
         Raises InvalidArgumentException where a frame name is invalid, or parent and child are the
-        same: no buffer would take them.
+        same: no buffer would take them. Raises what `check_right(child)` raises.
         """
         with self._lock:
             if edges.items() <= self._edges.items():
                 return
             for child, (parent, _) in edges.items():
                 _check(parent, child)
+                self._check_right(child)
             self.reparented += any(
                 self._edges.get(child, edge) != edge for child, edge in edges.items()
             )

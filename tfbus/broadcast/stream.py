@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 
 from tfbus.broadcast.announcer import Edges, FrameAnnouncer, FrameRows
 from tfbus.broadcast.options import StreamOptions
@@ -27,7 +28,7 @@ from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
-from tfbus.wire.keys import static_transforms_key, stream_key
+from tfbus.wire.keys import escape, static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import printable
 
@@ -64,6 +65,7 @@ class Stream:
                 f"a stream cannot be called '{printable(name, most=60)}': use 1 to 255 letters "
                 "that can be printed"
             )
+        session.settings.check_right("nodes", escape(name))
         self.name = name
         self._node = node
         self._started_ns = self._epoch_ns = epoch_ns
@@ -83,7 +85,11 @@ class Stream:
         # Where Zenoh's own recovery of the retained message fails, listeners query this key.
         session.queryable(self._static_key, self._on_static_query, long=True)
         self._frames = FrameAnnouncer(
-            name, declare_retained_publisher(session, stream_key(name)), self._describe, executor
+            name,
+            declare_retained_publisher(session, stream_key(name)),
+            self._describe,
+            executor,
+            partial(session.settings.check_right, "frames"),
         )
         self._token = session.token(stream_key(name))
         self._frames.announce_soon()

@@ -24,10 +24,10 @@ from tfbus.bus.handles import (
 )
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import zenoh_config
+from tfbus.bus.zenoh_config import listens_beyond_loopback, zenoh_config
 from tfbus.bus.zenoh_errors import bus_errors, first_sentence, is_router_missing
 from tfbus.bus.zenoh_threads import configure_zenoh_threads
-from tfbus.errors import BusError
+from tfbus.errors import BusError, RightsError
 from tfbus.runtime.seconds import seconds_to_wait
 from tfbus.runtime.workers import Workers
 from tfbus.wire.keys import relative
@@ -78,6 +78,8 @@ class Session:
         self._outside_lock = threading.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
         config = zenoh_config(settings, scouting_s, is_second=is_second)
+        # Where any process of another host reaches it.
+        self.open_to = () if settings.closed else listens_beyond_loopback(config)
         with bus_errors(f"join the bus{_through(settings)}"):
             self.zenoh = self._open(config, patience_s)
         self.id = str(self.zenoh.zid())
@@ -137,7 +139,14 @@ class Session:
         one opens a second session, without a namespace, which ends with this one.
         """
         key = relative(key, self.settings.namespace)
-        return (self._open_outside(), key[1:]) if key.startswith("/") else (self, key)
+        if not key.startswith("/"):
+            return self, key
+        outside = self._open_outside()
+        own = outside.settings.namespace
+        key = relative(key, own)
+        if own and key.startswith("/"):
+            raise RightsError(f"{key} is outside of {own!r}, the namespace of this identity")
+        return outside, key.removeprefix("/")
 
     def _open_outside(self) -> "Session":
         with self._outside_lock:
@@ -364,6 +373,14 @@ class Session:
         """The ids of the routers that the session is connected to."""
         with self._errors("list the routers"):
             return [str(zid) for zid in self.zenoh.info.routers_zid()]
+
+    def identities(self) -> dict[str, str]:
+        """The identities of the processes that it has a link to, as their certificates prove them,
+        by the ids of their sessions; {} on an open bus.
+        """
+        with self._errors("list the links"):
+            links = self.zenoh.info.links()
+        return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
 
     def watch_links(self, callback: Callable[[], None]) -> Declaration:
         """Call `callback()` whenever a link to another process opens or closes."""

@@ -8,7 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tfbus.errors import SettingsError
+from tfbus.errors import RightsError, SettingsError
+from tfbus.secure.folder import SecureFolder, open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
 from tfbus.wording import printable
@@ -54,11 +55,13 @@ class NodeSettings:
     """A node's name, and how it joins the bus.
 
     Defaults come from the environment (`TFBUS_NAMESPACE`, `TFBUS_MODE`, `TFBUS_CONNECT`,
-    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`, `TFBUS_LIMITS`), so one
-    setting serves all processes of a machine. `mode` is "peer", "client", "router", or "" for that
-    of the configuration file ("peer" without one). Endpoints are Zenoh's (`tcp/host:7447`):
-    several, or one as a str. With `sim_time` the node's time comes from the topic `clock`. `limits`
-    are the largest messages that it reads and sends, by kind; in the environment `topic=64MB,
+    `TFBUS_LISTEN`, `TFBUS_CONFIG`, `TFBUS_SECURE`, `TFBUS_LOG_LEVEL`, `TFBUS_SIM_TIME`,
+    `TFBUS_LIMITS`), so one setting serves all processes of a machine. `mode` is "peer", "client",
+    "router", or "" for that of the configuration file ("peer" without one). Endpoints are Zenoh's
+    (`tcp/host:7447`): several, or one as a str. `secure` is the folder of an identity, as `tfbus
+    keys add` makes it: then all links are encrypted, and each side has the rights of its
+    certificate. With `sim_time` the node's time comes from the topic `clock`. `limits` are the
+    largest messages that it reads and sends, by kind; in the environment `topic=64MB,
     service=8MB`.
 
     Raises InvalidNameError for an invalid name, SettingsError for any other invalid value.
@@ -70,11 +73,13 @@ class NodeSettings:
     connect: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("CONNECT"))
     listen: tuple[str, ...] = field(default_factory=lambda: _endpoints_from_environment("LISTEN"))
     config: str = field(default_factory=lambda: _from_environment("CONFIG"))
+    secure: str = field(default_factory=lambda: _from_environment("SECURE"))
     log_level: str = field(default_factory=lambda: _from_environment("LOG_LEVEL") or "info")
     sim_time: bool = field(default_factory=lambda: _truth_from_environment("SIM_TIME"))
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
     limits: Limits = field(default_factory=_limits_from_environment)
+    closed: SecureFolder | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_node_name(self.name)
@@ -94,6 +99,48 @@ class NodeSettings:
             _check_endpoint(endpoint)
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
+        if self.secure:
+            set_field(self, "secure", os.path.abspath(self.secure))
+            set_field(self, "closed", open_folder(self.secure))
+            set_field(self, "namespace", self._namespace_within())
+            for endpoint in (*self.connect, *self.listen):
+                _check_encrypted(endpoint)
+
+    def named_by_default(self, name: str) -> "NodeSettings":
+        """These settings for a node whose name the user did not choose.
+
+        On a closed bus where the identity may not run a node of this name, it begins with that of
+        the identity: `laptop_echo_5d205229`.
+        """
+        if self.closed is not None and not self.closed.identity.allows("nodes", name):
+            hidden = "_" if name.startswith("_") else ""
+            name = f"{hidden}{self.closed.identity.name}_{name.removeprefix('_')}"
+        return self.renamed(name)
+
+    def _namespace_within(self) -> str:
+        """The namespace, which is the identity's own where none is given."""
+        assert self.closed is not None
+        identity = self.closed.identity
+        if not self.namespace:
+            return identity.namespace
+        if not identity.is_within(self.namespace):
+            raise SettingsError(
+                f"identity {identity.name!r} is of the namespace {identity.namespace!r}, not of "
+                f"{self.namespace!r}"
+            )
+        return self.namespace
+
+    def check_right(self, right: str, name: str) -> None:
+        """Check a right of a node with these settings for a name as the node uses it.
+
+        `right` is one of those of an Identity. Raises RightsError where the bus is closed and its
+        identity has not got it.
+        """
+        if self.closed is None:
+            return
+        mistake = self.closed.identity.mistake_in(right, name, self.namespace)
+        if mistake:
+            raise RightsError(mistake)
 
     @property
     def full_name(self) -> str:
@@ -146,8 +193,17 @@ def _check_endpoint(endpoint: str) -> None:
         raise SettingsError(
             f"endpoint {endpoint!r} has an unknown protocol: use one of {', '.join(PROTOCOLS)}"
         )
-    if protocol in ("tcp", "udp") and not _PORT.search(address):
+    if protocol in ("tcp", "udp", "tls") and not _PORT.search(address):
         raise SettingsError(f"endpoint {endpoint!r} has no port: write {protocol}/{address}:7447")
+
+
+def _check_encrypted(endpoint: str) -> None:
+    protocol, _, address = endpoint.partition("/")
+    if protocol != "tls":
+        raise SettingsError(
+            f"endpoint {endpoint!r} is not encrypted, and --secure has only links that are: write "
+            f"tls/{address}"
+        )
 
 
 def _check_choice(what: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -12,6 +12,8 @@ from tfbus.bus.interfaces import loopback_where_alone
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
+from tfbus.runtime.addresses import is_local
+from tfbus.secure.folder import SecureFolder
 
 # A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
 # in this time.
@@ -70,6 +72,10 @@ def zenoh_config(
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
+    if settings.closed is not None:
+        given |= _encrypted(settings.closed)
+        if not settings.listen and settings.mode != "client":
+            given["listen/endpoints"] = ["tls/[::]:0"]
     if scouting_s is not None:
         given["scouting/delay"] = given["scouting/timeout"] = round(scouting_s * 1e3)
     unnamed = {key: value for key, value in defaults.items() if not _is_in(named, key)}
@@ -84,6 +90,37 @@ def zenoh_config(
     return config
 
 
+def _encrypted(folder: SecureFolder) -> dict[str, Any]:
+    """What makes every link encrypted, and lets in only what the rights allow."""
+    from tfbus.secure.access_control import access_control
+
+    certificate, key = str(folder.certificate), str(folder.key)
+    tls = {
+        "root_ca_certificate": str(folder.authority),
+        "enable_mtls": True,
+        "listen_certificate": certificate,
+        "listen_private_key": key,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+        # Scouting finds addresses; whose they are, and what it may do, the certificate says.
+        "verify_name_on_connect": folder.rights.names_hosts,
+        "close_link_on_expiration": True,
+    }
+    return {
+        "transport/link/protocols": ["tls"],
+        "transport/link/tls": tls,
+        "access_control": _canonical(access_control(folder.rights)),
+    }
+
+
+def _canonical(control: dict[str, Any]) -> dict[str, Any]:
+    """Access control with key expressions in the one form that Zenoh takes: `*/**` for `**/*`."""
+    for rule in control["rules"]:
+        keys = [str(zenoh.KeyExpr.autocanonize(key)) for key in rule["key_exprs"]]
+        rule["key_exprs"] = list(dict.fromkeys(keys))
+    return control
+
+
 def id_in_file(path: str) -> str | None:
     """Zenoh's id that the configuration file sets, as sessions tell theirs; None without one."""
     named = _named_in_file(path)
@@ -95,6 +132,23 @@ def has_scouting(settings: NodeSettings) -> bool:
     enabled = json.loads(_config_of(settings.config).get_json("scouting/multicast/enabled"))
     has_router = settings.mode == "client" and bool(settings.connect)
     return enabled is not False and not has_router
+
+
+def listens_beyond_loopback(config: zenoh.Config) -> tuple[str, ...]:
+    """The endpoints of a configuration on which other hosts reach its session."""
+    mode = json.loads(config.get_json("mode")) or "peer"
+    listen = json.loads(config.get_json("listen/endpoints"))
+    if isinstance(listen, dict):
+        listen = listen.get(mode)
+    if mode == "client":
+        listen = ()
+    return tuple(endpoint for endpoint in listen or () if not _is_of_loopback(endpoint))
+
+
+def _is_of_loopback(endpoint: str) -> bool:
+    protocol, _, address = endpoint.partition("/")
+    host = address.partition("#")[0].rpartition(":")[0].strip("[]")
+    return protocol.startswith("unix") or is_local(host)
 
 
 def _named_in_file(path: str) -> Any:

@@ -33,6 +33,7 @@ TOOLS = {
     "create": "Create a small package with a node, a launch file and a test.",
     "doctor": "Check this host and the bus, and say what to fix; exits with 1 on a failure.",
     "frames": "Show the tree of frames, its publishers, and what is wrong with it.",
+    "keys": "Make identities for a closed bus: who may do what, encrypted.",
     "launch": "Start the processes of a launch file, and stop them together.",
     "monitor": "Measure rate, delay and order of transforms: all, or those between two frames.",
     "node": "List nodes, or show one.",
@@ -94,6 +95,8 @@ class Commands(Verbs):
             # Python writes what is left in its buffers at its end, and would fail once more.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
+        except click.exceptions.NoArgsIsHelpError:
+            raise  # its message is the whole help
         except click.ClickException as error:
             vars(error)["message"] = sentence(error.message)
             raise
@@ -164,8 +167,17 @@ _CALLED_IN_ROS = {
     epilog="To get started: tfbus launch turtle",
 )
 @click.version_option(package_name="tfbus", message="%(package)s %(version)s")
-def main() -> None:
+@click.option(
+    "--secure",
+    type=click.Path(),
+    metavar="DIR",
+    help="Join a closed bus by the identity in DIR, in any command (tfbus keys).",
+)
+def main(secure: str | None) -> None:
     """Coordinate frames for distributed robots, without ROS."""
+    if secure:
+        # Also for the processes that a command starts.
+        os.environ["TFBUS_SECURE"] = os.path.abspath(secure)
 
 
 def entry_points() -> dict[str, Any]:

@@ -135,8 +135,10 @@ def follow(
 ) -> Iterator[dict[str, Any]]:
     """The answers as they come; an early end cancels the accepted action.
 
-    Raises ServiceError if the service refuses, does not exist, or sends nothing for `timeout_s`.
+    Raises ServiceError if the service refuses, does not exist, or sends nothing for `timeout_s`,
+    RightsError where this identity may not call it on a closed bus.
     """
+    session.settings.check_right("calls", service)
     accepted = []
     answered = False
     signals = StopSignals()  # which raise KeyboardInterrupt here

@@ -57,6 +57,12 @@ from tfbus.launch.run.supervisor import Presence
     help="Zenoh's configuration of all nodes, in JSON5.",
 )
 @click.option(
+    "--secure",
+    type=click.Path(),
+    metavar="DIR",
+    help="The identity of all nodes on a closed bus, unless the file names it (tfbus keys).",
+)
+@click.option(
     "--log-level", type=click.Choice(LOG_LEVELS), help="The log level of all nodes (default info)."
 )
 @click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")
@@ -119,6 +125,10 @@ def command(
             click.echo("\n".join(map(dry_run_line, programs)))
             return
         timeouts = Timeouts(after_sigint_s=sigterm_timeout, after_sigterm_s=sigkill_timeout)
+        if not settings.secure:
+            # It waits for nodes on their bus.
+            secure = next((each.secure for each in processes if each.secure), "")
+            settings = replace(settings, secure=secure)
         raise SystemExit(_run(programs, settings, timeouts, longest_s))
 
 

@@ -90,6 +90,7 @@ def _lines(node: NodeDescription, now_ns: int) -> list[str]:
         f"  Pid: {node.pid}",
         f"  Version: {node.version}",
         f"  Up: {uptime_s:.0f} s",
+        *([f"  Identity: {node.identity}"] if node.identity else []),
         f"  Streams: {', '.join(node.streams) or 'none'}",
     ]
     for kind in _INTERFACES:

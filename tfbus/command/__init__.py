@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from tfbus.command.types import OutputFile as OutputFile
     from tfbus.command.types import frame_mistake as frame_mistake
     from tfbus.command.types import own_name as own_name
-    from tfbus.command.yaml_file import Value as Value
-    from tfbus.command.yaml_file import YamlFileError as YamlFileError
-    from tfbus.command.yaml_file import read_yaml_file as read_yaml_file
     from tfbus.runtime.whole_file import replacing as replacing
+    from tfbus.runtime.yaml_file import Value as Value
+    from tfbus.runtime.yaml_file import YamlFileError as YamlFileError
+    from tfbus.runtime.yaml_file import read_yaml_file as read_yaml_file
 
 _MODULE_OF = {
     "bag_options": "tfbus.command.recordings",
@@ -42,13 +42,13 @@ _MODULE_OF = {
     "MomentType": "tfbus.command.types",
     "OutputFile": "tfbus.command.types",
     "RawTerminal": "tfbus.command.terminal",
-    "Value": "tfbus.command.yaml_file",
-    "YamlFileError": "tfbus.command.yaml_file",
+    "Value": "tfbus.runtime.yaml_file",
+    "YamlFileError": "tfbus.runtime.yaml_file",
     "frame_mistake": "tfbus.command.types",
     "install_command": "tfbus.command.extras",
     "namespaces_serving": "tfbus.command.elsewhere",
     "own_name": "tfbus.command.types",
-    "read_yaml_file": "tfbus.command.yaml_file",
+    "read_yaml_file": "tfbus.runtime.yaml_file",
     "replacing": "tfbus.runtime.whole_file",
 }
 

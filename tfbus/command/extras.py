@@ -12,6 +12,7 @@ _MODULES = {
     "foxglove": "foxglove-sdk",
     "plot": "matplotlib",
     "robot": "xacro",
+    "secure": "cryptography",
     "sim": "pygame-ce",
     "top": "textual",
     "view": "viser",

@@ -147,6 +147,8 @@ def _settings(default_name: str, given: dict[str, Any]) -> NodeSettings:
     # With ROS's sign in --param name:=value.
     values["parameters"] = {name.removesuffix(":"): text for name, text in parameters.items()}
     settings = NodeSettings(**({"name": default_name} | values))
+    if "name" not in values:
+        settings = settings.named_by_default(default_name)
     return _with_sim_time(_with_parameter_files(settings, files), given.get("sim_time"))
 
 
@@ -213,6 +215,12 @@ _BUS_OPTIONS = {
     ),
     "config": click.option(
         "--config", type=click.Path(), metavar="FILE", help="Zenoh's configuration, in JSON5."
+    ),
+    "secure": click.option(
+        "--secure",
+        type=click.Path(),
+        metavar="DIR",
+        help="Join a closed bus by the identity in DIR (tfbus keys).",
     ),
     "log_level": click.option(
         "--log-level", type=click.Choice(LOG_LEVELS), help="The lowest level to log (default info)."

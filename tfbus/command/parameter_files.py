@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tfbus.command.yaml_file import read_yaml_file
 from tfbus.errors import SettingsError
+from tfbus.runtime.yaml_file import read_yaml_file
 from tfbus.wording import listed, printable
 
 # ROS 2's key above the parameters of a node.

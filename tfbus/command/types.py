@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tfbus.command.live_names import LiveNames
 
 # The options of a command that say where on the bus it is.
-_PLACE = ("namespace", "mode", "connect", "listen", "config")
+_PLACE = ("namespace", "mode", "connect", "listen", "config", "secure")
 
 
 class _BusName(click.ParamType[str]):

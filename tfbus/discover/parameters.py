@@ -11,7 +11,13 @@ from tfbus.discover.presence import describe_nodes, key_beside
 from tfbus.errors import BusError, DecodeError, ParameterError
 from tfbus.wire.codec import decode_message, encode_map
 from tfbus.wire.descriptions import ParameterDescription
-from tfbus.wire.keys import node_parameters_key, parameter_key, relative_name
+from tfbus.wire.keys import (
+    escape,
+    node_parameters_key,
+    parameter_key,
+    relative_name,
+    setting_key,
+)
 
 Warn = Callable[[str], object]
 
@@ -35,7 +41,11 @@ def parameter_of(session: Session, node: str, name: str, warn: Warn) -> Paramete
 def set_parameter(
     session: Session, node: str, name: str, value: object, warn: Warn
 ) -> ParameterDescription:
-    """Set a parameter and return it. Raises ParameterError if the node refuses."""
+    """Set a parameter and return it. Raises ParameterError if the node refuses, RightsError where
+    this identity may not set it on a closed bus.
+    """
+    full_name = full_name_of(session, node)
+    session.settings.check_right("sets", f"{full_name}/{escape(name)}")
     answers = _ask(session, node, name, encode_map({"value": value}))
     return _one(session, node, answers, warn)
 
@@ -63,8 +73,12 @@ def _ask(
 ) -> list[ParameterDescription]:
     """The node's answers about its parameter, or all of its parameters if that is None."""
 
+    is_setting = payload is not None and session.settings.closed is not None
+
     def key_of(name: str) -> str:
-        return parameter_key(name, parameter) if parameter else node_parameters_key(name)
+        if parameter is None:
+            return node_parameters_key(name)
+        return (setting_key if is_setting else parameter_key)(name, parameter)
 
     key = key_beside(node, key_of, session.settings.namespace)
     described = []

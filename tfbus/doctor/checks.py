@@ -2,7 +2,14 @@
 
 from collections.abc import Callable
 
-from tfbus.doctor import flow_checks, host_checks, reader_checks, sim_time_checks, tree_checks
+from tfbus.doctor import (
+    flow_checks,
+    host_checks,
+    reader_checks,
+    secure_checks,
+    sim_time_checks,
+    tree_checks,
+)
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding
 
@@ -14,6 +21,9 @@ CHECKS: dict[str, Check] = {
     "zenoh": host_checks.check_zenoh,
     "scouting": host_checks.check_scouting,
     "routers": host_checks.check_routers,
+    "encryption": secure_checks.check_encryption,
+    "certificate": secure_checks.check_certificate,
+    "rights": secure_checks.check_rights,
     "nodes": tree_checks.check_nodes,
     "node-names": tree_checks.check_node_names,
     "conflicts": tree_checks.check_conflicts,

@@ -17,6 +17,7 @@ class Host:
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
+    `listens_beyond` are the endpoints that other hosts can reach.
     """
 
     versions: Mapping[str, str]
@@ -25,6 +26,7 @@ class Host:
     scouted: bool | None
     routers: int
     unreachable: Mapping[str, str] = field(default_factory=dict)
+    listens_beyond: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from tfbus.bus.interfaces import interfaces
 from tfbus.bus.scout import found_by_scouting
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.bus.zenoh_config import has_scouting
+from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.doctor.examination import Host
 
 _PACKAGES = ("tfbus", "eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
@@ -33,6 +33,7 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := _why_unreachable(endpoint))
         },
+        listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
 
 

@@ -74,6 +74,7 @@ class LiveServices:
 
     def _last_answer(self, name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
         last: Mapping[str, Any] | None = None
+        self._session.settings.check_right("calls", name)
         for answer in self._session.ask(name, encode_map(values), timeout_s=_TIMEOUT_S):
             if answer.refusal is not None:
                 raise ServiceError(answer.refusal or f"{name} did not answer in time")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.command.yaml_file import Place
+from tfbus.runtime.yaml_file import Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,8 @@ class Process:
 
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
     Python file; `arguments` come last on its command line. Names in `after` are full names of
-    nodes, `/robot7/sim`.
+    nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, "" for that of the
+    whole launch.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Process:
     required: bool = False
     after: tuple[str, ...] = ()
     sim_time: bool = False
+    secure: str = ""
 
     @property
     def full_name(self) -> str:

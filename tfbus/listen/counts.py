@@ -21,6 +21,7 @@ class Counts:
     disputed: int = 0
     rejected: int = 0
     excluded: int = 0
+    forbidden: int = 0
     last_heard_ns: int | None = None
     delay_s: float | None = None
     last_delay_s: float | None = None

@@ -21,7 +21,8 @@ class StreamInfo:
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
     had not confirmed; `rejected` ones could not be read. `excluded` transforms were dropped, since
-    another publisher has priority for their frame. `last_heard_ns` is when the last message came,
+    another publisher has priority for their frame; `forbidden` ones, since the stream may not have
+    their frame on a closed bus. `last_heard_ns` is when the last message came,
     by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
     comes, by its stamp and our clock, smoothed over about ten messages. `clock_offset_s` is how far
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
@@ -45,6 +46,7 @@ class StreamInfo:
     disputed: int = 0
     rejected: int = 0
     excluded: int = 0
+    forbidden: int = 0
     last_heard_ns: int | None = None
     delay_s: float | None = None
     clock_offset_s: float | None = None

@@ -28,6 +28,7 @@ from tfbus.listen.reception import (
 )
 from tfbus.listen.registry import Registry, Stream, is_static
 from tfbus.listen.static_recovery import StaticRecovery
+from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.stream_state import StreamState
 from tfbus.listen.watch import StreamWatch
 from tfbus.names import is_printable
@@ -99,6 +100,7 @@ class TransformListener:
         self._log = node.log
         self._names = StreamNames(fleet)
         self._is_fleet = fleet is not None
+        self._rights = StreamRights.of(node.settings)
         # Kinds with names of streams may crowd each other out, so these have logs of their own.
         self._refusals = LogOnce(node.log)
         self._once_of_strangers = LogOnce(node.log)
@@ -300,7 +302,7 @@ class TransformListener:
         self._watch.forget(state.key)
 
     def _make_reception(self, name: str, key: str) -> StreamReception:
-        return StreamReception(
+        reception = StreamReception(
             name,
             self.buffer,
             self._log,
@@ -315,6 +317,11 @@ class TransformListener:
             once_of_strangers=self._once_of_strangers,
             lines=self._lines,
         )
+        if self._rights is not None:
+            reception.frame_rights = self._rights.frames(
+                key, reception.refuse_frame, is_fleet=self._is_fleet
+            )
+        return reception
 
     def _on_dispute(self, name: str, epoch_ns: int) -> None:
         self._watch.ask_for_epoch(name, epoch_ns)

@@ -26,10 +26,11 @@ from tfbus.listen.held import DisputedMessages
 from tfbus.listen.listing import Listing, Publisher
 from tfbus.listen.refused_statics import RefusedStatics
 from tfbus.listen.static_set import StaticSet, children_of
+from tfbus.listen.stream_rights import FrameRights
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.transforms import TransformMessage, TransformReader
-from tfbus.wording import stamp_text
+from tfbus.wording import listed, stamp_text
 
 # Messages of a disputed epoch ask at most this often for the publisher's word.
 _DISPUTES_APART_S = 1.0
@@ -99,6 +100,8 @@ class StreamReception:
         self.statics = StaticSet()
         self.listing = Listing()
         self.excluded: frozenset[str] = frozenset()
+        # On a closed bus, where its publishers may not have all frames.
+        self.frame_rights: FrameRights | None = None
         self.counts = Counts()
         self._marks = Marks(name, buffer, self.epochs, self.statics, self.listing)
         self._held = held or DisputedMessages()
@@ -205,6 +208,8 @@ class StreamReception:
         """Put the transforms into the buffer, except those for which another has priority; whether
         none was refused.
         """
+        if self.frame_rights is not None:
+            batch = self.frame_rights.allowed_of(batch)
         excluded = self.excluded
         if excluded:
             batch = self._without(batch, excluded)
@@ -240,6 +245,18 @@ class StreamReception:
         with self.lock:
             self.counts.rejected += 1
         self._warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
+
+    def refuse_frame(self, frame: str) -> None:
+        """Count a transform whose frame the stream may not have; log the first."""
+        with self.lock:
+            self.counts.forbidden += 1
+        self._warn_once(
+            "forbidden",
+            "Refused frame %r of stream %r: by the rights of this bus it may publish only %s",
+            frame,
+            self.name,
+            listed(self.frame_rights.patterns if self.frame_rights else ()) or "nothing",
+        )
 
     def _warn_refused(self) -> None:
         refused = self.buffer.rejected.last

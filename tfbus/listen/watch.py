@@ -12,6 +12,7 @@ from tfbus.bus.session import Session
 from tfbus.errors import DecodeError
 from tfbus.listen.epochs import is_from_future
 from tfbus.listen.mailbox import Letter, Mailbox
+from tfbus.listen.stream_rights import StreamRights
 from tfbus.listen.stream_state import StreamState
 from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
@@ -76,6 +77,7 @@ class StreamWatch:
         executor: Executor | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
+        self._rights = StreamRights.of(session.settings)
         self._session = session
         self._on_change = on_change
         log = log or logging.getLogger(__name__)
@@ -172,7 +174,19 @@ class StreamWatch:
                 stream_of(key),
                 mistake,
             )
-        return description
+        return description if self._rights is None else self._allowed(key, description)
+
+    def _allowed(self, key: str, description: StreamDescription) -> StreamDescription | None:
+        assert self._rights is not None
+        allowed, mistake = self._rights.checked(key, description)
+        if mistake:
+            self._once.warning(
+                ("rights", stream_of(key)),
+                "Refused what stream %r says of itself: it %s, by the rights of this bus",
+                stream_of(key),
+                mistake,
+            )
+        return allowed
 
     def _take_token(self, key: str, alive: bool) -> None:
         former = self._state(key)

@@ -64,6 +64,7 @@ class NodeInfo:
             "version": installed_version(),
             "session": self._session.id,
             "started_ns": self._started_ns,
+            **self._membership(),
             **described,
             "parameters": [parameter.describe() for parameter in self._parameters],
             **{
@@ -76,6 +77,13 @@ class NodeInfo:
                 if each.retained and not each.closed
             ],
         }
+
+    def _membership(self) -> dict[str, str]:
+        """Which identity it is on a closed bus, and which rights it enforces."""
+        closed = self._session.settings.closed
+        if closed is None:
+            return {}
+        return {"identity": closed.identity.name, "rights": closed.digest}
 
     def _on_info_query(self, query: Query) -> None:
         query.answer(node_key(self._name), encode_map(self.describe()))

@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tfbus.bus import forks
+from tfbus.bus.members import watch_members
 from tfbus.bus.open_files import OpenFilesWatch
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
@@ -85,6 +86,7 @@ class Node:
             raise SettingsError(
                 f"settings: expected a tfbus.NodeSettings, got {type(settings).__name__}"
             )
+        settings.check_right("nodes", settings.name)
         self.settings = settings
         self.name = settings.name
         self.namespace = settings.namespace
@@ -132,6 +134,7 @@ class Node:
             self._info.add("subscribes", subscription)
         self._token = session.token(node_key(self.name))
         session.watch_links(OpenFilesWatch(self.log).look)
+        watch_members(session, self.log)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )
@@ -204,11 +207,14 @@ class Node:
         self._signals.stop()
 
     def ready(self, text: str = "ready") -> None:
-        """Log in one line that the node works now; only the first call does."""
+        """Log in one line that the node works now, and whether any process on the network can
+        reach it; only the first call does.
+        """
         if not self._is_ready:
             self._is_ready = True
             self._parameters.warn_of_undeclared()
-            self.log.info(text)
+            is_open = " (open to the network; --secure closes it)" if self.session.open_to else ""
+            self.log.info("%s%s", text, is_open)
             self._clock_start.expect()
 
     def spin(self) -> None:
@@ -281,6 +287,7 @@ class Node:
         """
         check_message_type("create_publisher(message_type, topic)", message_type)
         topic = check_no_transforms(self._resolve(topic))
+        self.settings.check_right("topics", topic)
         publisher = Publisher(self.session, message_type, topic, retained=retained)
         return self._info.add("publishes", publisher)
 
@@ -321,6 +328,7 @@ class Node:
         `retained` as of `create_publisher`.
         """
         topic = self._resolve(topic)
+        self.settings.check_right("topics", topic)
         publisher = RawPublisher(self.session, topic, type_name, retained=retained)
         return self._info.add("publishes", publisher)
 
@@ -352,6 +360,7 @@ class Node:
         check_parts(call, service_type, ("Request", "Response"))
         check_callback(call, handler)
         name = self._resolve(name)
+        self.settings.check_right("serves", name)
         return self._info.add(
             "serves", Service(self.session, self.executor, self.log, service_type, name, handler)
         )
@@ -360,6 +369,7 @@ class Node:
         """A client that calls a service."""
         check_parts("create_client(service_type, name)", service_type, ("Request", "Response"))
         name = self._resolve(name)
+        self.settings.check_right("calls", name)
         return self._info.add("calls", Client(self.session, service_type, name))
 
     def create_goal_server(
@@ -372,6 +382,7 @@ class Node:
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         check_callback(call, handler)
         name = self._resolve(name)
+        self.settings.check_right("serves", name)
         return self._info.add(
             "serves", GoalServer(self.session, self.executor, self.log, goal_type, name, handler)
         )
@@ -383,6 +394,7 @@ class Node:
         call = "create_goal_client(goal_type, name)"
         check_parts(call, goal_type, ("Goal", "Feedback", "Result"))
         name = self._resolve(name)
+        self.settings.check_right("calls", name)
         return self._info.add("calls", GoalClient(self.session, goal_type, name))
 
     def create_timer(
@@ -407,6 +419,7 @@ class Node:
         from tfbus.node.clock_topic import ClockPublisher
 
         topic = self._resolve(CLOCK_TOPIC)
+        self.settings.check_right("topics", topic)
         return self._info.add("publishes", ClockPublisher(self.session, self.executor, topic))
 
     def declare_parameter(

@@ -2,7 +2,8 @@
 
 A node takes values at its start (`--param name=value`, or a launch file), and on the bus at
 `@tfbus/param/<node>/<name>`: a query without payload reads the parameter, one with
-`{"value": ...}` sets it; the answer is its description after that.
+`{"value": ...}` sets it; the answer is its description after that. On a closed bus the right to set
+is another one than that to read: there it is set at `@tfbus/set/<node>/<name>`.
 """
 
 import logging
@@ -18,7 +19,14 @@ from tfbus.errors import BusError, ParameterError
 from tfbus.node.service import submit_or_refuse
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import decode_map, encode_map
-from tfbus.wire.keys import check_parameter, last_name, node_parameters_key, parameter_key
+from tfbus.wire.keys import (
+    check_parameter,
+    last_name,
+    node_parameters_key,
+    node_settings_key,
+    parameter_key,
+    setting_key,
+)
 from tfbus.wording import did_you_mean, printable
 
 Value = bool | int | float | str | list[Any]
@@ -127,7 +135,10 @@ class Parameters:
         self._executor = executor
         self._log = log
         self._parameters: dict[str, Parameter] = {}
+        self._is_closed = session.settings.closed is not None
         session.queryable(node_parameters_key(node), self._on_query)
+        if self._is_closed:
+            session.queryable(node_settings_key(node), self._on_query)
 
     def __iter__(self) -> Iterator[Parameter]:
         return iter(sorted(self._parameters.values(), key=lambda parameter: parameter.name))
@@ -155,17 +166,21 @@ class Parameters:
 
     def _serve(self, query: Query) -> None:
         with query.answering("the node"):
-            asked = self._asked_for(query.key)
+            is_setting = "@tfbus/set/" in query.key
+            key_of = setting_key if is_setting else parameter_key
+            asked = self._asked_for(query.key, key_of)
             if payload := query.payload:
+                if self._is_closed and not is_setting:
+                    raise ParameterError("on a closed bus a parameter is set at its own key")
                 values = decode_map(payload)
                 for parameter in asked:
                     self._set(parameter, values)
             for parameter in asked:
-                key = parameter_key(self._node, parameter.name)
+                key = key_of(self._node, parameter.name)
                 query.answer(key, encode_map(parameter.describe()))
 
-    def _asked_for(self, key: str) -> list[Parameter]:
-        asked = [p for p in self if within(parameter_key(self._node, p.name), key)]
+    def _asked_for(self, key: str, key_of: Callable[[str, str], str]) -> list[Parameter]:
+        asked = [p for p in self if within(key_of(self._node, p.name), key)]
         if not asked and "*" not in key:
             name = last_name(key)
             hint = did_you_mean(name, self._parameters, none="; there are none")

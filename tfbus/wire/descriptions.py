@@ -48,7 +48,8 @@ class NodeDescription:
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
     `retained` those of the topics that it publishes whose last message reaches late subscribers.
-    All names come as they can be printed.
+    All names come as they can be printed. On a closed bus `identity` is that of the node, and
+    `rights` a digest of the rights that it enforces.
     """
 
     name: str
@@ -66,9 +67,12 @@ class NodeDescription:
     unread: tuple[str, ...] = ()
     buffers: tuple[BufferDescription, ...] = ()
     retained: tuple[str, ...] = ()
+    identity: str = ""
+    rights: str = ""
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")
+        _make_printable(self, "identity", "rights")
         _make_printable(self, "publishes", "subscribes", "serves", "calls")
 
 

@@ -100,6 +100,16 @@ def node_parameters_key(node: str) -> str:
     return f"@tfbus/param/{escape(node)}/*"
 
 
+def setting_key(node: str, parameter: str) -> str:
+    """The key to set one parameter of a node on a closed bus, where `parameter_key` only reads."""
+    return f"@tfbus/set/{escape(node)}/{escape(parameter)}"
+
+
+def node_settings_key(node: str) -> str:
+    """The key expression to set all parameters of a node on a closed bus."""
+    return f"@tfbus/set/{escape(node)}/*"
+
+
 def last_name(key: str) -> str:
     """The name in the last chunk of a key: the stream, the node or the parameter."""
     return unescape(key.rsplit("/", 1)[-1])

@@ -23,6 +23,7 @@ _KIND_OF_CHUNK = {
     "@tfbus/stream": "description",
     "@tfbus/node": "description",
     "@tfbus/param": "parameter",
+    "@tfbus/set": "parameter",
     "@tfbus/clock": "clock",
 }
 _KIND_CHUNK = re.compile(r"(?:^|/)(tf|tf_static|@tfbus/[a-z]+)(?:/|$)")

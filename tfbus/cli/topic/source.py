@@ -36,7 +36,7 @@ def visiting(settings: NodeSettings, purpose: str, *, goes_on: bool = True) -> I
     from tfbus.node.node import Node  # numpy, which completion and `--help` do not need
 
     try:
-        with Node.from_settings(settings.renamed(own_name(f"_{purpose}"))) as node:
+        with Node.from_settings(settings.named_by_default(own_name(f"_{purpose}"))) as node:
             node.session.settle()
             yield node
             return

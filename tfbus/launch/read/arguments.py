@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from tfbus.command.yaml_file import Value
 from tfbus.launch.description import Argument
 from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.substitution import HERE
+from tfbus.runtime.yaml_file import Value
 from tfbus.wording import did_you_mean
 
 _KEYS = ("default", "description", "choices")

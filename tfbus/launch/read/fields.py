@@ -6,9 +6,9 @@ import shlex
 from collections.abc import Callable, Collection, Iterator
 from math import isfinite
 
-from tfbus.command.yaml_file import Place, Value, YamlFileError
 from tfbus.errors import TfbusError
 from tfbus.launch.read.substitution import Scope, truth
+from tfbus.runtime.yaml_file import Place, Value, YamlFileError
 
 CONDITIONS = ("if", "unless")
 

@@ -3,16 +3,17 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tfbus.command.yaml_file import Place, Value
 from tfbus.errors import TfbusError
 from tfbus.launch.description import Process, Respawn
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.substitution import Scope
+from tfbus.runtime.yaml_file import Place, Value
+from tfbus.secure.folder import open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),
-    *("environment", "directory", "respawn", "required", "after"),
+    *("environment", "directory", "respawn", "required", "after", "secure"),
 )
 _KEYS_OF_NODES_ONLY = ("parameters", "remappings")
 _RESPAWN_KEYS = ("delay", "limit")
@@ -51,6 +52,7 @@ def read_process(value: Value, scope: Scope, file_namespace: str, folder: Path) 
         environment=fields.pairs("environment"),
         respawn=_respawn(fields),
         required=fields.truth("required"),
+        secure=identity_folder(fields, folder),
     )
     return ProcessEntry(process, fields.is_on, file_namespace, tuple(fields.items("after")))
 
@@ -104,6 +106,17 @@ def _directory(fields: Fields, folder: Path) -> Path:
     if not directory.is_dir():
         raise fields.place_of("directory").mistake(f"there is no folder {str(directory)!r}")
     return directory.resolve()
+
+
+def identity_folder(fields: Fields, folder: Path) -> str:
+    """The folder of an identity under `secure`; "" without one."""
+    if "secure" not in fields:
+        return ""
+    path = folder / Path(fields.text("secure")).expanduser()
+    try:
+        return str(open_folder(path).path)
+    except TfbusError as error:
+        raise fields.place_of("secure").mistake(str(error)) from error
 
 
 def _remappings(fields: Fields) -> tuple[tuple[str, str], ...]:

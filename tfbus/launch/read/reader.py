@@ -8,18 +8,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tfbus.command.yaml_file import Value, read_yaml_file
 from tfbus.launch.description import Argument, Process
 from tfbus.launch.errors import LaunchArgumentError, LaunchError
 from tfbus.launch.read.arguments import argument_values, declared_arguments
 from tfbus.launch.read.fields import Fields
 from tfbus.launch.read.find import find_in, find_launch_file
-from tfbus.launch.read.process_entry import ProcessEntry, joined, read_process
+from tfbus.launch.read.process_entry import (
+    ProcessEntry,
+    identity_folder,
+    joined,
+    read_process,
+)
 from tfbus.launch.read.substitution import Scope, truth
+from tfbus.runtime.yaml_file import Value, read_yaml_file
 from tfbus.wire.keys import check_namespace
 from tfbus.wording import did_you_mean
 
-_FILE_KEYS = ("description", "arguments", "sim_time", "includes", "nodes")
+_FILE_KEYS = ("description", "arguments", "sim_time", "secure", "includes", "nodes")
 _INCLUDE_KEYS = ("file", "package", "namespace", "arguments")
 
 
@@ -64,6 +69,7 @@ class _Document:
         fields = whole.fields(_FILE_KEYS)
         self.description = fields["description"].text() if "description" in fields else ""
         self.path = path
+        self._whole = whole
         self._sim_time = fields.get("sim_time")
         self.arguments = tuple(
             declared_arguments(fields["arguments"]) if "arguments" in fields else ()
@@ -78,6 +84,10 @@ class _Document:
         value = self._sim_time
         return value is not None and truth(scope.expand(value.text(), value.place), value.place)
 
+    def identity(self, scope: Scope) -> str:
+        """The folder of the identity of its nodes, and those it includes; "" without one."""
+        return identity_folder(Fields(self._whole, _FILE_KEYS, scope), self.path.parent)
+
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
@@ -87,6 +97,7 @@ class _Reading:
     namespace: str
     chain: tuple[Path, ...]  # the outermost file first, the one being read last
     sim_time: bool = False
+    secure: str = ""
 
     def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
         """Every process, those of included files first."""
@@ -94,15 +105,18 @@ class _Reading:
         values = argument_values(document.arguments, given, str(document.path))
         scope = Scope(values, self.environment, str(folder.resolve()))
         sim_time = document.has_sim_time(scope) or self.sim_time
+        secure = document.identity(scope) or self.secure
+        within = replace(self, sim_time=sim_time, secure=secure)
         for include in document.includes:
-            yield from self._include(include, scope, folder, sim_time)
+            yield from within._include(include, scope, folder)
         for node in document.nodes:
             entry = read_process(node, scope, self.namespace, folder)
-            yield replace(entry, process=replace(entry.process, sim_time=sim_time))
+            process = replace(
+                entry.process, sim_time=sim_time, secure=entry.process.secure or secure
+            )
+            yield replace(entry, process=process)
 
-    def _include(
-        self, value: Value, scope: Scope, folder: Path, sim_time: bool
-    ) -> Iterator[ProcessEntry]:
+    def _include(self, value: Value, scope: Scope, folder: Path) -> Iterator[ProcessEntry]:
         if not value.is_mapping:
             raise value.place.mistake("must be a mapping with 'file', as in `- file: turtle`")
         fields = Fields(value, _INCLUDE_KEYS, scope)
@@ -113,7 +127,7 @@ class _Reading:
             return
         path = self._included_path(fields, folder)
         namespace = joined(self.namespace, fields.text("namespace", check_namespace))
-        inner = _Reading(self.environment, namespace, (*self.chain, path.resolve()), sim_time)
+        inner = replace(self, namespace=namespace, chain=(*self.chain, path.resolve()))
         try:
             yield from inner.entries(_Document(path), given)
         except LaunchArgumentError as error:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tfbus.command.yaml_file import Place
+from tfbus.runtime.yaml_file import Place
 from tfbus.wording import did_you_mean
 
 HERE = "here"

@@ -110,6 +110,8 @@ def _node_options(process: Process, settings: NodeSettings) -> Iterator[str]:
         yield from ("--connect", endpoint)
     if settings.config:
         yield from ("--config", str(Path(settings.config).resolve()))
+    if secure := process.secure or settings.secure:
+        yield from ("--secure", secure)
     if settings.log_level != "info":
         yield from ("--log-level", settings.log_level)
     if settings.sim_time or process.sim_time:
@@ -129,6 +131,7 @@ def _changes(process: Process, settings: NodeSettings) -> dict[str, str | None]:
             "TFBUS_MODE": settings.mode or None,
             "TFBUS_CONNECT": " ".join(settings.connect) or None,
             "TFBUS_CONFIG": str(Path(settings.config).resolve()) if settings.config else None,
+            "TFBUS_SECURE": process.secure or settings.secure or None,
             "TFBUS_LOG_LEVEL": settings.log_level,
             "TFBUS_SIM_TIME": "1" if settings.sim_time or process.sim_time else None,
         }

@@ -7,9 +7,9 @@ from typing import Any
 
 import yaml
 
-from tfbus.command.yaml_file import yaml_mistake
 from tfbus.errors import SettingsError
 from tfbus.runtime.whole_file import replacing
+from tfbus.runtime.yaml_file import yaml_mistake
 from tfbus.view.model.filter import NameFilter
 from tfbus.wording import did_you_mean
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tfbus.command.yaml_file import YamlFileError, read_yaml_file
+from tfbus.runtime.yaml_file import YamlFileError, read_yaml_file
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,235 @@
+"""A closed bus: what an identity, or none, can read and write, whatever program it runs."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgpack
+import pytest
+import zenoh
+
+from tests import needs
+from tests.live_bus import eventually, keep_sending
+from tfbus import (
+    Buffer,
+    Node,
+    RightsError,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformListener,
+    TransformStamped,
+)
+
+needs.module("cryptography")
+
+from tests.closed_bus import ClosedBus  # noqa: E402
+from tfbus.secure.rights import Identity  # noqa: E402
+
+# What only the arm, or nobody, may send.
+OF_OTHERS = [
+    "robot7/tf/arm",
+    "robot7/tf/arm/hand",
+    "robot7/tf_static/arm",
+    "robot7/@tfbus/stream/arm",
+    "robot7/@tfbus/node/arm",
+    "robot7/tf_static/arm/@adv/pub/1",
+    "robot7/clock",
+    "robot8/tf/leg",
+    "robot8/scan",
+    "tf/leg",
+    "clock",
+]
+
+
+@pytest.fixture
+def bus(tmp_path: Path) -> Iterator[ClosedBus]:
+    bus = ClosedBus(
+        tmp_path,
+        Identity("arm", "publisher", "robot7", frames=("arm/*",)),
+        Identity("leg", "publisher", "robot7"),
+        Identity("laptop", "reader"),
+        Identity("witness", "admin"),
+        Identity("gone", "publisher", "robot7"),
+    )
+    bus.keystore.revoke("gone")
+    bus.open()
+    yield bus
+    bus.close()
+
+
+class Witness:
+    """Notes each message that comes to an honest process, by its key."""
+
+    def __init__(self, bus: ClosedBus) -> None:
+        self.node = bus.node("witness")
+        self.keys: list[str] = []
+        for expression in ("**", "**/@tfbus/**", "**/@adv/**", "**/@tfbus/**/@adv/**"):
+            self.node.session.zenoh.declare_subscriber(expression, self._note)
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        if sample.payload.to_bytes() == b"forged":
+            self.keys.append(str(sample.key_expr))
+
+    def alive(self) -> set[str]:
+        return {
+            key
+            for expression in ("**", "**/@tfbus/**")
+            for key in self.node.session.living(expression)
+        }
+
+
+def meets(session: zenoh.Session, witness: Witness) -> None:
+    """Wait until a session has a link to the witness."""
+    eventually(lambda: witness.node.session.id in map(str, session.info.peers_zid()))
+
+
+def sent_all(session: zenoh.Session) -> None:
+    """Wait until what a session has sent was taken or refused: it has an answer to a question that
+    every identity may ask, and messages stay in their order.
+    """
+
+    def has_answer() -> bool:
+        return any(reply.ok for reply in session.get("@tfbus/node/witness", timeout=5.0))
+
+    eventually(has_answer)
+
+
+def test_a_reader_reads_and_cannot_write(bus: ClosedBus) -> None:
+    """A reader's program that obeys no rights is still refused by all others."""
+    witness, honest = Witness(bus), bus.node("arm")
+    keep_sending(honest, "base", "arm/hand")
+    laptop = bus.raw(bus.path("laptop"))
+    heard: list[str] = []
+    laptop.declare_subscriber("robot7/tf/**", lambda sample: heard.append(str(sample.key_expr)))
+    meets(laptop, witness)
+    for key in (*OF_OTHERS, "robot7/tf/leg", "robot7/cmd_vel", "robot7/tf/laptop"):
+        laptop.put(key, b"forged")
+        laptop.liveliness().declare_token(key)
+    laptop.declare_queryable("robot7/spawn", lambda query: query.reply("robot7/spawn", b"forged"))
+    sent_all(laptop)
+    assert witness.keys == []
+    assert not {key for key in witness.alive() if "laptop" in key or "leg" in key}
+    assert not [r for r in witness.node.session.zenoh.get("robot7/spawn", timeout=0.3) if r.ok]
+    assert eventually(lambda: heard)[0] == "robot7/tf/arm"
+
+
+def test_a_publisher_sends_its_own_and_nothing_of_others(bus: ClosedBus) -> None:
+    """A publisher cannot send another's stream, speak in another namespace, or set the clock."""
+    witness = Witness(bus)
+    leg = bus.raw(bus.path("leg"))
+    meets(leg, witness)
+    for key in OF_OTHERS:
+        leg.put(key, b"forged")
+        leg.liveliness().declare_token(key)
+    for key in ("robot7/tf/leg", "robot7/tf_static/leg", "robot7/scan"):
+        leg.put(key, b"forged")
+    eventually(lambda: "robot7/scan" in witness.keys)
+    assert witness.keys == ["robot7/tf/leg", "robot7/tf_static/leg", "robot7/scan"]
+    assert not witness.alive() & set(OF_OTHERS)
+
+
+def test_only_who_may_set_parameters_sets_them(bus: ClosedBus) -> None:
+    """A publisher reads the parameters of others, and cannot set them."""
+    honest = bus.node("arm")
+    speed = honest.declare_parameter("speed", 1.0)
+    witness = Witness(bus)
+    leg = bus.raw(bus.path("leg"))
+    meets(leg, witness)
+    eventually(lambda: honest.session.id in map(str, leg.info.peers_zid()))
+    new = msgpack.packb({"value": 9.0})
+
+    def answers(key: str, payload: bytes | None) -> list[zenoh.Reply]:
+        return [*leg.get(key, payload=payload, timeout=1.0)]
+
+    eventually(lambda: [r for r in answers("robot7/@tfbus/param/arm/speed", None) if r.ok])
+    assert not [r for r in answers("robot7/@tfbus/param/arm/speed", new) if r.ok]
+    assert not answers("robot7/@tfbus/set/arm/speed", new)
+    assert speed.value == 1.0
+
+
+Open = Callable[[ClosedBus, Path], zenoh.Session]
+
+
+def of_another_authority(bus: ClosedBus, folder: Path) -> zenoh.Session:
+    other = ClosedBus(folder, Identity("arm", "publisher", "robot7"), name="others")
+    (other.path("arm") / "authority.pem").write_bytes(
+        (bus.path("arm") / "authority.pem").read_bytes()
+    )
+    return bus.raw(other.path("arm"))
+
+
+def expired(bus: ClosedBus, folder: Path) -> zenoh.Session:
+    bus.keystore.renew("leg", days=-0.001)
+    return bus.raw(bus.path("leg"))
+
+
+def revoked(bus: ClosedBus, folder: Path) -> zenoh.Session:
+    return bus.raw(bus.path("gone"))
+
+
+def without_certificate(bus: ClosedBus, folder: Path) -> zenoh.Session:
+    tls = {
+        "root_ca_certificate": str(bus.path("arm") / "authority.pem"),
+        "verify_name_on_connect": False,
+    }
+    return bus.open_raw(**{"transport/link/tls": tls, "listen/endpoints": []})
+
+
+def over_tcp(bus: ClosedBus, folder: Path) -> zenoh.Session:
+    endpoint = bus.endpoint.replace("tls/", "tcp/")
+    return bus.open_raw(**{"connect/endpoints": [endpoint], "listen/endpoints": []})
+
+
+@pytest.mark.parametrize(
+    "opens", [of_another_authority, expired, revoked, without_certificate, over_tcp]
+)
+def test_who_is_no_member_neither_reads_nor_writes(
+    bus: ClosedBus, tmp_path: Path, opens: Open
+) -> None:
+    """No certificate, one of another authority, an expired or a revoked one: nothing goes in or
+    out, and the others are undisturbed.
+    """
+    witness, honest = Witness(bus), bus.node("arm")
+    keep_sending(honest, "base", "arm/hand")
+    stranger = opens(bus, tmp_path)
+    heard: list[str] = []
+
+    def note(sample: zenoh.Sample) -> None:
+        if sample.payload.to_bytes() != b"forged":  # which it hears from itself
+            heard.append(str(sample.key_expr))
+
+    for expression in ("**", "**/@tfbus/**"):
+        stranger.declare_subscriber(expression, note)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("witness", "listener", namespace="robot7")):
+        buffer.lookup_transform("base", "arm/hand", timeout_s=20.0)
+        for _ in range(5):
+            stranger.put("robot7/tf/gone", b"forged")
+            stranger.put("robot7/tf/leg", b"forged")
+            latest_ns = buffer.lookup_transform("base", "arm/hand").stamp_ns
+            buffer.lookup_transform("base", "arm/hand", latest_ns + 10**8, timeout_s=20.0)
+        assert not [*stranger.get("robot7/@tfbus/node/*", timeout=0.3)]
+    assert heard == []
+    assert witness.keys == []
+
+
+def test_frames_that_a_stream_may_not_have_are_refused(bus: ClosedBus) -> None:
+    """A publisher whose program obeys no rights cannot publish frames beyond them."""
+    honest = bus.node("arm")
+    with pytest.raises(RightsError, match=r"may not publish frame 'base_link'.*arm/\*"):
+        send_static(honest, "base_link")
+    # An attacker's own program: the check of its own rights is left out.
+    object.__setattr__(honest.session.settings.closed, "identity", Identity("arm", "admin"))
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("witness", namespace="robot7")) as listener:
+        send_static(honest, "base_link")
+        send_static(honest, "arm/hand")
+        eventually(lambda: buffer.frames() and "arm/hand" in buffer.frames())
+        assert "base_link" not in buffer.frames()
+        (stream,) = eventually(lambda: [s for s in listener.streams() if s.frames])
+        assert stream.frames == (("world", "arm/hand", True),)
+        assert stream.forbidden >= 1
+
+
+def send_static(node: Node, child: str) -> None:
+    transform = TransformStamped(0, "world", child, Transform.identity())
+    StaticTransformBroadcaster(node).send_transform(transform)

@@ -1,0 +1,99 @@
+"""What identities may do, and the sentences that say why not."""
+
+import pytest
+
+from tfbus import SettingsError
+from tfbus.secure.rights import RIGHTS, ROLES, Identity, Rights
+
+
+@pytest.mark.parametrize(
+    ("role", "allowed"),
+    [
+        ("reader", set()),
+        ("publisher", {"frames", "topics", "serves", "calls"}),
+        ("operator", {"topics", "calls", "sets"}),
+        ("router", set()),
+        ("admin", {"nodes", "frames", "topics", "serves", "calls", "sets"}),
+    ],
+)
+def test_a_role_has_these_rights(role: str, allowed: set[str]) -> None:
+    """Without more in its file, an identity has the rights of its role."""
+    identity = Identity("it", role)
+    assert {right for right in RIGHTS if identity.allows(right, "a/b")} == allowed
+
+
+def test_the_table_names_every_role() -> None:
+    """The five roles are those of the test above."""
+    assert ROLES == ("reader", "publisher", "operator", "router", "admin")
+
+
+def test_nodes_have_the_identity_s_name_or_begin_with_it() -> None:
+    """Nodes and streams of other names need a right."""
+    arm = Identity("arm", "publisher", nodes=("gripper",))
+    named = ("arm", "arm_camera", "_arm_frames_1", "robot7/arm", "gripper")
+    assert all(arm.allows("nodes", name) for name in named)
+    assert not any(arm.allows("nodes", name) for name in ("leg", "army", "robot7/gripper"))
+
+
+def test_the_clock_has_to_be_named() -> None:
+    """Who may publish all topics may not publish the time of all."""
+    assert not Identity("arm", "publisher").allows("topics", "clock")
+    assert Identity("sim", "publisher", topics=("**", "clock")).allows("topics", "clock")
+
+
+@pytest.mark.parametrize(
+    ("identity", "right", "name", "namespace", "mistake"),
+    [
+        (Identity("arm", "publisher"), "frames", "hand", "", ""),
+        (
+            Identity("laptop", "reader"),
+            "frames",
+            "hand",
+            "",
+            "this identity, 'laptop', may not publish frame 'hand': its role is reader",
+        ),
+        (
+            Identity("arm", "publisher", frames=("arm/*",)),
+            "frames",
+            "hand",
+            "",
+            "this identity, 'arm', may not publish frame 'hand': it may publish arm/*",
+        ),
+        (
+            Identity("arm", "publisher", "robot7"),
+            "topics",
+            "/robot8/scan",
+            "robot7",
+            "this identity, 'arm', may not publish topic '/robot8/scan': its namespace is 'robot7'",
+        ),
+        (Identity("arm", "publisher", "robot7"), "topics", "scan", "robot7/arm", ""),
+        (
+            Identity("arm", "publisher", revoked="2026-11-22"),
+            "calls",
+            "spawn",
+            "",
+            "this identity, 'arm', may not call service 'spawn': it was revoked on 2026-11-22",
+        ),
+    ],
+)
+def test_a_refusal_says_who_what_and_why(
+    identity: Identity, right: str, name: str, namespace: str, mistake: str
+) -> None:
+    """A right that is missing is named in one sentence."""
+    assert identity.mistake_in(right, name, namespace) == mistake
+
+
+def test_the_frames_of_a_stream_are_those_of_its_publisher() -> None:
+    """An admin may publish any stream, and widens no other identity's."""
+    arm = Identity("arm", "publisher", frames=("arm/*",))
+    rights = Rights({"arm": arm, "boss": Identity("boss", "admin")})
+    assert rights.frames_of_stream("arm", "robot7") == ("arm/*",)
+    assert rights.frames_of_stream("boss", "") is None
+    assert rights.frames_of_stream("unknown", "") is None  # as the admin's
+    assert Rights({"arm": arm}).frames_of_stream("unknown", "") == ()
+
+
+def test_an_identity_that_is_not_there_is_named_with_the_nearest() -> None:
+    """A name that was misspelt is answered with those there are."""
+    with pytest.raises(SettingsError, match="no identity 'amr'; did you mean 'arm'"):
+        Rights({"arm": Identity("arm", "reader")}).of("amr")

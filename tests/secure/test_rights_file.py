@@ -1,0 +1,52 @@
+"""The file of rights: written for people, read with its lines."""
+
+from pathlib import Path
+
+import pytest
+
+from tfbus import TfbusError
+from tfbus.secure.rights import Identity, Rights
+from tfbus.secure.rights_file import read_rights, write_rights
+
+
+def test_what_is_written_is_read_again(tmp_path: Path) -> None:
+    """All that an identity says of its rights is in the file."""
+    identities = (
+        Identity("arm", "publisher", "robot7", frames=("arm/*", "tool"), calls=()),
+        Identity("ben", "operator", sets=("sim/*",), hosts=("ben.local", "10.0.0.7")),
+        Identity("old", "reader", revoked="2026-11-22"),
+    )
+    rights = Rights({identity.name: identity for identity in identities})
+    write_rights(tmp_path / "rights.yaml", rights)
+    assert read_rights(tmp_path / "rights.yaml") == rights
+
+
+@pytest.mark.parametrize(
+    ("text", "mistake"),
+    [
+        ("", "rights.yaml:1: is empty"),
+        ("identity: {}", "rights.yaml:1: identity: unknown key 'identity'; did you mean 'ident"),
+        ("identities:\n  arm: {}", "rights.yaml:2: identities.arm: has no role"),
+        ("identities:\n  arm: {role: boss}", "rights.yaml:2: identities.arm: 'boss' is no role"),
+        (
+            "identities:\n  arm:\n    role: reader\n    topic: [a]",
+            "rights.yaml:4: identities.arm.topic: unknown key 'topic'; did you mean 'topics'",
+        ),
+        (
+            "identities:\n  arm:\n    role: reader\n    topics: a",
+            "rights.yaml:4: identities.arm.topics: must be a list",
+        ),
+        (
+            "identities:\n  arm: {role: reader, frames: ['a b']}",
+            "'a b' is not a pattern of names",
+        ),
+        ("identities:\n  a b: {role: reader}", "'a b' cannot be a node's name"),
+    ],
+)
+def test_a_mistake_has_its_line(tmp_path: Path, text: str, mistake: str) -> None:
+    """A mistake in the file is named with its line and what is allowed."""
+    file = tmp_path / "rights.yaml"
+    file.write_text(text)
+    with pytest.raises(TfbusError) as caught:
+        read_rights(file)
+    assert mistake in str(caught.value)

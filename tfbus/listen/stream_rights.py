@@ -1,0 +1,121 @@
+"""What may come on the streams of a closed bus, by the rights of those who may publish them.
+
+Zenoh's access control lets a stream come only from an identity that may have a stream of its name.
+Which frames are in a message, and which node a description names, only the receiver sees.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from tfbus.bus.settings import NodeSettings
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
+from tfbus.secure.patterns import matches
+from tfbus.secure.rights import Rights
+from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.keys import last_name, namespace_of
+from tfbus.wording import listed
+
+# A publisher may make up names: beyond this number they are judged again.
+_MOST_NAMES = 10_000
+
+
+class FrameRights:
+    """The child frames that may come on one stream: those of these patterns.
+
+    Frames are called here with `prefix` in front. `refuse(frame)` is called for each that may not
+    come.
+    """
+
+    def __init__(
+        self, patterns: tuple[str, ...], prefix: str, refuse: Callable[[str], object]
+    ) -> None:
+        self.patterns = patterns
+        self._prefix = prefix
+        self._refuse = refuse
+        self._allowed: set[str] = set()
+
+    def allowed_of(self, batch: TransformBatch | Columns) -> TransformBatch | Columns:
+        """The transforms whose child frame may come."""
+        if self._allowed.issuperset(batch.frames):
+            return batch
+        columns = batch if isinstance(batch, Columns) else Columns.of_batch(batch)
+        children = columns.children()
+        if self._allowed.issuperset(children):
+            return batch
+        refused = frozenset(child for child in children if not self._allows(child))
+        for child in refused:
+            self._refuse(child)
+        return columns.without(refused) if refused else batch
+
+    def _allows(self, frame: str) -> bool:
+        if frame in self._allowed:
+            return True
+        name = frame.removeprefix(self._prefix)
+        if not any(matches(pattern, name) for pattern in self.patterns):
+            return False
+        if len(self._allowed) >= _MOST_NAMES:
+            self._allowed.clear()
+        self._allowed.add(frame)
+        return True
+
+
+class StreamRights:
+    """The rights that concern streams, as a session of these settings sees their keys."""
+
+    def __init__(self, rights: Rights, namespace: str) -> None:
+        self._rights = rights
+        self._namespace = namespace
+
+    @classmethod
+    def of(cls, settings: NodeSettings) -> "StreamRights | None":
+        """Those of a closed bus; None on an open one."""
+        closed = settings.closed
+        return None if closed is None else cls(closed.rights, settings.namespace)
+
+    def frames(
+        self, key: str, refuse: Callable[[str], object], *, is_fleet: bool
+    ) -> FrameRights | None:
+        """The frames that may come on the stream of a key; None where all may."""
+        patterns = self._rights.frames_of_stream(self._stream(key), self._namespace_at(key))
+        if patterns is None:
+            return None
+        prefix = f"{namespace_of(key)}/" if is_fleet and namespace_of(key) else ""
+        return FrameRights(patterns, prefix, refuse)
+
+    def checked(
+        self, key: str, description: StreamDescription
+    ) -> tuple[StreamDescription | None, str]:
+        """The description without what its stream may not have, and why; None where its node is
+        not one of those who may publish it.
+        """
+        namespace, stream = self._namespace_at(key), self._stream(key)
+        if not self._rights.may_be_of(description.node, stream, namespace):
+            return None, f"names node {description.node!r}, which may not publish it"
+        patterns = self._rights.frames_of_stream(stream, namespace)
+        if patterns is None:
+            return description, ""
+        kept = tuple(
+            row for row in description.frames if any(matches(each, row[1]) for each in patterns)
+        )
+        if len(kept) == len(description.frames):
+            return description, ""
+        refused = [
+            child for _, child, _ in description.frames if (child not in {r[1] for r in kept})
+        ]
+        return replace(description, frames=kept), (
+            f"may not publish {listed([repr(child) for child in refused])}, only "
+            f"{listed(patterns) or 'nothing'}"
+        )
+
+    def _namespace_at(self, key: str) -> str:
+        return "/".join(filter(None, (self._namespace, namespace_of(key))))
+
+    def _stream(self, key: str) -> str:
+        # A split stream's key has the child frame behind.
+        return last_name(key) if "@tfbus/" in key else _stream_in(key, namespace_of(key))
+
+
+def _stream_in(key: str, namespace: str) -> str:
+    below = key.removeprefix(f"{namespace}/") if namespace else key
+    return last_name("/".join(below.split("/")[:2]))

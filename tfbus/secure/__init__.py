@@ -1,0 +1,1 @@
+"""Who is who on a closed bus, and what each may do."""

@@ -1,0 +1,226 @@
+"""The authority's folder: makes identities, renews and revokes them, and checks all."""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from tfbus.errors import SettingsError
+from tfbus.runtime.whole_file import replacing, taking_place_of
+from tfbus.secure.certificates import (
+    Facts,
+    Issued,
+    facts_of,
+    is_key_of,
+    is_signed_by,
+    issue,
+    make_authority,
+)
+from tfbus.secure.folder import (
+    AUTHORITY_FILE,
+    CERTIFICATE_FILE,
+    FILES,
+    KEY_FILE,
+    NAME_FILE,
+    check_key_is_own,
+    name_file,
+)
+from tfbus.secure.rights import Identity, Rights
+from tfbus.secure.rights_file import RIGHTS_FILE, read_rights, write_rights
+from tfbus.wording import counted
+
+_AUTHORITY = "authority"
+_SOON = timedelta(days=30)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """An identity and what its certificate says; None where that cannot be read."""
+
+    identity: Identity
+    facts: Facts | None
+
+
+@dataclass(frozen=True)
+class Keystore:
+    """The folder of a certificate authority, with a folder for each identity in it.
+
+    Whoever has the folder `authority` in it can make any identity.
+    """
+
+    path: Path
+
+    @classmethod
+    def init(cls, path: Path, days: float) -> "Keystore":
+        """Make the folder and its authority. Raises SettingsError where there is one."""
+        store = cls(path)
+        if store._authority_file(KEY_FILE).exists():
+            raise SettingsError(f"{path} has an authority already; tfbus keys add makes identities")
+        path.mkdir(parents=True, exist_ok=True)
+        own = path / _AUTHORITY
+        own.mkdir(mode=0o700, exist_ok=True)
+        issued = make_authority(f"tfbus authority {path.resolve().name}", days)
+        write_private(own / KEY_FILE, issued.key)
+        _write(own / CERTIFICATE_FILE, issued.certificate)
+        write_rights(path / RIGHTS_FILE, Rights())
+        return store
+
+    @classmethod
+    def open(cls, path: Path) -> "Keystore":
+        """The keystore at a path. Raises SettingsError where there is none."""
+        store = cls(path)
+        if not store._authority_file(CERTIFICATE_FILE).is_file():
+            raise SettingsError(f"{path} has no authority: tfbus keys init {path}")
+        return store
+
+    @property
+    def rights(self) -> Rights:
+        """The rights of all identities."""
+        return read_rights(self.path / RIGHTS_FILE)
+
+    def add(self, identity: Identity, days: float) -> Path:
+        """Make an identity; returns its folder. Raises SettingsError where there is one."""
+        rights = self.rights
+        if identity.name in rights.identities or identity.name == _AUTHORITY:
+            raise SettingsError(
+                f"there is an identity {identity.name!r} already; its rights are in "
+                f"{self.path / RIGHTS_FILE}, and tfbus keys renew makes a new certificate"
+            )
+        folder = self._issue(identity, days)
+        self.set_rights(Rights({**rights.identities, identity.name: identity}))
+        return folder
+
+    def renew(self, name: str, days: float) -> Path:
+        """Make a new private key and certificate for an identity; returns its folder."""
+        identity = self.rights.of(name)
+        if identity.revoked:
+            raise SettingsError(
+                f"identity {name!r} was revoked on {identity.revoked}: add another name"
+            )
+        folder = self._issue(identity, days)
+        self.set_rights(self.rights)
+        return folder
+
+    def revoke(self, name: str) -> None:
+        """End all rights of an identity, for all that have the new rights."""
+        rights = self.rights
+        revoked = replace(rights.of(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
+        self.set_rights(Rights({**rights.identities, name: revoked}))
+
+    def set_rights(self, rights: Rights) -> None:
+        """Write the rights, here and in the folder of each identity."""
+        write_rights(self.path / RIGHTS_FILE, rights)
+        for name in rights.identities:
+            if (self.path / name).is_dir():
+                write_rights(self.path / name / RIGHTS_FILE, rights)
+
+    def export(self, name: str, target: Path) -> None:
+        """Copy an identity's folder, with the rights as they are now, to a place of its own."""
+        self.rights.of(name)
+        if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
+            raise SettingsError(f"{target} is there already, and not empty: give another place")
+        target.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for file in FILES:
+            content = (self.path / name / file).read_bytes()
+            (write_private if file == KEY_FILE else _write)(target / file, content)
+
+    def listed(self) -> list[Listed]:
+        """All identities with what their certificates say."""
+        return [
+            Listed(identity, self._facts(name)) for name, identity in self.rights.identities.items()
+        ]
+
+    def _facts(self, name: str) -> Facts | None:
+        try:
+            return facts_of((self.path / name / CERTIFICATE_FILE).read_bytes())
+        except (OSError, ValueError):
+            return None
+
+    def problems(self) -> Iterator[str]:
+        """What is wrong or will be soon: missing, expired, readable by others, not matching."""
+        authority = self._authority_file(CERTIFICATE_FILE).read_bytes()
+        yield from _time_problems("the authority", facts_of(authority))
+        key = self._authority_file(KEY_FILE)
+        if key.exists():
+            yield from _key_problems(key)
+        for name, identity in self.rights.identities.items():
+            folder = self.path / name
+            if identity.revoked:
+                continue
+            missing = [file for file in FILES if not (folder / file).is_file()]
+            if missing:
+                yield f"{name}: {counted(len(missing), 'file')} missing: {', '.join(missing)}"
+                continue
+            yield from _key_problems(folder / KEY_FILE)
+            yield from _certificate_problems(name, folder, authority)
+            if read_rights(folder / RIGHTS_FILE) != self.rights:
+                yield f"{name}: its {RIGHTS_FILE} is older than that of {self.path}"
+
+    def _issue(self, identity: Identity, days: float) -> Path:
+        authority = self._read_authority()
+        issued = issue(authority, identity.name, days, identity.hosts)
+        folder = self.path / identity.name
+        folder.mkdir(mode=0o700, exist_ok=True)
+        write_private(folder / KEY_FILE, issued.key)
+        _write(folder / CERTIFICATE_FILE, issued.certificate)
+        _write(folder / AUTHORITY_FILE, authority.certificate)
+        facts = facts_of(issued.certificate)
+        _write(folder / NAME_FILE, name_file(facts.name, facts.begins, facts.ends))
+        return folder
+
+    def _read_authority(self) -> Issued:
+        key = self._authority_file(KEY_FILE)
+        if not key.is_file():
+            raise SettingsError(
+                f"{self.path} has no private key of the authority ({key}): it is needed to make "
+                "identities, and nowhere else"
+            )
+        check_key_is_own(key)
+        return Issued(self._authority_file(CERTIFICATE_FILE).read_bytes(), key.read_bytes())
+
+    def _authority_file(self, name: str) -> Path:
+        return self.path / _AUTHORITY / name
+
+
+def write_private(path: Path, content: bytes) -> None:
+    """Write a file that only its owner can read, from its first byte, whole or not at all."""
+    with taking_place_of(path) as beside:
+        descriptor = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+
+
+def _write(path: Path, content: bytes) -> None:
+    with replacing(path) as file:
+        file.write(content)
+
+
+def _key_problems(path: Path) -> Iterator[str]:
+    try:
+        check_key_is_own(path)
+    except SettingsError as error:
+        yield str(error)
+
+
+def _certificate_problems(name: str, folder: Path, authority: bytes) -> Iterator[str]:
+    pem = (folder / CERTIFICATE_FILE).read_bytes()
+    try:
+        facts = facts_of(pem)
+        if not is_key_of((folder / KEY_FILE).read_bytes(), pem):
+            yield f"{name}: its private key is not that of its certificate: tfbus keys renew {name}"
+    except ValueError as error:
+        yield f"{name}: a file is not a certificate or key: {error}"
+        return
+    if facts.name != name:
+        yield f"{name}: its certificate is of {facts.name!r}: tfbus keys renew {name}"
+    if not is_signed_by(pem, authority):
+        yield f"{name}: its certificate is of another authority: tfbus keys renew {name}"
+    yield from _time_problems(name, facts)
+
+
+def _time_problems(name: str, facts: Facts) -> Iterator[str]:
+    if mistake := facts.mistake():
+        yield f"{name}: {mistake}"
+    elif facts.ends - datetime.now(UTC) < _SOON:
+        yield f"{name}: expires on {facts.ends:%Y-%m-%d}: tfbus keys renew {name}"

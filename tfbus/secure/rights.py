@@ -1,0 +1,188 @@
+"""What each identity may do, in the words of the project."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from tfbus.errors import SettingsError
+from tfbus.secure.patterns import check_pattern, matches
+from tfbus.wire.keys import check_namespace, check_node_name, escape
+from tfbus.wording import did_you_mean, listed
+
+EVERYTHING = ("**",)
+NOTHING: tuple[str, ...] = ()
+
+# What a role may do where the file of rights does not say more; every role runs its own nodes.
+_ROLES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "reader": {},
+    "publisher": dict.fromkeys(("frames", "topics", "serves", "calls"), EVERYTHING),
+    "operator": dict.fromkeys(("topics", "calls", "sets"), EVERYTHING),
+    "router": {},
+    "admin": {
+        **dict.fromkeys(("nodes", "frames", "serves", "calls", "sets"), EVERYTHING),
+        "topics": (*EVERYTHING, "clock"),
+    },
+}
+ROLES = tuple(_ROLES)
+RIGHTS = ("nodes", "frames", "topics", "serves", "calls", "sets")
+
+# Only for those who name it: a clock is the time of all that follow it.
+NAMED_ONLY = ("clock",)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """One identity: who it is by its certificate, and what it may do.
+
+    All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
+    None for what the role has: names of its `nodes` and of their streams, besides NAME, NAME_* and
+    _NAME_* in any namespace, which are its own; child `frames` that it
+    publishes; `topics` that it publishes; services and actions that it `serves` and `calls`;
+    parameters of other nodes that it `sets`, as node/parameter. Every identity may read all of its
+    namespace. `hosts` are the names and addresses in its certificate. `revoked` is when its rights
+    ended, as a date; "" while it has them.
+
+    Raises SettingsError, or InvalidNameError for the name, for an invalid value.
+    """
+
+    name: str
+    role: str
+    namespace: str = ""
+    nodes: tuple[str, ...] | None = None
+    frames: tuple[str, ...] | None = None
+    topics: tuple[str, ...] | None = None
+    serves: tuple[str, ...] | None = None
+    calls: tuple[str, ...] | None = None
+    sets: tuple[str, ...] | None = None
+    hosts: tuple[str, ...] = ()
+    revoked: str = ""
+
+    def __post_init__(self) -> None:
+        check_node_name(self.name)
+        if len(self.name) > 64:
+            raise SettingsError(f"the name of an identity has at most 64 letters: {self.name!r}")
+        if self.role not in _ROLES:
+            raise SettingsError(
+                f"{self.role!r} is no role{did_you_mean(self.role, ROLES)}; use one of "
+                f"{', '.join(ROLES)}"
+            )
+        object.__setattr__(self, "namespace", check_namespace(self.namespace))
+        for right in RIGHTS:
+            for pattern in getattr(self, right) or ():
+                check_pattern(pattern)
+
+    def may(self, right: str) -> tuple[str, ...]:
+        """The patterns of a right, by the role where none are given; none once revoked."""
+        if self.revoked:
+            return NOTHING
+        given: tuple[str, ...] | None = getattr(self, right)
+        rights = _ROLES[self.role].get(right, NOTHING) if given is None else given
+        return (*self._own_nodes, *rights) if right == "nodes" else rights
+
+    @property
+    def _own_nodes(self) -> tuple[str, ...]:
+        # Hidden ones, of tools, begin with _.
+        names = self.name, f"{self.name}_*", f"_{self.name}_*"
+        return tuple(f"**/{name}" for name in names)
+
+    def is_within(self, namespace: str) -> bool:
+        """Whether a namespace is its own, or within it."""
+        own = self.namespace
+        return not own or namespace == own or namespace.startswith(f"{own}/")
+
+    def allows(self, right: str, name: str) -> bool:
+        """Whether it has a right for a name, relative to its namespace."""
+        patterns = self.may(right)
+        if right == "topics" and name in NAMED_ONLY:
+            return name in patterns
+        return any(matches(pattern, name) for pattern in patterns)
+
+    def mistake_in(self, right: str, name: str, namespace: str = "") -> str:
+        """Why it may not do what a right is about with a name; "" where it may.
+
+        The name is relative to `namespace`, or absolute; that of a frame is only a name. The name
+        of a stream or a parameter is escaped, as in keys.
+        """
+        what = f"this identity, {self.name!r}, may not {_VERBS[right]} {_THINGS[right]} {name!r}"
+        relative = name
+        if right != "frames":
+            absolute = (
+                name if name.startswith("/") else "/".join(filter(None, ("", namespace, name)))
+            )
+            path = absolute.lstrip("/")
+            if not self.is_within(path):
+                return f"{what}: its namespace is {self.namespace!r}"
+            relative = path.removeprefix(f"{self.namespace}/") if self.namespace else path
+        return f"{what}: {self._reason(right)}" if not self.allows(right, relative) else ""
+
+    def _reason(self, right: str) -> str:
+        if self.revoked:
+            return f"it was revoked on {self.revoked}"
+        if getattr(self, right) is None:
+            return f"its role is {self.role}"
+        return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
+
+
+_VERBS = {
+    "nodes": "run",
+    "frames": "publish",
+    "topics": "publish",
+    "serves": "serve",
+    "calls": "call",
+    "sets": "set",
+}
+_THINGS = {
+    "nodes": "node",
+    "frames": "frame",
+    "topics": "topic",
+    "serves": "service",
+    "calls": "service",
+    "sets": "parameter",
+}
+
+
+@dataclass(frozen=True)
+class Rights:
+    """The rights of all identities of one authority, by name."""
+
+    identities: Mapping[str, Identity] = field(default_factory=dict)
+
+    def of(self, name: str) -> Identity:
+        """The identity of this name. Raises SettingsError where there is none."""
+        if name not in self.identities:
+            raise SettingsError(
+                f"there is no identity {name!r}{did_you_mean(name, self.identities)}"
+            )
+        return self.identities[name]
+
+    @property
+    def names_hosts(self) -> bool:
+        """Whether every identity names its hosts, so that connecting can check them."""
+        valid = [each for each in self.identities.values() if not each.revoked]
+        return bool(valid) and all(each.hosts for each in valid)
+
+    def frames_of_stream(self, stream: str, namespace: str) -> tuple[str, ...] | None:
+        """The child frames that may come on a stream, by those who may publish it; None for all."""
+        patterns: list[str] = []
+        for identity in self._publishers_of(stream, namespace):
+            own = identity.may("frames")
+            if "**" in own:
+                return None
+            patterns.extend(own)
+        return tuple(patterns)
+
+    def may_be_of(self, node: str, stream: str, namespace: str) -> bool:
+        """Whether one identity may both publish a stream and run a node of this full name."""
+        return any(
+            not identity.mistake_in("nodes", node)
+            for identity in self._publishers_of(stream, namespace)
+        )
+
+    def _publishers_of(self, stream: str, namespace: str) -> list[Identity]:
+        """Those who may publish a stream: an admin only where it is of no other identity."""
+        name = escape(stream)
+        found = [
+            identity
+            for identity in self.identities.values()
+            if identity.may("frames") and not identity.mistake_in("nodes", name, namespace)
+        ]
+        return [each for each in found if each.role != "admin"] or found

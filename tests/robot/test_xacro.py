@@ -97,6 +97,17 @@ def test_what_xacro_cannot_expand_is_one_sentence(
     assert "\n" not in str(caught.value) and capfd.readouterr() == ("", "")
 
 
+def test_what_xacro_warns_of_is_a_warning_of_the_robot(
+    arm: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """In one sentence with the file; it is not printed."""
+    many = '<xacro:include filename="$(find parts)/none_*.xacro"/>'
+    arm.write_text(ARM.replace('<link name="tip"/>', f'<link name="tip"/>{many}'))
+    (said,) = Robot.from_urdf(arm).warnings
+    assert said.startswith(f"{arm}: xacro: Include tag's filename spec") and "\n" not in said
+    assert capfd.readouterr() == ("", "")
+
+
 def test_arguments_are_for_xacro_files(tmp_path: Path) -> None:
     """A URDF has none."""
     (tmp_path / "a.urdf").write_text("<robot name='a'><link name='a'/></robot>")

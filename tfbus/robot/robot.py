@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -98,8 +99,10 @@ class Robot:
 
         read_xml(text, str(file))
         arguments = {name: _argument(value) for name, value in (xacro_args or {}).items()}
-        text, included = expand(file, arguments, files)
-        return Robot(read_model(text, f"{file} (expanded)", files), text, (file, *included))
+        expanded = expand(file, arguments, files)
+        model = read_model(expanded.text, f"{file} (expanded)", files)
+        model = replace(model, warnings=(*expanded.warnings, *model.warnings))
+        return Robot(model, expanded.text, (file, *expanded.included))
 
     @staticmethod
     def from_text(

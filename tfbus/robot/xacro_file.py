@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tfbus.errors import UrdfError
 from tfbus.robot.mesh_files import MeshFiles
@@ -18,10 +17,16 @@ from tfbus.wording import printable
 _LOCK = threading.Lock()
 
 
-def expand(
-    path: Path, arguments: Mapping[str, str], files: MeshFiles
-) -> tuple[str, tuple[Path, ...]]:
-    """The URDF that a xacro file stands for, and the files that it includes.
+class Expanded(NamedTuple):
+    """What a xacro file stands for, the files that it includes, and what xacro warns of."""
+
+    text: str
+    included: tuple[Path, ...]
+    warnings: tuple[str, ...]
+
+
+def expand(path: Path, arguments: Mapping[str, str], files: MeshFiles) -> Expanded:
+    """The URDF that a xacro file stands for.
 
     `$(find package)` looks where meshes are searched. Raises UrdfError where xacro is not
     installed, or cannot expand the file.
@@ -41,8 +46,18 @@ def expand(
             )
         return str(folder)
 
-    said = io.StringIO()
-    with _LOCK, _patched(substitution_args, "_eval_find", find), contextlib.redirect_stderr(said):
+    warnings: list[str] = []
+
+    def warn(*words: object, **_: object) -> None:
+        said = " ".join(" ".join(map(str, words)).split())
+        warnings.append(f"{path}: xacro: {printable(said, 300)}")
+
+    with (
+        _LOCK,
+        _patched(substitution_args, "_eval_find", find),
+        # It would print them.
+        _patched(xacro, "warning", warn),
+    ):
         xacro.all_includes.clear()
         try:
             document = xacro.process_file(str(path), mappings=dict(arguments))
@@ -53,11 +68,11 @@ def expand(
         except Exception as error:
             raise UrdfError(_mistake(xacro, path, error)) from None
         included = tuple(Path(os.path.abspath(each)) for each in dict.fromkeys(xacro.all_includes))
-    return text, included
+    return Expanded(text, included, tuple(warnings))
 
 
 @contextlib.contextmanager
-def _patched(module: Any, name: str, value: Any) -> Any:
+def _patched(module: Any, name: str, value: Any) -> Iterator[None]:
     before = getattr(module, name)
     setattr(module, name, value)
     try:

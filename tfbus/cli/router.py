@@ -31,7 +31,7 @@ def command(settings: NodeSettings) -> None:
     with Session(settings, log) as session:
         watch_members(session, log)
         where = ", ".join(listen) or f"the endpoints of {settings.config}"
-        is_open = " (open to the network; --secure closes it)" if session.open_to else ""
+        is_open = " (the bus is open; --secure closes it)" if session.open_to else ""
         log.info("Routing on %s%s", where, is_open)
         signals.wait()
     signals.uninstall()

@@ -50,3 +50,18 @@ def test_a_mistake_has_its_line(tmp_path: Path, text: str, mistake: str) -> None
     with pytest.raises(TfbusError) as caught:
         read_rights(file)
     assert mistake in str(caught.value)
+
+
+def test_the_example_of_the_guide_is_valid(tmp_path: Path) -> None:
+    """The rights that the guide shows can be read, and mean what it says beside them."""
+    guide = Path(__file__).parents[2] / "docs" / "guide" / "security.md"
+    (tmp_path / "rights.yaml").write_text(
+        guide.read_text().partition("```yaml\n")[2].partition("```")[0]
+    )
+    rights = read_rights(tmp_path / "rights.yaml")
+    arm, sim = rights.of("arm"), rights.of("sim")
+    assert arm.allows("nodes", "gripper") and arm.allows("nodes", "arm_camera")
+    assert arm.allows("frames", "tool") and not arm.allows("frames", "base_link")
+    assert not arm.allows("calls", "spawn")
+    assert sim.allows("nodes", "robot7/any") and sim.allows("topics", "clock")
+    assert rights.of("ben").allows("sets", "sim/background_r")

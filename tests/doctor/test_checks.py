@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,8 @@ from tfbus.frames.snapshot import frame_tree
 from tfbus.listen.info import StreamInfo
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.monitor.window import spread_of
+from tfbus.secure.folder import SecureFolder
+from tfbus.secure.rights import Identity, Rights
 from tfbus.wire.descriptions import BufferDescription, NodeDescription
 
 NS = 1_000_000_000
@@ -98,11 +102,21 @@ def with_nodes(*nodes: NodeDescription) -> Callable[[Examination], Examination]:
     return lambda seen: replace(seen, nodes=nodes)
 
 
+def of_identity(*, days: float = 300.0) -> NodeSettings:
+    """The settings of a process on a closed bus, with a certificate that is valid for a while."""
+    arm = Identity("arm", "publisher")
+    ends = datetime.now(UTC) + timedelta(days=days)
+    settings = NodeSettings("doctor")
+    folder = SecureFolder(Path("keys/arm"), arm, Rights({"arm": arm}), ends, "these")
+    object.__setattr__(settings, "closed", folder)
+    return settings
+
+
 @pytest.fixture
 def healthy() -> Examination:
     """A bus on which nothing is wrong."""
     return Examination(
-        NodeSettings("doctor"),
+        of_identity(),
         HOST,
         (SIM,),
         frame_tree(filled(), (STREAM,), NOW_NS),
@@ -131,7 +145,27 @@ def gone() -> Buffer:
 
 
 # The trouble of each check: how to cause it, the verdict, and part of the evidence.
+def with_settings(settings: NodeSettings, **host: object) -> Callable[[Examination], Examination]:
+    return lambda seen: replace(seen, settings=settings, host=replace(HOST, **host))
+
+
 TROUBLES = {
+    "encryption": (
+        with_settings(NodeSettings("doctor"), listens_beyond=("tcp/[::]:0",)),
+        "warn",
+        "it listens on tcp/[::]:0, and any process that reaches it can read everything, send any "
+        "frame, call any service and set any parameter",
+    ),
+    "certificate": (
+        with_settings(of_identity(days=3.5)),
+        "warn",
+        f"that of 'arm' expires on {datetime.now(UTC) + timedelta(days=3.5):%Y-%m-%d}, in 3 days",
+    ),
+    "rights": (
+        with_nodes(SIM, replace(SIM, name="/arm", rights="others")),
+        "fail",
+        "1 node with other rights than these: /arm",
+    ),
     "install": (
         with_host(versions=VERSIONS | {"msgpack": ""}),
         "fail",

@@ -129,8 +129,9 @@ class Replay:
         }
         stay_gone = set() if is_new_run else {name for name in gone if not self._is_there(name)}
         for item in state:
-            # A message here is one of the clock.
-            if not isinstance(item, TopicItem) and _stream_of(item) not in stay_gone:
+            # Another message than a retained one is that of the clock.
+            is_clock_s = isinstance(item, TopicItem) and not item.retained
+            if not is_clock_s and _stream_of(item) not in stay_gone:
                 self.take(item, pace)
         if is_back:
             there = {_stream_of(item) for item in state}

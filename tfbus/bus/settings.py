@@ -6,13 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tfbus.errors import RightsError, SettingsError
-from tfbus.secure.folder import SecureFolder, open_folder
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
 from tfbus.wording import printable
+
+if TYPE_CHECKING:
+    from tfbus.secure.folder import SecureFolder
 
 LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
@@ -79,7 +81,7 @@ class NodeSettings:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     remappings: Mapping[str, str] = field(default_factory=dict)
     limits: Limits = field(default_factory=_limits_from_environment)
-    closed: SecureFolder | None = field(default=None, init=False, repr=False, compare=False)
+    closed: "SecureFolder | None" = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_node_name(self.name)
@@ -100,6 +102,8 @@ class NodeSettings:
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
+            from tfbus.secure.folder import open_folder  # YAML, which an open bus does not need
+
             set_field(self, "secure", os.path.abspath(self.secure))
             set_field(self, "closed", open_folder(self.secure))
             set_field(self, "namespace", self._namespace_within())

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
@@ -13,7 +13,9 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
 from tfbus.runtime.addresses import is_local
-from tfbus.secure.folder import SecureFolder
+
+if TYPE_CHECKING:
+    from tfbus.secure.folder import SecureFolder
 
 # A link that is silent for this long is lost, and its tokens with it; Zenoh sends four keep-alives
 # in this time.
@@ -90,7 +92,7 @@ def zenoh_config(
     return config
 
 
-def _encrypted(folder: SecureFolder) -> dict[str, Any]:
+def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
     """What makes every link encrypted, and lets in only what the rights allow."""
     from tfbus.secure.access_control import access_control
 

@@ -145,9 +145,12 @@ class JointSliders:
         if self._buttons is None:
             return
         is_open = is_still or (self._joints is not None and self._joints.is_heard)
-        for handle in (self._buttons, *(slider.handle for slider in self._sliders)):
-            if handle.disabled == is_open:
-                handle.disabled = not is_open
+        # viser disables no group of buttons.
+        if self._buttons.visible != is_open:
+            self._buttons.visible = is_open
+        for slider in self._sliders:
+            if slider.handle.disabled == is_open:
+                slider.handle.disabled = not is_open
         note = _STANDS_STILL if is_still else "" if is_open else _NOBODY_LISTENS
         self._note.show(f'<div class="tf tf-dim">{note}</div>' if note else "")
         if is_still or self._joints is None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -102,11 +103,11 @@ def with_nodes(*nodes: NodeDescription) -> Callable[[Examination], Examination]:
     return lambda seen: replace(seen, nodes=nodes)
 
 
-def of_identity(*, days: float = 300.0) -> NodeSettings:
+def of_identity(*, days: float = 300.0, **given: Any) -> NodeSettings:
     """The settings of a process on a closed bus, with a certificate that is valid for a while."""
     arm = Identity("arm", "publisher")
     ends = datetime.now(UTC) + timedelta(days=days)
-    settings = NodeSettings("doctor")
+    settings = NodeSettings("doctor", **given)
     folder = SecureFolder(Path("keys/arm"), arm, Rights({"arm": arm}), ends, "these")
     object.__setattr__(settings, "closed", folder)
     return settings
@@ -296,7 +297,7 @@ def test_every_check_is_tried() -> None:
 @pytest.mark.parametrize("name", CHECKS)
 def test_nothing_is_found_where_nothing_is_wrong(name: str, healthy: Examination) -> None:
     """On a healthy bus each check is ok, or says why it was skipped."""
-    settings = NodeSettings("doctor", connect=("tcp/hub:7447",))
+    settings = of_identity(connect=("tls/hub:7447",))
     finding = CHECKS[name](replace(healthy, settings=settings))
     assert (finding.verdict, finding.remedy) == ("ok", "")
 
@@ -328,6 +329,8 @@ def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     [
         ("scouting", with_host(scouted=None), "scouting is off, by the mode or the configuration"),
         ("routers", with_host(routers=0), "no --connect was given, and scouting found no router"),
+        ("certificate", with_settings(NodeSettings("doctor")), "it is an open bus"),
+        ("rights", with_settings(NodeSettings("doctor")), "it is an open bus"),
         (
             "rates",
             lambda seen: replace(seen, flows=()),

@@ -147,8 +147,10 @@ def test_the_silences_come_when_they_have_been_measured(replay: Replay) -> None:
     assert max(far_m) == 12.0
 
 
-def test_damage_holds_the_cursor_and_is_said(path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Once; another place can still be looked at."""
+def test_damage_is_said_while_the_cursor_is_in_it(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It goes on behind it, and the log has it once."""
     with RecordingReader(path) as reader:
         chunk = next(each for each in reader.parts[0].file.chunks if each.to_ns > at(7.0))
     spoilt = bytearray(path.read_bytes())
@@ -157,16 +159,15 @@ def test_damage_holds_the_cursor_and_is_said(path: Path, caplog: pytest.LogCaptu
     path.write_bytes(spoilt)
     with RecordingReader(path) as reader:
         replay = Replay(reader, cursor=Cursor(at(7.0)))
-        replay._before_s = 0.5
-        for picture in range(4):
-            replay.move(picture / 30, is_watched=True)
-            assert "is damaged" in replay.mistake
-            assert replay.playhead.cursor.at_ns < at(7.5)
-            replay.playhead.play(True)
-        assert sum("is damaged" in each.getMessage() for each in caplog.records) == 1
+        for second in (7.0, 7.0, 11.0, 7.0):
+            replay.playhead.seek(at(second), plays=False)
+            replay.move(second, is_watched=True)
+            is_in_it = chunk.from_ns <= at(second) <= chunk.to_ns
+            assert ("cannot be read" in replay.mistake) is is_in_it
         replay.playhead.seek(at(11.0), plays=False)
-        replay.move(1.0, is_watched=True)
+        replay.move(20.0, is_watched=True)
         assert (replay.mistake, shown(replay)) == ("", ("dynamic", 11.0))
+    assert sum("is damaged" in each.getMessage() for each in caplog.records) == 1
 
 
 def test_a_fleet_has_the_frames_of_all_robots(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ class Replay:
         fleet: Fleet | None = None,
     ) -> None:
         self.log = logging.getLogger("tfbus.view")
-        self.mistake = ""
+        self._error = ""
         self.samples: tuple[Buffer, ...] = ()
         self._reader = reader
         self._namespace = namespace
@@ -188,8 +188,18 @@ class Replay:
             self._seek(at_ns)
         else:
             self._read_to(at_ns)
-        self.mistake = ""
+        self._error = ""
         return is_jump
+
+    @property
+    def mistake(self) -> str:
+        """Why the files cannot be read at the cursor; "" where they can."""
+        at_ns = self.playhead.cursor.at_ns
+        for damage in self._reader.damage:
+            from_ns, to_ns = damage.from_ns, damage.to_ns
+            if from_ns is not None and to_ns is not None and from_ns <= at_ns <= to_ns:
+                return f"Damaged: {damage.text(self._reader.start_ns)} cannot be read"
+        return self._error
 
     def _seek(self, at_ns: int) -> bool:
         self._restart()
@@ -223,9 +233,9 @@ class Replay:
         try:
             return move(*given)
         except DecodeError as error:
-            if str(error) != self.mistake:
+            if str(error) != self._error:
                 self.log.warning("%s", error)
-            self.mistake = str(error)
+            self._error = str(error)
             self.playhead.play(False)
             # An iterator that has raised has ended.
             self._rest = None

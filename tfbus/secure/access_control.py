@@ -185,7 +185,8 @@ def _chosen(identity: Identity) -> list[dict[str, Any]]:
     if topics := keys("topics"):
         retained = keys("topics", _RETAINED)
         rules.append(_rule(_SENT, retained))
-        rules.append(_rule(_PUBLISH, topics))
+        # The last message of a topic is the answer to who joins late, at the topic's own key.
+        rules.append(_rule((*_PUBLISH, "reply"), topics))
     if serves := keys("serves"):
         rules.append(_rule(_SERVE, [*serves, *keys("serves", "/cancel")]))
     if calls := keys("calls"):

@@ -1,5 +1,7 @@
 """A closed bus: what an identity, or none, can read and write, whatever program it runs."""
 
+import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -346,3 +348,64 @@ def test_a_topic_of_an_operator_is_retained(bus: ClosedBus) -> None:
     heard: list[Pose] = []
     bus.node("laptop").create_subscription(Pose, "goal", heard.append, retained=True)
     assert eventually(lambda: heard)[0].x == 3.0
+
+
+def test_recorded_bytes_sent_again_open_no_link(bus: ClosedBus) -> None:
+    """What was caught on the network between two members does nothing when it is sent again."""
+    witness = Witness(bus)
+    with Tap(int(bus.endpoint.rpartition(":")[2])) as tap:
+        leg = bus.raw(
+            bus.path("leg"),
+            **{"connect/endpoints": [f"tls/127.0.0.1:{tap.port}"], "listen/endpoints": []},
+        )
+        eventually(lambda: [*leg.info.peers_zid()])
+        eventually(lambda: leg.put("robot7/scan", b"forged") or witness.keys)
+        leg.close()
+        witness.keys.clear()
+        links = sorted(witness.node.session.identities())
+        with socket.create_connection(("127.0.0.1", tap.to)) as again:
+            again.settimeout(20.0)
+            again.sendall(bytes(tap.caught))
+            with suppress(ConnectionError):
+                while again.recv(65536):
+                    pass  # its hello, and why it ends
+    assert tap.caught
+    assert witness.keys == []
+    assert sorted(witness.node.session.identities()) == links
+
+
+class Tap:
+    """Passes the bytes of connections on to a port of this host, and keeps those of callers."""
+
+    def __init__(self, to: int) -> None:
+        self.to = to
+        self.caught = bytearray()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._server.getsockname()[1]
+        self._ends: list[socket.socket] = [self._server]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def __enter__(self) -> "Tap":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for end in self._ends:
+            end.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                caller, _ = self._server.accept()
+                called = socket.create_connection(("127.0.0.1", self.to))
+                self._ends += [caller, called]
+                for pair in ((caller, called, self.caught), (called, caller, bytearray())):
+                    threading.Thread(target=self._pass, args=pair, daemon=True).start()
+
+    @staticmethod
+    def _pass(source: socket.socket, target: socket.socket, caught: bytearray) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                caught += data
+                target.sendall(data)
+        with suppress(OSError):
+            target.shutdown(socket.SHUT_WR)

@@ -106,3 +106,13 @@ def test_no_identity_has_the_name_of_another_s_node() -> None:
         Rights({"arm": arm, "arm_left": left})
     elsewhere = Identity("arm_left", "publisher", "robot8")
     assert Rights({"arm": arm, "arm_left": elsewhere}).of("arm_left") == elsewhere
+
+
+def test_an_identity_needs_the_rights_of_few() -> None:
+    """Robots of other namespaces can send it nothing, so it needs no rules for them."""
+    fleet = [Identity(f"robot{number}", "publisher", f"robot{number}") for number in range(1, 4)]
+    rights = Rights(
+        {each.name: each for each in (*fleet, Identity("hub", "router"), Identity("ben", "reader"))}
+    )
+    assert list(rights.seen_by(fleet[0]).identities) == ["robot1", "hub", "ben"]
+    assert rights.seen_by(rights.of("hub")) == rights.seen_by(rights.of("ben")) == rights

@@ -185,6 +185,22 @@ class Rights:
             )
         return self.identities[name]
 
+    def seen_by(self, identity: Identity) -> "Rights":
+        """Those of the identities that can send an identity anything: not of namespaces beside its
+        own. In a large fleet these are few.
+        """
+        if identity.role == "router":
+            return self
+        return Rights(
+            {
+                name: other
+                for name, other in self.identities.items()
+                if other.role == "router"
+                or identity.is_within(other.namespace)
+                or other.is_within(identity.namespace)
+            }
+        )
+
     @property
     def names_hosts(self) -> bool:
         """Whether every identity names its hosts, so that connecting can check them."""

@@ -177,10 +177,8 @@ class _Plan:
 @click.option(
     "--node-name",
     "--name",
-    default="player",
     metavar="NAME",
-    show_default=True,
-    help="The name of its node, and so of its services.",
+    help="The name of its node, and so of its services (default player).",
 )
 @bus_options("player")
 def command(

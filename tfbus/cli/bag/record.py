@@ -126,10 +126,8 @@ _LEAST_CACHE_BYTES = 1_000_000
 @click.option(
     "--node-name",
     "--name",
-    default="recorder",
     metavar="NAME",
-    show_default=True,
-    help="The name of its node, and so of its services.",
+    help="The name of its node, and so of its services (default recorder).",
 )
 @bus_options("recorder")
 def command(

@@ -41,7 +41,7 @@ class Asked:
         on_end: Callable[[], None],
         *,
         timeout_s: float,
-        at_any_key: bool = False,
+        answers_at: str = "",
     ) -> None:
         self.keys.append(key)
         self.on_answer, self.on_end = on_answer, on_end

@@ -1,6 +1,9 @@
 """A closed bus: what an identity, or none, can read and write, whatever program it runs."""
 
+import socket
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import msgpack
@@ -8,7 +11,7 @@ import pytest
 import zenoh
 
 from tests import needs
-from tests.live_bus import eventually, keep_sending
+from tests.live_bus import eventually, free_port, keep_sending
 from tfbus import (
     Buffer,
     Node,
@@ -18,6 +21,8 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.bus.retained import ask_retained, declare_retained_subscriber
+from tfbus.messages import Pose
 
 needs.module("cryptography")
 
@@ -48,7 +53,10 @@ def bus(tmp_path: Path) -> Iterator[ClosedBus]:
         Identity("leg", "publisher", "robot7"),
         Identity("laptop", "reader"),
         Identity("witness", "admin"),
+        Identity("ben", "operator"),
         Identity("gone", "publisher", "robot7"),
+        Identity("beside", "reader", "robot8"),
+        Identity("leg8", "publisher", "robot8"),
     )
     bus.keystore.revoke("gone")
     bus.open()
@@ -233,3 +241,171 @@ def test_frames_that_a_stream_may_not_have_are_refused(bus: ClosedBus) -> None:
 def send_static(node: Node, child: str) -> None:
     transform = TransformStamped(0, "world", child, Transform.identity())
     StaticTransformBroadcaster(node).send_transform(transform)
+
+
+# Key expressions that reach the keys of others.
+OF_MANY = ["robot7/*/arm", "robot7/*", "robot7/**", "robot7/$*f/arm", "robot7/$*k"]
+
+
+def test_a_message_to_many_keys_is_refused(bus: ClosedBus) -> None:
+    """Who may publish any topic does not reach the streams of others, or the clock, by `*`."""
+    node = bus.node("witness", namespace="robot7")
+    heard: list[str] = []
+    for key in ("clock", "tf/**", "scan"):
+        node.session.subscriber(key, lambda key, _: heard.append(key))
+    declare_retained_subscriber(node.session, "tf_static/**", lambda key, _: heard.append(key))
+    leg = bus.raw(bus.path("leg"))
+    eventually(lambda: node.session.id in map(str, leg.info.peers_zid()))
+    for key in OF_MANY:
+        leg.put(key, b"forged")
+    eventually(lambda: leg.put("robot7/scan", b"end") or heard)
+    assert set(heard) == {"scan"}
+
+
+def test_answers_at_other_keys_are_refused(bus: ClosedBus) -> None:
+    """Who may serve any service does not answer for another's stream, by `*` or by a stray key."""
+    node = bus.node("witness", namespace="robot7")
+    leg = bus.raw(bus.path("leg"))
+    asked: list[str] = []
+
+    def forge(query: zenoh.Query) -> None:
+        asked.append(str(query.key_expr))
+        for key in (*OF_MANY, "robot7/arm", "robot7/tf_static/arm"):
+            with suppress(zenoh.ZError):  # a key that is not within the query
+                query.reply(key, b"forged")
+        query.reply("robot7/tf_static/leg", b"own")
+        query.drop()
+
+    leg.declare_queryable("robot7/tf_static/leg/@adv/pub/1", forge)
+    leg.declare_queryable("robot7/*/arm", forge)
+    eventually(lambda: node.session.id in map(str, leg.info.peers_zid()))
+
+    def answers() -> set[tuple[str, bytes]]:
+        retained = ask_retained(node.session, "tf_static/**", timeout_s=5.0)
+        return {(answer.key, answer.payload) for answer in retained}
+
+    assert eventually(answers) == {("tf_static/leg", b"own")}
+    eventually(lambda: [*node.session.ask("tf/arm", timeout_s=0.5)] or "robot7/tf/arm" in asked)
+    assert [*node.session.ask("tf/arm", timeout_s=0.5)] == []
+
+
+def test_a_namespace_is_closed_to_those_of_another(bus: ClosedBus) -> None:
+    """An identity of a namespace reads nothing of another, and gets none of its tokens."""
+    honest = bus.node("arm")
+    keep_sending(honest, "base", "arm/hand")
+    send_static(honest, "arm/tool")
+    honest.declare_parameter("speed", 1.0)
+    beside = bus.raw(bus.path("beside"))
+    read: set[str] = set()
+    tokens: set[str] = set()
+    everything = ("**", "**/@tfbus/**", "**/@adv/**", "**/@tfbus/**/@adv/**", "robot7/tf/arm")
+    for expression in (*everything, "robot8/**", "robot8/**/@tfbus/**"):
+        beside.declare_subscriber(expression, lambda sample: read.add(str(sample.key_expr)))
+        beside.liveliness().declare_subscriber(
+            expression, lambda sample: tokens.add(str(sample.key_expr)), history=True
+        )
+    eventually(lambda: honest.session.id in map(str, beside.info.peers_zid()))
+    other = bus.node("leg8", namespace="robot8")
+    keep_sending(other, "base", "leg")
+    eventually(lambda: "robot8/tf/leg8" in read and "robot8/@tfbus/node/leg8" in tokens)
+    for key in ("**", "robot7/@tfbus/node/*", "robot7/@tfbus/param/**", "robot7/tf/**", "@/**"):
+        replies = beside.get(key, timeout=0.5)
+        assert not [r for r in replies if r.ok and "robot7" in str(r.ok.key_expr)]
+    assert {key.split("/")[0] for key in read | tokens} == {"robot8"}
+
+
+def test_a_reader_that_says_that_it_is_a_router_gets_nothing(bus: ClosedBus) -> None:
+    """A client sends all to its router: to one of another namespace it sends nothing."""
+    port = free_port()
+    fake = bus.raw(
+        bus.path("beside"),
+        mode="router",
+        **{"listen/endpoints": [f"tls/127.0.0.1:{port}"], "connect/endpoints": []},
+    )
+    got: set[str] = set()
+    for expression in ("**", "**/@tfbus/**"):
+        fake.declare_subscriber(expression, lambda sample: got.add(str(sample.key_expr)))
+        fake.declare_queryable(
+            expression, lambda query: query.payload and got.add(str(query.key_expr))
+        )
+        fake.liveliness().declare_subscriber(
+            expression, lambda sample: got.add(str(sample.key_expr)), history=True
+        )
+    client = bus.node("arm", mode="client", connect=(f"tls/127.0.0.1:{port}",), listen=())
+    send_static(client, "arm/tool")
+    for _ in range(5):
+        client.session.zenoh.put("scan", b"secret")
+        assert [*client.session.ask("grip", b"secret", timeout_s=0.2)] == []
+    # One that may pass follows on the same link.
+    client.session.living("**/@tfbus/node/*")
+    assert got == set()
+
+
+def test_a_topic_of_an_operator_is_retained(bus: ClosedBus) -> None:
+    """Who may publish a topic, and serve nothing, may answer with its last message."""
+    publisher = bus.node("ben").create_publisher(Pose, "goal", retained=True)
+    publisher.publish(Pose(0, 3.0, 4.0, 0.0, 0.0, 0.0))
+    heard: list[Pose] = []
+    bus.node("laptop").create_subscription(Pose, "goal", heard.append, retained=True)
+    assert eventually(lambda: heard)[0].x == 3.0
+
+
+def test_recorded_bytes_sent_again_open_no_link(bus: ClosedBus) -> None:
+    """What was caught on the network between two members does nothing when it is sent again."""
+    witness = Witness(bus)
+    with Tap(int(bus.endpoint.rpartition(":")[2])) as tap:
+        leg = bus.raw(
+            bus.path("leg"),
+            **{"connect/endpoints": [f"tls/127.0.0.1:{tap.port}"], "listen/endpoints": []},
+        )
+        eventually(lambda: [*leg.info.peers_zid()])
+        eventually(lambda: leg.put("robot7/scan", b"forged") or witness.keys)
+        leg.close()
+        witness.keys.clear()
+        links = sorted(witness.node.session.identities())
+        with socket.create_connection(("127.0.0.1", tap.to)) as again:
+            again.settimeout(20.0)
+            again.sendall(bytes(tap.caught))
+            with suppress(ConnectionError):
+                while again.recv(65536):
+                    pass  # its hello, and why it ends
+    assert tap.caught
+    assert witness.keys == []
+    assert sorted(witness.node.session.identities()) == links
+
+
+class Tap:
+    """Passes the bytes of connections on to a port of this host, and keeps those of callers."""
+
+    def __init__(self, to: int) -> None:
+        self.to = to
+        self.caught = bytearray()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._server.getsockname()[1]
+        self._ends: list[socket.socket] = [self._server]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def __enter__(self) -> "Tap":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for end in self._ends:
+            end.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                caller, _ = self._server.accept()
+                called = socket.create_connection(("127.0.0.1", self.to))
+                self._ends += [caller, called]
+                for pair in ((caller, called, self.caught), (called, caller, bytearray())):
+                    threading.Thread(target=self._pass, args=pair, daemon=True).start()
+
+    @staticmethod
+    def _pass(source: socket.socket, target: socket.socket, caught: bytearray) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                caught += data
+                target.sendall(data)
+        with suppress(OSError):
+            target.shutdown(socket.SHUT_WR)

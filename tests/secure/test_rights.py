@@ -97,3 +97,22 @@ def test_an_identity_that_is_not_there_is_named_with_the_nearest() -> None:
     """A name that was misspelt is answered with those there are."""
     with pytest.raises(SettingsError, match="no identity 'amr'; did you mean 'arm'"):
         Rights({"arm": Identity("arm", "reader")}).of("amr")
+
+
+def test_no_identity_has_the_name_of_another_s_node() -> None:
+    """Who is `arm` runs the nodes arm_*: an identity `arm_left` would be one of them."""
+    arm, left = Identity("arm", "publisher", "robot7"), Identity("arm_left", "publisher", "robot7")
+    with pytest.raises(SettingsError, match=r"'arm' has arm_\* for its own nodes; use 'arm-left'"):
+        Rights({"arm": arm, "arm_left": left})
+    elsewhere = Identity("arm_left", "publisher", "robot8")
+    assert Rights({"arm": arm, "arm_left": elsewhere}).of("arm_left") == elsewhere
+
+
+def test_an_identity_needs_the_rights_of_few() -> None:
+    """Robots of other namespaces can send it nothing, so it needs no rules for them."""
+    fleet = [Identity(f"robot{number}", "publisher", f"robot{number}") for number in range(1, 4)]
+    rights = Rights(
+        {each.name: each for each in (*fleet, Identity("hub", "router"), Identity("ben", "reader"))}
+    )
+    assert list(rights.seen_by(fleet[0]).identities) == ["robot1", "hub", "ben"]
+    assert rights.seen_by(rights.of("hub")) == rights.seen_by(rights.of("ben")) == rights

@@ -243,6 +243,7 @@ class Replay:
             split=recorded.split,
         )
         key = self._names.stream_key(recorded)
+        self._node.settings.check_right("nodes", key.replace("@tfbus/stream/", ""))
         return ReplayedStream(
             new_name, key, description, self._node, is_described=bool(first), time_ns=self._played
         )

@@ -22,6 +22,40 @@ from tfbus.wording import printable
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64
 
+# A sender may make up keys: beyond this number they are judged again.
+_MOST_KEYS = 10_000
+
+
+class StrayKeys:
+    """Tells the keys that a closed bus does not take: those not within `expression`.
+
+    Zenoh lets a message in where the sender's rights include its key, which may be a key expression
+    of many: who may publish `*` but not `clock` would reach the subscribers of `clock` by `*`. And
+    an answer may come at any key that its sender may answer at. The first is logged.
+    """
+
+    def __init__(self, expression: str, once: LogOnce) -> None:
+        self._expression = zenoh.KeyExpr.autocanonize(expression)
+        self._once = once
+        self._within: set[str] = set()
+
+    def __call__(self, key: str) -> bool:
+        """Whether a key is one of them."""
+        if key in self._within:
+            return False
+        if "*" in key or not self._expression.includes(zenoh.KeyExpr(key)):
+            self._once.warning(
+                ("stray", str(self._expression)),
+                "Refused a message at %r: only those at one key within %r are taken",
+                printable(key),
+                printable(str(self._expression)),
+            )
+            return True
+        if len(self._within) >= _MOST_KEYS:
+            self._within.clear()
+        self._within.add(key)
+        return False
+
 
 class Callbacks:
     """The callbacks of one session, as Zenoh takes them.
@@ -29,12 +63,20 @@ class Callbacks:
     Zenoh swallows the exceptions of its callbacks: here the first of each callback is logged.
     After `mute()` none is. Messages larger than the limit of their kind reach no callback: the
     first that a callback misses is logged, and `too_large` counts them by the key or key expression
-    of their subscription.
+    of their subscription. On a closed bus neither do messages and answers at other keys than those
+    asked for: see `StrayKeys`.
     """
 
-    def __init__(self, log: logging.Logger, limits: Limits = DEFAULT_LIMITS) -> None:
+    def __init__(
+        self,
+        log: logging.Logger,
+        limits: Limits = DEFAULT_LIMITS,
+        *,
+        is_closed: bool = False,
+    ) -> None:
         self.too_large: Counter[str] = Counter()
         self._limits = limits
+        self._is_closed = is_closed
         self._once = LogOnce(log)
         self._is_muted = False
 
@@ -54,6 +96,7 @@ class Callbacks:
         report = self._reporter(f"message of {key}")
         most = self._limits.of(kind_of(key))
         drop = self._dropper(key, on_too_large)
+        is_stray = self.strays(key)
 
         # What `direct` and `guarded` do, in one call instead of three: where messages come one
         # by one, the calls take their time.
@@ -64,12 +107,18 @@ class Callbacks:
                 size = len(payload)
                 if size > most:
                     drop(sample, size)
-                else:
-                    callback(str(sample.key_expr), payload.to_bytes())
+                    return
+                name = str(sample.key_expr)
+                if is_stray is None or not is_stray(name):
+                    callback(name, payload.to_bytes())
             except Exception:
                 report()
 
         return zenoh.handlers.Callback(on_sample, None, indirect=False)
+
+    def strays(self, expression: str) -> "StrayKeys | None":
+        """What a key has to be within, on a closed bus; None on an open one."""
+        return StrayKeys(expression, self._once) if self._is_closed else None
 
     def _dropper(
         self, key: str, on_too_large: Callable[[], object] = lambda: None
@@ -108,15 +157,19 @@ class Callbacks:
         """
         most = self._limits.of(kind_of(key))
         drop = self._dropper(key)
+        is_stray = self.strays(key)
 
         def on_sample(sample: zenoh.Sample) -> None:
             size = len(sample.payload)
             if size > most:
                 drop(sample, size)
                 return
+            name = str(sample.key_expr)
+            if is_stray is not None and is_stray(name):
+                return
             source = sample.source_info
             sender = "" if source is None else str(source.source_id.zid)
-            callback(str(sample.key_expr), sample.payload.to_bytes(), sender)
+            callback(name, sample.payload.to_bytes(), sender)
 
         return direct(self.guarded(f"message of {key}", on_sample))
 

@@ -83,7 +83,7 @@ def _subscriber(session: Session, key: str, handler: Any) -> Declaration:
 
 def ask_retained(session: Session, key: str, *, timeout_s: float = 1.0) -> Iterator[Answer]:
     """Iterate over the retained messages within `key`, each at its own key, as `Session.ask`."""
-    return session.ask(f"{key}{_RETAINED}", timeout_s=timeout_s, at_any_key=True)
+    return session.ask(f"{key}{_RETAINED}", timeout_s=timeout_s, answers_at=key)
 
 
 def ask_retained_later(
@@ -96,5 +96,5 @@ def ask_retained_later(
 ) -> None:
     """Ask as `ask_retained` does and return at once, as `Session.ask_later`."""
     session.ask_later(
-        f"{key}{_RETAINED}", None, on_answer, on_end, timeout_s=timeout_s, at_any_key=True
+        f"{key}{_RETAINED}", None, on_answer, on_end, timeout_s=timeout_s, answers_at=key
     )

@@ -70,7 +70,7 @@ class Session:
         configure_zenoh_threads()
         zenoh.try_init_log_from_env()
         self.settings = settings
-        self.callbacks = Callbacks(log, settings.limits)
+        self.callbacks = Callbacks(log, settings.limits, is_closed=settings.closed is not None)
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
@@ -278,12 +278,12 @@ class Session:
         payload: bytes | None = None,
         *,
         timeout_s: float = 5.0,
-        at_any_key: bool = False,
+        answers_at: str = "",
     ) -> Iterator[Answer]:
         """Query all that serve `key` and iterate over their answers as they come, until all have
         closed the query or `timeout_s` has passed. Nothing where no process serves it.
 
-        With `at_any_key` the keys of answers may lie outside `key`.
+        The keys of answers are within `answers_at` where that is not `key` itself.
         """
         # Zenoh's own channel for replies blocks when it is full, even before it can be read.
         answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
@@ -293,7 +293,7 @@ class Session:
             answers.put,
             lambda: answers.put(None),
             timeout_s=timeout_s,
-            at_any_key=at_any_key,
+            answers_at=answers_at,
         )
         return iter(answers.get, None)
 
@@ -305,12 +305,13 @@ class Session:
         on_end: Callable[[], None],
         *,
         timeout_s: float,
-        at_any_key: bool = False,
+        answers_at: str = "",
         others: bool = False,
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
         `on_end()`. With `others` this session itself is not asked.
         """
+        within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)
         wait_s = seconds_to_wait(timeout_s)
         guarded = self.callbacks.guarded
@@ -318,9 +319,14 @@ class Session:
         if payload is not None and (mistake := limits.mistake_in(kind, len(payload))):
             raise BusError(f"could not query {key}: {mistake}")
         mistake_in_size = partial(self.callbacks.mistake_in_answer, key)
-        guarded_answer = guarded(
-            f"answer of {key}", lambda reply: on_answer(answer_of(reply, mistake_in_size))
-        )
+        is_stray = self.callbacks.strays(within)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            answer = answer_of(reply, mistake_in_size)
+            if is_stray is None or not answer.key or not is_stray(answer.key):
+                on_answer(answer)
+
+        guarded_answer = guarded(f"answer of {key}", on_reply)
         guarded_end = guarded(f"end of the answers of {key}", lambda _: on_end())
         with self._errors(f"query {key}"):
             at.zenoh.get(
@@ -332,7 +338,7 @@ class Session:
                 timeout=_LONGEST_QUERY_S if wait_s is None else min(wait_s, _LONGEST_QUERY_S),
                 allowed_destination=zenoh.Locality.REMOTE if others else zenoh.Locality.ANY,
                 accept_replies=(
-                    zenoh.ReplyKeyExpr.ANY if at_any_key else zenoh.ReplyKeyExpr.MATCHING_QUERY
+                    zenoh.ReplyKeyExpr.ANY if answers_at else zenoh.ReplyKeyExpr.MATCHING_QUERY
                 ),
             )
 
@@ -352,15 +358,21 @@ class Session:
         )
         with self._errors(f"list {key}"):
             self.zenoh.liveliness().get(key, handler, timeout=timeout_s)
-        return sorted(set(filter(None, iter(keys.get, None))))
+        found = set(filter(None, iter(keys.get, None)))
+        is_stray = self.callbacks.strays(key)
+        return sorted(each for each in found if is_stray is None or not is_stray(each))
 
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
         """Call `callback(key, alive)` for each token within the key expression that is alive, then
         at each change.
         """
 
+        is_stray = self.callbacks.strays(key)
+
         def on_sample(sample: zenoh.Sample) -> None:
-            callback(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+            name = str(sample.key_expr)
+            if is_stray is None or not is_stray(name):
+                callback(name, sample.kind == zenoh.SampleKind.PUT)
 
         with self._errors(f"watch {key}"):
             handler = direct(self.callbacks.guarded(f"token of {key}", on_sample))

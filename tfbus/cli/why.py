@@ -67,6 +67,7 @@ def command(
             target,
             source,
             moment.at(now_ns) if moment else None,
+            reads_only=settings.closed.identity.namespace if settings.closed else "",
             frames_in_other_namespaces=()
             if fleet
             else frames_in_other_namespaces(heard.node.session),

@@ -12,7 +12,7 @@ from tfbus.frames.state import facts, is_stale, silent_s
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.info import StreamInfo
 from tfbus.wire.fleet import shared_name
-from tfbus.wording import duration
+from tfbus.wording import counted, duration
 
 Verdict = Literal["ok", "warn", "fail"]
 
@@ -104,16 +104,19 @@ def explain(
     *,
     frames_in_other_namespaces: Collection[tuple[str, str]] = (),
     advice: Advice = ON_THE_BUS,
+    reads_only: str = "",
 ) -> Explanation:
     """Explain the lookup in this buffer; `tree` is its snapshot.
 
     `frames_in_other_namespaces` are pairs of (namespace, frame) for the frames of other namespaces.
+    `reads_only` is the namespace that our identity on a closed bus may read, "" for all.
     """
     answer, error = _look_up(buffer, target, source, stamp_ns)
     children = _children(tree, target, source)
     steps = tuple(_judge(tree, child, stamp_ns, advice) for child in children)
     near = {target, source, *children}
     remedies = [
+        *_remedies_of_rights(tree, error, reads_only),
         *_remedies_of(error, frames_in_other_namespaces, advice),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
@@ -239,6 +242,25 @@ def _remedies_of(
         if name := shared_name(error.target_root, error.source_root):
             yield f"if the robots share {name!r}, pass --shared {name}"
         yield advice.on_apart(error.target_root, error.source_root)
+
+
+def _remedies_of_rights(
+    tree: FrameTree, error: TransformException | None, reads_only: str
+) -> Iterator[str]:
+    """For frames that are not there, where rights on a closed bus may be the reason."""
+    if not isinstance(error, (LookupException, ConnectivityException)):
+        return
+    for stream in tree.streams.values():
+        if stream.forbidden:
+            yield (
+                f"{who(stream)} sent {counted(stream.forbidden, 'transform')} of frames that its "
+                "identity may not publish: add the frame to its 'frames' in rights.yaml, if it may"
+            )
+    if reads_only and isinstance(error, LookupException):
+        yield (
+            f"this identity reads only the namespace {reads_only!r}: if {error.frame!r} is in "
+            "another, look by an identity that reads that"
+        )
 
 
 def _remedies_in_other_namespaces(

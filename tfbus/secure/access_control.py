@@ -1,7 +1,9 @@
 """Rights as Zenoh's access control: which identity may send what on which keys.
 
-Every process enforces it on what comes in. What goes out may go to all that have any right: they
-receive only what they subscribe to and ask for, and that comes in.
+Every process enforces it on what comes in; and on what goes out, which is only what an identity may
+read. Who has a namespace gets nothing of others: not even the tokens that all peers get unasked, or
+what a client sends to a process that says that it is a router. Of other namespaces it may see only
+which keys others subscribe to, and ask for.
 
 Zenoh decides by subjects, which here are the common names of certificates. Within one subject what
 is denied counts more than what is allowed; of two subjects that fit the same certificate, one that
@@ -85,12 +87,14 @@ def _rule(
 
 def _own(identity: Identity) -> list[dict[str, Any]]:
     """The rules of keys that an identity has, or that it names exactly."""
-    rules = [_rule(_ALL, _EVERY_KEY, "egress")]
     if identity.role == "router":
         # It carries what others send, and enforces their rights.
-        return [*rules, _rule(_ALL, _EVERY_KEY)]
+        return [_rule(_ALL, _EVERY_KEY, "egress"), _rule(_ALL, _EVERY_KEY)]
     within = f"{identity.namespace}/" if identity.namespace else ""
-    rules += _reading(within)
+    rules = [
+        *_receiving(within),
+        *_reading(within),
+    ]
     rules += _presence(within, identity.may("nodes"))
     if identity.may("frames"):
         rules += _streams(within, identity.may("nodes"))
@@ -111,16 +115,33 @@ def _set_keys(pattern: str) -> list[str]:
     return [f"{key}/{as_path(parameter)}" for key in as_keys(node or "*", "@tfbus/set")]
 
 
-def _reading(within: str) -> list[dict[str, Any]]:
+def _receiving(within: str) -> list[dict[str, Any]]:
+    """What others may send to it."""
     everything = [f"{within}{key}" for key in _EVERY_KEY]
-    asked = (
+    if not within:
+        return [_rule(_ALL, everything, "egress")]
+    return [
+        _rule([*_PUBLISH, *_SERVE, _ALIVE, "query"], everything, "egress"),
+        # Those of a fleet's tools are for all namespaces.
+        _rule([_SUBSCRIBE, *_WATCH], _EVERY_KEY, "egress"),
+        _rule(["query"], _asked(""), "egress"),
+    ]
+
+
+def _asked(within: str) -> list[str]:
+    """The keys at which any identity may ask."""
+    return [
         *(f"{within}**/{kind}/**" for kind in (TRANSFORMS, STATIC_TRANSFORMS)),
         *(f"{within}**/@tfbus/{kind}/**" for kind in ("stream", "node", "clock", "param")),
         *(f"{within}{key}" for key in _EVERY_KEY if key.endswith(_RETAINED)),
-    )
+    ]
+
+
+def _reading(within: str) -> list[dict[str, Any]]:
+    everything = [f"{within}{key}" for key in _EVERY_KEY]
     return [
         _rule([_SUBSCRIBE, *_WATCH], everything),
-        _rule(["query"], asked),
+        _rule(["query"], _asked(within)),
         _rule([_ALIVE], [f"{within}{key}{_SUBSCRIBED}" for key in ("**", "**/@tfbus/**")]),
     ]
 
@@ -164,7 +185,8 @@ def _chosen(identity: Identity) -> list[dict[str, Any]]:
     if topics := keys("topics"):
         retained = keys("topics", _RETAINED)
         rules.append(_rule(_SENT, retained))
-        rules.append(_rule(_PUBLISH, topics))
+        # The last message of a topic is the answer to who joins late, at the topic's own key.
+        rules.append(_rule((*_PUBLISH, "reply"), topics))
     if serves := keys("serves"):
         rules.append(_rule(_SERVE, [*serves, *keys("serves", "/cancel")]))
     if calls := keys("calls"):

@@ -79,10 +79,21 @@ class Identity:
         return (*self._own_nodes, *rights) if right == "nodes" else rights
 
     @property
-    def _own_nodes(self) -> tuple[str, ...]:
+    def _own_names(self) -> tuple[str, ...]:
         # Hidden ones, of tools, begin with _.
-        names = self.name, f"{self.name}_*", f"_{self.name}_*"
-        return tuple(f"**/{name}" for name in names)
+        return self.name, f"{self.name}_*", f"_{self.name}_*"
+
+    @property
+    def _own_nodes(self) -> tuple[str, ...]:
+        return tuple(f"**/{name}" for name in self._own_names)
+
+    def has_as_own(self, other: "Identity") -> bool:
+        """Whether the name of another identity is one of its own nodes', where both may be."""
+        return (
+            self.name != other.name
+            and any(matches(pattern, other.name) for pattern in self._own_names)
+            and (self.is_within(other.namespace) or other.is_within(self.namespace))
+        )
 
     def is_within(self, namespace: str) -> bool:
         """Whether a namespace is its own, or within it."""
@@ -122,6 +133,12 @@ class Identity:
         return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}"
 
 
+def _owners(name: str) -> list[str]:
+    """The names of identities that would have a name as one of their own nodes'."""
+    parts = name.removeprefix("_").split("_")
+    return ["_".join(parts[:count]) for count in range(1, len(parts))]
+
+
 _VERBS = {
     "nodes": "run",
     "frames": "publish",
@@ -142,9 +159,23 @@ _THINGS = {
 
 @dataclass(frozen=True)
 class Rights:
-    """The rights of all identities of one authority, by name."""
+    """The rights of all identities of one authority, by name.
+
+    Raises SettingsError where one identity's name is that of another's own nodes.
+    """
 
     identities: Mapping[str, Identity] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        valid = [each for each in self.identities.values() if not each.revoked]
+        at = {each.name: each for each in valid}
+        for identity in valid:
+            for owner in _owners(identity.name):
+                if owner in at and at[owner].has_as_own(identity):
+                    raise SettingsError(
+                        f"{identity.name!r} cannot be an identity's name: identity {owner!r} has "
+                        f"{owner}_* for its own nodes; use {identity.name.replace('_', '-')!r}"
+                    )
 
     def of(self, name: str) -> Identity:
         """The identity of this name. Raises SettingsError where there is none."""
@@ -153,6 +184,22 @@ class Rights:
                 f"there is no identity {name!r}{did_you_mean(name, self.identities)}"
             )
         return self.identities[name]
+
+    def seen_by(self, identity: Identity) -> "Rights":
+        """Those of the identities that can send an identity anything: not of namespaces beside its
+        own. In a large fleet these are few.
+        """
+        if identity.role == "router":
+            return self
+        return Rights(
+            {
+                name: other
+                for name, other in self.identities.items()
+                if other.role == "router"
+                or identity.is_within(other.namespace)
+                or other.is_within(identity.namespace)
+            }
+        )
 
     @property
     def names_hosts(self) -> bool:

@@ -34,7 +34,11 @@ def read_rights(path: Path) -> Rights:
         return Rights()
     entries = document["identities"]
     named = {} if entries.is_empty else entries.entries()
-    return Rights({name: _identity(name, value) for name, value in named.items()})
+    identities = {name: _identity(name, value) for name, value in named.items()}
+    try:
+        return Rights(identities)
+    except TfbusError as error:
+        raise entries.place.mistake(str(error)) from error
 
 
 def _identity(name: str, value: Value) -> Identity:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tfbus import GoalResult, Node, ServiceError, SystemClock
+from tfbus import GoalResult, Node, RightsError, ServiceError, SystemClock
 from tfbus.messages import (
     Color,
     Empty,
@@ -60,9 +60,9 @@ class Turtles:
         self._names: tuple[str, ...] = ()
         self._are_known = False
         self._drivers: dict[str, _Driver] = {}
-        self._field = node.create_client(Field, "field")
+        self._field = _client(node, Field, "field")
         self._clients = {
-            name: node.create_client(service, name)
+            name: _client(node, service, name)
             for name, service in (
                 ("spawn", Spawn),
                 ("kill", Kill),
@@ -160,7 +160,7 @@ class Turtles:
                 try:
                     self._look()
                     failing = False
-                except (ServiceError, zlib.error, ValueError) as error:
+                except (ServiceError, RightsError, zlib.error, ValueError) as error:
                     if not failing and self._field.served:
                         self._node.log.warning("Cannot fetch the turtles' field: %s", error)
                     failing = True
@@ -195,6 +195,25 @@ class Turtles:
     def _driver(self, turtle: str) -> "_Driver | None":
         with self._lock:
             return self._drivers.get(turtle)
+
+
+@dataclass(frozen=True)
+class _Denied:
+    """Stands in for the client of a service that this identity may not call on a closed bus."""
+
+    reason: str
+    served = False
+
+    def call(self, request: object, timeout_s: float = 0.0) -> Any:
+        """Raises ServiceError with the reason."""
+        raise ServiceError(self.reason)
+
+
+def _client(node: Node, service: type, name: str) -> Any:
+    try:
+        return node.create_client(service, name)
+    except RightsError as error:
+        return _Denied(str(error))
 
 
 class _Driver:

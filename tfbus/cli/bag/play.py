@@ -177,10 +177,8 @@ class _Plan:
 @click.option(
     "--node-name",
     "--name",
-    default="player",
     metavar="NAME",
-    show_default=True,
-    help="The name of its node, and so of its services.",
+    help="The name of its node, and so of its services (default player).",
 )
 @bus_options("player")
 def command(
@@ -201,7 +199,7 @@ def command(
     delay_s: float,
     is_quiet: bool,
     no_keys: bool,
-    node_name: str,
+    node_name: str | None,
 ) -> None:
     """Replay a recording: its streams, topics and static transforms, as they were.
 
@@ -220,7 +218,7 @@ def command(
     if clock_hz is not None and stamps == "now":
         raise click.UsageError("--clock is the recorded time, which --stamps now does not follow")
     try:
-        settings = settings.renamed(node_name)
+        settings = settings.renamed(node_name) if node_name else settings.named_by_default("player")
         plan = _Plan(
             files=(*files, *more_files),
             selection=asked.selection(),

@@ -126,10 +126,8 @@ _LEAST_CACHE_BYTES = 1_000_000
 @click.option(
     "--node-name",
     "--name",
-    default="recorder",
     metavar="NAME",
-    show_default=True,
-    help="The name of its node, and so of its services.",
+    help="The name of its node, and so of its services (default recorder).",
 )
 @bus_options("recorder")
 def command(
@@ -151,7 +149,7 @@ def command(
     no_keys: bool,
     custom_data: tuple[str, ...],
     storage: str | None,
-    node_name: str,
+    node_name: str | None,
 ) -> None:
     """Record the bus into an MCAP file: transforms, topics, and who was there.
 
@@ -191,7 +189,9 @@ def command(
     from tfbus.cli.bag.record_run import record
 
     try:
-        settings = settings.renamed(node_name)
+        settings = (
+            settings.renamed(node_name) if node_name else settings.named_by_default("recorder")
+        )
         plan = Plan(
             selection=checked(asked.selection(settings.namespace, more_topics)),
             everywhere=fleet,

@@ -30,7 +30,7 @@ from tfbus.cli.bag.record_status import (
 from tfbus.cli.bag.typed_keys import typed_keys
 from tfbus.cli.output import is_terminal, print_lines, warn
 from tfbus.discover.other_namespaces import frames_in_other_namespaces, where_to_look
-from tfbus.errors import ServiceError
+from tfbus.errors import RightsError, ServiceError
 from tfbus.messages import Empty, SaveRecording
 from tfbus.node.node import Node
 from tfbus.recording.layout import CUSTOM
@@ -195,7 +195,11 @@ def _go_on(
     node: Node, plan: Plan, recorder: Recorder, parts: PartsWritten, line: StatusLine
 ) -> None:
     """Show how it goes and follow keys, until Ctrl-C, `stop`, or a failure."""
-    _serve(node, recorder, node.shutdown, snapshots=plan.snapshot_s is not None)
+    try:
+        _serve(node, recorder, node.shutdown, snapshots=plan.snapshot_s is not None)
+    except RightsError as error:
+        # Who only reads may record all the same.
+        node.log.info("No services pause or split this recording: %s", error)
     what = (
         f"Holding the last {plan.snapshot_s:g} s"
         if plan.snapshot_s

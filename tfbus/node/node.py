@@ -213,7 +213,11 @@ class Node:
         if not self._is_ready:
             self._is_ready = True
             self._parameters.warn_of_undeclared()
-            is_open = " (open to the network; --secure closes it)" if self.session.open_to else ""
+            is_open = (
+                " (the bus is open to the network; --secure closes it)"
+                if self.session.open_to
+                else ""
+            )
             self.log.info("%s%s", text, is_open)
             self._clock_start.expect()
 

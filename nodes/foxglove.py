@@ -82,7 +82,9 @@ def main(
     """
     _require_foxglove()
     if read_only is None:
-        read_only = listening.is_public and not teleop
+        read_only = listening.is_public
+        if read_only and teleop:
+            raise click.UsageError("with --public clients only look: add --operate for --teleop")
     public = listening.public(settings)
     serving = Serving(
         listening.host,

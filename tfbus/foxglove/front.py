@@ -16,7 +16,7 @@ from urllib.parse import SplitResult, parse_qs, quote, urlsplit
 
 from tfbus.errors import TfbusError
 from tfbus.foxglove.serving import Serving
-from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
+from tfbus.runtime.addresses import is_local, names_to_open, names_to_open_elsewhere
 from tfbus.wording import printable
 
 # A client must have sent its request by then, which is at most this long.

@@ -183,7 +183,7 @@ class Front:
         if self._token is None:
             return b""
         target = head.split(b"\r\n", 1)[0].decode("latin-1").split(" ")[1:2]
-        given = parse_qs(_parts("".join(target)).query).get("token", [""])[0]
+        given = parse_qs("".join(target).partition("?")[2]).get("token", [""])[0]
         if not given:
             text = "this address needs the token that tfbus foxglove has printed: /?token=…"
             return _response("401 Unauthorized", text)
@@ -191,7 +191,7 @@ class Front:
             case "right":
                 return b""
             case "wrong":
-                self._on_refused(f"a client at {address} had a wrong token")
+                self._on_refused(f"a wrong token from {address}")
                 return _response("401 Unauthorized", "that is not the token")
             case "too often":
                 return _response("429 Too Many Requests", "too many wrong tokens: wait a minute")

@@ -7,8 +7,7 @@ made of it, which no script reads and no other site's page sends, and an address
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, quote, urlsplit
+from urllib.parse import parse_qs, quote
 
 from tfbus.secure.server_tls import ServerTls
 from tfbus.secure.token import Token, is_same
@@ -31,11 +30,12 @@ _TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request is answered with in place of what it asks for."""
+    """What a request is answered with in place of what it asks for; `reason` is for a log."""
 
     status: HTTPStatus
     headers: tuple[tuple[str, str], ...]
     body: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Access:
         """
         if is_same(_cookie_of(headers, self._cookie), self._value):
             return None
-        given = parse_qs(urlsplit(path).query).get("token", [""])[0]
+        given = parse_qs(path.partition("?")[2]).get("token", [""])[0]
         if not given or headers.get("Upgrade"):
             return Answer(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
         match self.token.judge(given, address):
@@ -75,7 +75,9 @@ class Access:
                 )
             case "wrong":
                 body = _FORM.replace("<!-- why -->", _WRONG)
-                return Answer(HTTPStatus.UNAUTHORIZED, _AS_PAGE, body)
+                return Answer(
+                    HTTPStatus.UNAUTHORIZED, _AS_PAGE, body, f"a wrong token from {address}"
+                )
             case "right":
                 # Lax, not Strict: a link in a chat must open the page. Of others, no page that is
                 # framed, no script and no websocket has it.
@@ -96,8 +98,6 @@ _AS_PAGE = (
 
 
 def _cookie_of(headers: Mapping[str, str], name: str) -> str:
-    try:
-        found = SimpleCookie(headers.get("Cookie", "")).get(name)
-    except CookieError:
-        return ""
-    return "" if found is None else found.value
+    # The library's parser stops at a cookie of another server that it does not like.
+    pairs = (each.strip().partition("=") for each in headers.get("Cookie", "").split(";"))
+    return next((value for found, _, value in pairs if found == name), "")

@@ -457,8 +457,8 @@ def show(
     `history_s` seconds, by default as far as the buffer, from 30 s to an hour. Ages are judged by
     the newest sample, so that a recording is not stale.
 
-    For browsers of other machines give a `host` such as 0.0.0.0, and `public=True`: then the page is
-    encrypted, by a certificate that is made, and `view.url` has the token that it asks for.
+    For browsers of other machines give a `host` such as 0.0.0.0, and `public=True`: then the page
+    is encrypted, by a certificate that is made, and `view.url` has the token that it asks for.
 
     Raises TfbusError without the extra `view`, or for a public page `secure`, and where it cannot
     listen.

@@ -72,61 +72,65 @@ def _parts(url: str) -> SplitResult:
 
 @dataclass
 class Guard:
-    """`stands` once the server checks its requests."""
+    """Which requests to a server at `host` are served: of its own pages and of programs, and with
+    an `access` of those that have its token.
 
+    If `is_framed`, pages of other machines may have the page in a frame. Calls `on_refused(reason)`
+    for each request that is refused, except one without a token. It `stands` once a server asks it.
+    """
+
+    host: str
+    access: Access | None = None
+    is_framed: bool = False
+    on_refused: Callable[[str], object] = lambda reason: None
     stands: bool = False
+
+    def __post_init__(self) -> None:
+        self._names = machine_names(self.host)
+        if self.access is not None:
+            self._names |= own_names() | self.access.tls.names
+
+    def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
+        """The answer to a request, None for a websocket: that of `then`, or why it is refused."""
+        if reason := refusal(request.headers, self._names):
+            self.on_refused(reason)
+            return _response(HTTPStatus.FORBIDDEN, f"{reason}\n")
+        if self.access is not None:
+            address = str((connection.remote_address or ("",))[0])
+            if given := self.access.answer(request.path, request.headers, address):
+                if given.reason:
+                    self.on_refused(given.reason)
+                return _response(given.status, given.body, given.headers)
+        answer: Response | None = then(connection, request)
+        if answer is None:
+            return None
+        if not self.is_framed:
+            only_framed_here(answer, is_public=self.access is not None)
+        return connecting_in_frames(answer)
 
 
 @contextmanager
-def guarding(
-    host: str, access: Access | None = None, *, is_framed: bool = False
-) -> Iterator[Guard]:
-    """Make the server that viser starts meanwhile, to listen at `host`, refuse other origins, and
-    with an `access` who has no token; pages of other machines may frame it if `is_framed`.
+def guarding(guard: Guard) -> Iterator[None]:
+    """Make the server that viser starts meanwhile ask this guard.
 
-    viser passes on neither headers nor `origins`, so it gets a `serve` that checks them. The guard
-    stands once that was called: a viser that starts its server in another way is not checked.
+    viser passes on neither headers nor `origins` nor `ssl`, so it gets a `serve` that does. The
+    guard stands once that was called: a viser that starts its server in another way does not ask.
     """
-    serve, guard, names = server.serve, Guard(), machine_names(host)
-    tls: dict[str, Any] = {}
-    if access is not None:
-        names |= own_names() | access.tls.names
-        tls["ssl"] = access.tls.context
+    serve = server.serve
+    tls = {} if guard.access is None else {"ssl": guard.access.tls.context}
 
     def guarded(*args: Any, process_request: Callable[..., Any], **options: Any) -> server.serve:
         guard.stands = True
-        checked = partial(_check, process_request, names, access, is_framed)
+        checked = partial(guard.check, process_request)
         return serve(*args, process_request=checked, **(options | tls))
 
     # A class, but called like the function that replaces it.
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
-        yield guard
+        yield
     finally:
         # mypy lets no class be assigned, not even itself.
         server.serve = serve  # type: ignore[misc]
-
-
-def _check(
-    then: Callable[..., Any],
-    names: Collection[str],
-    access: Access | None,
-    is_framed: bool,
-    connection: Any,
-    request: Request,
-) -> Response | None:
-    if reason := refusal(request.headers, names):
-        return _response(HTTPStatus.FORBIDDEN, f"{reason}\n")
-    if access is not None:
-        address = str((connection.remote_address or ("",))[0])
-        if given := access.answer(request.path, request.headers, address):
-            return _response(given.status, given.body, given.headers)
-    answer: Response | None = then(connection, request)
-    if answer is None:
-        return None
-    if not is_framed:
-        only_framed_here(answer, is_public=access is not None)
-    return connecting_in_frames(answer)
 
 
 def _response(status: HTTPStatus, body: str, headers: Collection[tuple[str, str]] = ()) -> Response:

@@ -14,6 +14,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
 from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.log_once import LogOnce
 from tfbus.view.access import Access
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
@@ -21,6 +22,7 @@ from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.view_state import ViewState
+from tfbus.view.origin import Guard
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
@@ -107,13 +109,9 @@ class Page:
         self._guests = guests
         self.view = ViewState(serving.settings)
         self._selections = Selections(serving.settings.selected)
-        self._server = serve(
-            serving.host,
-            serving.port,
-            serving.title,
-            serving.access,
-            is_framed=serving.is_framed,
-        )
+        self._log_once = LogOnce(node.log)
+        guard = Guard(serving.host, serving.access, serving.is_framed, self._on_refused)
+        self._server = serve(serving.host, serving.port, serving.title, guard)
         self._frames = Frames()
         self._choice = _Choice(serving.settings)
         self._refresh_at_s = 0.0
@@ -236,6 +234,9 @@ class Page:
         # viser announces it on standard output.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+
+    def _on_refused(self, reason: str) -> None:
+        self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))
 
     @property
     def _buffer(self) -> Buffer:

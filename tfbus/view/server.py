@@ -8,8 +8,7 @@ import socket
 import viser
 
 from tfbus.errors import TfbusError
-from tfbus.view.access import Access
-from tfbus.view.origin import guarding
+from tfbus.view.origin import Guard, guarding
 
 
 class ServeError(TfbusError):
@@ -17,17 +16,11 @@ class ServeError(TfbusError):
 
 
 def serve(
-    host: str,
-    port: int,
-    title: str = "tfbus",
-    access: Access | None = None,
-    *,
-    is_framed: bool = False,
+    host: str, port: int, title: str = "tfbus", guard: Guard | None = None
 ) -> viser.ViserServer:
     """A server of viser; it takes the next free port from this one on, and has a title.
 
-    With an `access` it is encrypted, and needs its token. If `is_framed`, pages of other machines
-    may have it in a frame.
+    The guard, of the same host, checks its requests.
 
     Raises ServeError if it cannot listen, or would accept any web page.
     """
@@ -42,10 +35,8 @@ def serve(
         ) from error
     # Browsers open connections in advance and close them again: not worth a log line.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with (
-        guarding(host, access, is_framed=is_framed) as guard,
-        contextlib.redirect_stdout(io.StringIO()),
-    ):
+    guard = guard or Guard(host)
+    with guarding(guard), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not guard.stands:
         server.stop()

@@ -2,7 +2,10 @@
 
 import http.client
 import ssl
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -72,6 +75,30 @@ def receives(address: str, **headers: str) -> bool:
         return bool(socket.recv(DEADLINE_S))
 
 
+@contextmanager
+def served(text: str) -> Iterator[str]:
+    """The origin of a server of this page."""
+
+    class Pages(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def log_message(self, *values: object) -> None:
+            """Say nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Pages) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
 @pytest.fixture
 def strangers(browser: Any) -> Iterator[Any]:
     """A window of a browser that takes certificates of unknown authorities."""
@@ -109,17 +136,15 @@ def test_the_printed_address_opens_the_page(bus: Bus, strangers: Any) -> None:
 
 
 def test_a_page_from_elsewhere_cannot_connect(bus: Bus, strangers: Any) -> None:
-    """Not even in a browser that has the page open."""
+    """Not even in a browser that has the page open, from another port of the same machine."""
     process, address = public_view(bus)
     View(strangers.new_page(), address)
-    evil = strangers.new_page()
     text = ELSEWHERE.format(address=f"wss://{urlsplit(address).netloc}/", version=viser.__version__)
-    evil.route(
-        "http://evil.example/", lambda route: route.fulfill(content_type="text/html", body=text)
-    )
-    evil.goto("http://evil.example/")
-    evil.locator("#said").filter(has_text="refused").wait_for()
-    process.wait_for_line(r"Refused a browser: a page of 'http://evil\.example' may not use")
+    with served(text) as origin:
+        evil = strangers.new_page()
+        evil.goto(origin)
+        evil.locator("#said").filter(has_text="refused").wait_for()
+    process.wait_for_line(f"Refused a browser: a page of '{origin}' may not use")
 
 
 def test_a_websocket_needs_the_cookie_and_the_origin(bus: Bus) -> None:

@@ -124,6 +124,16 @@ def test_the_names_of_a_machine_are_its_host_name_and_the_one_it_listens_at(
     assert machine_names("LOCALHOST") == set()
 
 
+def test_no_browser_can_share_the_page() -> None:
+    """viser would pass it on through a server of its makers, to all the world."""
+    server = serve("127.0.0.1", free_port())
+    try:
+        assert server.request_share_url() is None
+        assert server._share_tunnel is None
+    finally:
+        server.stop()
+
+
 def test_an_unguarded_server_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """If viser starts its server in another way, there is no view rather than an open one."""
     stopped = []

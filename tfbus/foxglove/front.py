@@ -170,8 +170,7 @@ class Front:
         if refused := self._refused(head, address):
             return refused
         if headers.get("upgrade", "").lower() != "websocket":
-            url = page_url(self.addresses[0])
-            text = f"Here is tfbus for Foxglove. Open {url}, or connect to {self.addresses[0]}"
+            text = f"Here is tfbus for {self.announcement()}"
             return _response("426 Upgrade Required", text, "Upgrade: websocket\r\n")
         if reason := refusal(headers.get("origin"), self._allowed):
             self._on_refused(reason)

@@ -419,10 +419,10 @@ class View:
 
     def _repr_html_(self) -> str:
         url = escape(self.url, quote=True)
-        return (
-            f'<iframe src="{url}" width="100%" height="500" style="border:0"></iframe>'
-            f'<div><a href="{url}" target="_blank">{url}</a></div>'
-        )
+        link = f'<div><a href="{url}" target="_blank">{url}</a></div>'
+        if not self._page.is_framed:
+            return link
+        return f'<iframe src="{url}" width="100%" height="500" style="border:0"></iframe>{link}'
 
     def _add(self, name: str, frame: str, make: Any) -> None:
         check_frame_id(frame, "frame")
@@ -481,8 +481,9 @@ def show(
     settings = ViewSettings(fixed_frame=fixed_frame)
     access = _access(host) if public else None
     # Notebooks are often served by another machine; nothing on the page moves anything.
+    is_framed = access is None
     serving = Serving(
-        host, port, rate_hz, history_s or 30.0, settings, access=access, is_framed=True
+        host, port, rate_hz, history_s or 30.0, settings, access=access, is_framed=is_framed
     )
     if not isinstance(buffer, Buffer):
         return _show_recording(buffer, serving, at_ns)

@@ -164,6 +164,11 @@ class Page:
         )
 
     @property
+    def is_framed(self) -> bool:
+        """Whether pages of other machines may have it in a frame."""
+        return self._serving.is_framed
+
+    @property
     def scene_api(self) -> viser.SceneApi:
         """What shapes are added to."""
         return self._server.scene

@@ -3,6 +3,7 @@
 Try it: tfbus launch turtle, and beside it: tfbus foxglove --teleop turtle1/cmd_vel
 """
 
+from collections.abc import Sequence
 from contextlib import closing
 
 import click
@@ -17,27 +18,20 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import BagChoice, bag_options, install_command
+from tfbus.command import (
+    BagChoice,
+    Listening,
+    bag_options,
+    install_command,
+    listening_options,
+)
 from tfbus.foxglove import Serving
-
-
-def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
-    if not (text.isdecimal() and 1 <= int(text) <= 65535):
-        raise click.BadParameter(f"{text!r} is not a port number from 1 to 65535")
-    return int(text)
 
 
 @click.command(
     epilog="Examples: tfbus foxglove --teleop turtle1/cmd_vel; tfbus foxglove --bag run.mcap"
 )
-@click.option("--host", default="127.0.0.1", help="The address to listen on (default 127.0.0.1).")
-@click.option(
-    "--port",
-    default="8765",
-    callback=_port,
-    metavar="NUMBER",
-    help="The port, or the first free one after it (default 8765).",
-)
+@listening_options("foxglove", 8765)
 @click.option(
     "--teleop",
     type=TopicName(),
@@ -46,7 +40,11 @@ def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
     help="Let clients drive: publish what Foxglove's Teleop panel sends on TOPIC; repeatable.",
 )
 @click.option(
-    "--read-only", is_flag=True, help="Let clients neither set parameters nor call services."
+    "--read-only/--operate",
+    "read_only",
+    default=None,
+    help="Whether clients only look, or may set parameters and call services (default: operate, "
+    "with --public read-only).",
 )
 @click.option(
     "--allow-origin",
@@ -70,10 +68,9 @@ def main(
     settings: NodeSettings,
     fleet: Fleet | None,
     bag: BagChoice | None,
-    host: str,
-    port: int,
+    listening: Listening,
     teleop: tuple[str, ...],
-    read_only: bool,
+    read_only: bool | None,
     origins: tuple[str, ...],
     rate: float | None,
     loop: bool,
@@ -84,17 +81,29 @@ def main(
     shows a recording, and Foxglove's bar plays it.
     """
     _require_foxglove()
-    serving = Serving(host, port, origins)
+    if read_only is None:
+        read_only = listening.is_public
+        if read_only and teleop:
+            raise click.UsageError("with --public clients only look: add --operate for --teleop")
+    public = listening.public(settings)
+    serving = Serving(
+        listening.host,
+        listening.port,
+        origins,
+        public.tls if public else None,
+        public.token if public else None,
+    )
+    notes = public.notes if public else ()
     if bag is None:
         if rate is not None or loop:
             raise click.UsageError("--rate and --loop play a recording: give --bag")
         if read_only and teleop:
             raise click.UsageError("--read-only and --teleop are mutually exclusive: give one")
-        _show_bus(settings, serving, fleet, teleop, read_only)
+        _show_bus(settings, serving, fleet, teleop, read_only, notes)
     else:
         if teleop:
             raise click.UsageError("--teleop and --bag are mutually exclusive: give one")
-        _show_recording(settings, serving, fleet, bag, rate or 1.0, loop)
+        _show_recording(settings, serving, fleet, bag, rate or 1.0, loop, notes)
 
 
 def _show_bus(
@@ -103,6 +112,7 @@ def _show_bus(
     fleet: Fleet | None,
     teleop: tuple[str, ...],
     read_only: bool,
+    notes: Sequence[str],
 ) -> None:
     from tfbus.foxglove import LiveBridge
 
@@ -110,6 +120,8 @@ def _show_bus(
         bridge = LiveBridge(node, serving, fleet=fleet, teleop=teleop, read_only=read_only)
         with closing(bridge):
             node.ready(bridge.front.announcement())
+            for note in notes:
+                node.log.info("%s", note)
             for warning in bridge.front.warnings():
                 node.log.warning("%s", warning)
             node.wait(None)
@@ -122,6 +134,7 @@ def _show_recording(
     bag: BagChoice,
     rate: float,
     loop: bool,
+    notes: Sequence[str],
 ) -> None:
     """Serve a recording; no bus is joined."""
     with bag.opened() as opened:
@@ -138,7 +151,8 @@ def _show_recording(
         at_end="loop" if loop else "wait",
     )
     with closing(bridge):
-        bridge.log.info("%s", bridge.front.announcement())
+        for text in (bridge.front.announcement(), *notes):
+            bridge.log.info("%s", text)
         for warning in bridge.front.warnings():
             bridge.log.warning("%s", warning)
         bridge.run()

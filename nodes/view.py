@@ -17,6 +17,7 @@ from tfbus import (
     Node,
     NodeSettings,
     Number,
+    RightsError,
     Robot,
     SettingsError,
     SystemClock,
@@ -25,24 +26,25 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import BagChoice, OutputFile, bag_options, install_command
+from tfbus.command import (
+    BagChoice,
+    Listening,
+    OutputFile,
+    bag_options,
+    install_command,
+    listening_options,
+)
 from tfbus.view import ViewSettings, holds_settings, load_settings
 
 if TYPE_CHECKING:
     from tfbus import Fleet
-    from tfbus.view import Page, RobotSource, Screenshot, Serving
+    from tfbus.view import Guest, Page, RobotSource, Screenshot, Serving
 
 # Until a browser has it, the address is logged again: other output of a launch pushes it away.
 REMIND_EVERY_S = 20.0
 REMINDERS = 10
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
-
-
-def _port(ctx: click.Context, param: click.Parameter, text: str) -> int:
-    if not (text.isdecimal() and 1 <= int(text) <= 65535):
-        raise click.BadParameter(f"{text!r} is not a port number from 1 to 65535")
-    return int(text)
 
 
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
@@ -55,13 +57,13 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 
 
 @click.command(epilog="Example: tfbus view --port 8080")
-@click.option("--host", default="127.0.0.1", help="The address to listen on (default 127.0.0.1).")
+@listening_options("view", 8080)
 @click.option(
-    "--port",
-    default="8080",
-    callback=_port,
-    metavar="NUMBER",
-    help="The port, or the first free one after it (default 8080).",
+    "--read-only/--operate",
+    "read_only",
+    default=None,
+    help="Whether browsers only look, or may drive turtles, move joints and save settings "
+    "(default: operate, with --public read-only).",
 )
 @click.option(
     "--history",
@@ -125,8 +127,8 @@ def main(
     settings: NodeSettings,
     fleet: "Fleet | None",
     bag: BagChoice | None,
-    host: str,
-    port: int,
+    listening: Listening,
+    read_only: bool | None,
     history_s: float,
     rate_hz: float,
     path: Path | None,
@@ -145,17 +147,29 @@ def main(
     robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     is_new = path is not None and not path.exists()
     chosen = load_settings(path) if path and not is_new else ViewSettings()
+    if screenshot and listening.is_public:
+        raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
     _require_viser()
-    from tfbus.view import Page, RobotsOnBus, Screenshot, Serving, find_browser, is_local
-
-    from .turtle.view.guest import TurtleGuest
+    from tfbus.view import Access, Page, RobotsOnBus, Screenshot, Serving, find_browser
 
     # Of several tabs, each names its robot.
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
-    serving = Serving(host, port, rate_hz, history_s, chosen, path or Path("view.yaml"), title)
+    public = listening.public(settings)
+    serving = Serving(
+        listening.host,
+        listening.port,
+        rate_hz,
+        history_s,
+        chosen,
+        path or Path("view.yaml"),
+        title,
+        Access(public.token, public.tls) if public else None,
+        read_only=listening.is_public if read_only is None else read_only,
+    )
+    notes = public.notes if public else ()
     shot = Screenshot(screenshot, after_s, size, find_browser()) if screenshot else None
     if bag is not None:
-        _show_recording(settings, bag, fleet, serving, robot, package_path, shot)
+        _show_recording(settings, bag, fleet, serving, robot, package_path, shot, notes)
         if shot:
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
@@ -164,14 +178,14 @@ def main(
         buffer = Buffer(history_s)
         with TransformListener(buffer, node, fleet=fleet) as listener:
             robots = RobotsOnBus(node, fleet, package_path, robot)
-            page = Page(node, buffer, listener, serving, robots, (TurtleGuest(node),))
-            if not is_local(host):
-                node.log.warning("%s", _warning(page, "see the frames and drive the turtles"))
+            page = Page(node, buffer, listener, serving, robots, _guests(node))
             try:
                 if shot:
                     shot.begin(page.address, page.hold, node.shutdown)
-                announce(node, page, port, host)
-                if is_new:
+                announce(node, page, listening.port, listening.host)
+                for note in notes:
+                    node.log.info("%s", note)
+                if is_new and not serving.read_only:
                     node.log.info("%s does not exist yet: Save settings writes it", path)
                 page.run()
             finally:
@@ -191,11 +205,12 @@ def _show_recording(
     robot: Robot | None,
     package_path: Sequence[Path],
     shot: "Screenshot | None",
+    notes: Sequence[str],
 ) -> None:
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import Cursor, GivenRobots, Page, RecordedRobots, Replay, ShownRobot, is_local
+    from tfbus.view import Cursor, GivenRobots, Page, RecordedRobots, Replay, ShownRobot
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span
@@ -217,8 +232,6 @@ def _show_recording(
         with replay.until_signal():
             page = Page(replay, replay.buffer, replay, serving, robots, replay=replay)
             try:
-                if not is_local(serving.host):
-                    click.echo(_warning(page, "see the recording and move its cursor"), err=True)
                 if shot:
                     replay.measure()
                     shot.begin(page.address, page.hold, replay.end)
@@ -228,6 +241,8 @@ def _show_recording(
                     taken = f"Port {serving.port} of {serving.host} is taken: using {page.port}"
                     click.echo(taken, err=True)
                 click.echo(f"View: {' or '.join(page.addresses)}", err=True)
+                for note in notes:
+                    click.echo(note, err=True)
                 page.run()
             finally:
                 if shot:
@@ -254,11 +269,15 @@ def announce(node: Node, page: "Page", port: int, host: str) -> None:
     timer = node.create_timer(REMIND_EVERY_S, remind, clock=SystemClock())
 
 
-def _warning(page: "Page", what: str) -> str:
-    return (
-        f"Anyone who reaches {' or '.join(page.addresses)} can {what}: there is no password. A "
-        f"tunnel is safer: ssh -L {page.port}:127.0.0.1:{page.port} this-machine"
-    )
+def _guests(node: Node) -> "Sequence[Guest]":
+    """What else the page shows: the turtles, where this identity may ask for their field."""
+    from .turtle.view.guest import TurtleGuest
+
+    try:
+        node.settings.check_right("calls", "field")
+    except RightsError:
+        return ()
+    return (TurtleGuest(node),)
 
 
 def _finish(shot: "Screenshot") -> None:

@@ -28,9 +28,10 @@ class Playback:
 class Client:
     """Keeps all that comes; use it in a `with`."""
 
-    def __init__(self, port: int, **options: Any) -> None:
+    def __init__(self, port: int, *, query: str = "", **options: Any) -> None:
+        scheme = "wss" if "ssl" in options else "ws"
         self._socket = connect(
-            f"ws://127.0.0.1:{port}",
+            f"{scheme}://127.0.0.1:{port}{query}",
             subprotocols=["foxglove.sdk.v1"],  # type: ignore[list-item]
             open_timeout=DEADLINE_S,
             max_size=None,

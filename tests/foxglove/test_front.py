@@ -1,6 +1,7 @@
 """The port in front of Foxglove's server: which clients it passes on."""
 
 import socket
+import ssl
 from collections.abc import Iterator
 
 import pytest
@@ -9,6 +10,7 @@ pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 from websockets.exceptions import InvalidStatus
 
+from tests import needs
 from tests.foxglove.client import Client
 from tests.live_bus import DEADLINE_S, eventually
 from tfbus.errors import TfbusError
@@ -132,12 +134,49 @@ def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
         Front(Serving(host="192.0.2.1"), server.address, lambda reason: None)
 
 
-def test_listening_beyond_this_machine_is_said(server: Server) -> None:
-    """There is no password."""
-    front = Front(Serving(host="0.0.0.0", port=0), server.address, lambda reason: None)
+def test_one_that_others_reach_needs_its_token(server: Server) -> None:
+    """Over TLS; wrong ones are refused and said, and after 10 from an address all are."""
+    needs.module("cryptography")
+    from tfbus.secure.server_tls import made_tls
+    from tfbus.secure.token import Token
+
+    reasons: list[str] = []
+    token = Token("correct horse")
+    serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
+    front = Front(serving, server.address, reasons.append)
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+
+    def client(query: str) -> Client:
+        return Client(front.port, query=query, ssl=context)
+
     try:
-        assert any("there is no password" in warning for warning in front.warnings())
+        with client("/?token=correct%20horse"):
+            pass
+        for query in ("/", "/?token=wrong"):
+            with pytest.raises(InvalidStatus, match="401"):
+                client(query)
+        assert reasons == ["a wrong token from 127.0.0.1"]
+        for _ in range(9):
+            token.judge("wrong", "127.0.0.1")
+        with pytest.raises(InvalidStatus, match="429"):
+            client("/?token=correct%20horse")
     finally:
+        front.close()
+
+
+def test_the_token_is_in_an_address_but_in_no_link(server: Server) -> None:
+    """A link would carry it to Foxglove's site; one that was given is not printed."""
+    needs.module("cryptography")
+    from tfbus.secure.server_tls import made_tls
+    from tfbus.secure.token import Token
+
+    for token in (Token(), Token("correct horse")):
+        serving = Serving("127.0.0.1", 0, tls=made_tls("127.0.0.1"), token=token)
+        front = Front(serving, server.address, lambda reason: None)
+        shown = token.text if token.is_new else "…"
+        said = f"Foxglove: connect to wss://127.0.0.1:{front.port}/?token={shown}"
+        assert front.announcement() == said
         front.close()
 
 

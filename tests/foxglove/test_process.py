@@ -1,6 +1,8 @@
 """`tfbus foxglove` as a process, with the turtles of the demo."""
 
 import json
+import re
+import ssl
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ import pytest
 
 pytest.importorskip("foxglove", reason="needs foxglove: the extra foxglove")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
+from websockets.exceptions import InvalidStatus
 
 from tests import needs
 from tests.foxglove.client import Client
@@ -159,3 +162,22 @@ def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
     seen = json.loads(done.stdout)
     assert (seen["header"]["frame_id"], seen["child_frame_id"]) == ("world", "lamp")
     assert seen["transform"]["translation"] == {"x": 1.5, "y": 0, "z": 0}
+
+
+def test_others_reach_it_by_a_token_only(bus: Bus) -> None:
+    """And only look, unless --operate lets them do more."""
+    done = bus.run("foxglove", "--host", "0.0.0.0")
+    assert done.returncode == 2 and "add --public" in done.stderr
+    done = bus.run("foxglove", "--public", "--teleop", "turtle1/cmd_vel")
+    assert done.returncode == 2 and "add --operate for --teleop" in done.stderr
+    needs.module("cryptography")
+    process = bus.start("foxglove", "--public", "--port", str(free_port()))
+    line = process.wait_for_line("Foxglove: connect to wss://", within_s=SLOW_S)
+    port, query = re.findall(r":(\d+)(/[^ ]*)", line)[0]
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    with pytest.raises(InvalidStatus, match="401"):
+        Client(int(port), ssl=context)
+    with Client(int(port), query=query, ssl=context) as client:
+        info = eventually(lambda: client.texts_of("serverInfo"))[0]
+        assert not {"services", "clientPublish"} & set(info["capabilities"])

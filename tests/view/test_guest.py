@@ -51,12 +51,19 @@ def lamps() -> Lamps:
 
 
 @pytest.fixture
-def refresh(lamps: Lamps) -> Iterator[Callable[[], tuple[str, ...]]]:
+def read_only() -> bool:
+    """Whether the page is; a test may say so."""
+    return False
+
+
+@pytest.fixture
+def refresh(lamps: Lamps, read_only: bool) -> Iterator[Callable[[], tuple[str, ...]]]:
     """Bring a page with this guest up to date; the titles of its tabs."""
     buffer = Buffer()
     buffer.set_transform(moved(1 * S, "map", "base", 1.0))
     program = _Program(buffer)
-    page = Page(program, buffer, program, Serving(port=free_port()), guests=(lamps,))
+    serving = Serving(port=free_port(), read_only=read_only)
+    page = Page(program, buffer, program, serving, guests=(lamps,))
 
     def tabs() -> tuple[str, ...]:
         page._refresh_at_s = 0.0
@@ -79,3 +86,13 @@ def test_a_guest_has_a_tab_while_it_is_present(
     lamps.is_present = True
     assert refresh() == ("Frames", "Measure", "View", "Lamps")
     assert lamps.calls == ["join", "add", "refresh", "refresh", "add", "refresh"]
+
+
+@pytest.mark.parametrize("read_only", [True])
+def test_a_guest_has_no_tab_on_a_page_that_is_read_only(
+    lamps: Lamps, refresh: Callable[[], tuple[str, ...]]
+) -> None:
+    """Its controls could do anything; its shapes are there."""
+    lamps.is_present = True
+    assert refresh() == ("Frames", "Measure", "View")
+    assert lamps.calls == ["join"]

@@ -154,6 +154,16 @@ def test_a_notebook_shows_the_page(view: View) -> None:
     assert f'<iframe src="{view.url}"' in view._repr_html_()
 
 
+def test_a_page_for_other_machines_must_be_public(buffer: Buffer) -> None:
+    """Then its address has a token, and a notebook a link: no frame would get the cookie."""
+    needs.module("cryptography")
+    with pytest.raises(InvalidArgumentException, match="add public=True, for a token"):
+        show(buffer, host="0.0.0.0")
+    with show(buffer, host="0.0.0.0", public=True, port=free_port()) as view:
+        assert view.url.startswith("https://") and "/?token=" in view.url
+        assert "<iframe" not in view._repr_html_() and view.url in view._repr_html_()
+
+
 _WITHOUT_VISER = """
 import sys
 sys.modules["viser"] = None

@@ -57,22 +57,21 @@ def test_a_port_that_is_taken_is_said(bus: Bus) -> None:
         view.wait_for_line(f"Port {taken} of 127.0.0.1 is taken: using {port}")
 
 
-def test_a_view_for_others_answers_under_addresses_and_names_of_its_machine(bus: Bus) -> None:
-    """A page may not use it whose owner points its own name to a view that listens for all."""
-    view = bus.start("view", "--host", "0.0.0.0", "--port", str(free_port()))
+def test_a_view_for_others_must_be_public(bus: Bus) -> None:
+    """Otherwise all who reach the machine could drive the turtles."""
+    done = bus.run("view", "--host", "0.0.0.0")
+    assert done.returncode == 2
+    assert "add --public" in done.stderr and "ssh -L 8080:127.0.0.1:8080" in done.stderr
+
+
+def test_pages_of_other_machines_cannot_frame_it(bus: Bus) -> None:
+    """A click on one could be a click on the view; a notebook of this machine can."""
+    view = bus.start("view", "--port", str(free_port()))
     line = view.wait_for_line("View: http://", within_s=3 * DEADLINE_S)
-    port = line.rpartition(":")[2]
-    address = f"127.0.0.1:{port}"
-    opened = [address.removeprefix("http://") for address in line.split("View: ")[1].split(" or ")]
-    assert opened == [f"localhost:{port}", f"{socket.gethostname()}:{port}"]
-    for host in (address, *opened, f"robot.local:{port}"):
-        assert status_of(address, Host=host, Origin=f"http://{host}")[0] == 200
-    host = f"evil.example:{port}"
-    code, text = status_of(address, Host=host, Origin=f"http://{host}")
-    assert (code, text) == (
-        403,
-        "the view is not 'evil.example', a name that anyone could point here: open the IP address "
-        "of its machine, its host name, or that with .local\n",
+    connection = http.client.HTTPConnection(line.rpartition("//")[2], timeout=DEADLINE_S)
+    connection.request("GET", "/")
+    assert connection.getresponse().headers["Content-Security-Policy"] == (
+        "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*"
     )
 
 
@@ -98,6 +97,8 @@ LAN = frozenset({"0.0.0.0", "robot", "robot.lan"})
         ({"Host": "localhost:8080"}, LAN, True),
         ({"Host": "evil.example:8080", "Origin": "http://evil.example:8080"}, LAN, False),
         ({"Host": "robot.evil.example"}, LAN, False),
+        ({"Host": "robot7.lab.example"}, LAN | {"*.lab.example"}, True),
+        ({"Host": "robot7.evil.example"}, LAN | {"*.lab.example"}, False),
         ({"Host": "["}, LOCAL, False),
         ({"Host": "["}, LAN, False),
         ({"Host": "localhost", "Origin": "http://["}, LOCAL, False),
@@ -121,6 +122,16 @@ def test_the_names_of_a_machine_are_its_host_name_and_the_one_it_listens_at(
     names = {"robot.lan", "robot", "robot.lab.example"}
     assert machine_names("Turtle.example") == names | {"turtle.example"}
     assert machine_names("LOCALHOST") == set()
+
+
+def test_no_browser_can_share_the_page() -> None:
+    """viser would pass it on through a server of its makers, to all the world."""
+    server = serve("127.0.0.1", free_port())
+    try:
+        assert server.request_share_url() is None
+        assert server._share_tunnel is None
+    finally:
+        server.stop()
 
 
 def test_an_unguarded_server_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:

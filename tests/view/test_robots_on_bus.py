@@ -5,17 +5,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, eventually
-from tfbus import Fleet, Node, Robot
+from tests import needs
+from tests.live_bus import Bus, eventually, free_port
+from tfbus import Buffer, Fleet, Node, Robot
 from tfbus.errors import ServiceError
 from tfbus.messages import JointState, RobotDescription, RobotMesh
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.recording.items import TopicItem
+from tfbus.view.local import _Program
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.playhead import Cursor
 from tfbus.view.model.shown_robot import ShownRobot
+from tfbus.view.page import Page, Serving
+from tfbus.view.robot_source import GivenRobots
 from tfbus.view.robots_on_bus import RobotsOnBus
 
 
@@ -156,3 +160,38 @@ def test_a_recording_shows_the_robot_of_its_cursor(tmp_path: Path) -> None:
             replay.playhead.seek(at(seconds))
             shown.append([robot.title for robot in robots.robots()])
     assert shown == [["one"], ["one"], ["two"]]
+
+
+def test_a_reader_of_a_closed_bus_sees_robots_and_moves_none(tmp_path: Path) -> None:
+    """It has no sliders, and its meshes are those on its machine."""
+    needs.module("cryptography")
+    from tests.closed_bus import ClosedBus
+    from tfbus.secure.rights import Identity
+
+    bus = ClosedBus(tmp_path, Identity("arm", "publisher"), Identity("laptop", "reader"))
+    bus.open()
+    try:
+        describe(bus.node("arm"), urdf("arm"))
+        robots = RobotsOnBus(bus.node("laptop"))
+        eventually(lambda: titles(robots) == ["arm"])
+        assert robots.joints(robots.robots()[0]) is None
+        with pytest.raises(MeshError, match="may not call"):
+            robots.fetch("", "package://arm/hand.stl")
+    finally:
+        bus.close()
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_a_page_that_is_read_only_has_no_sliders(read_only: bool) -> None:
+    """It shows the robot, and lets nothing move it."""
+    buffer = Buffer()
+    program = _Program(buffer)
+    robots = GivenRobots([ShownRobot(Robot.from_text(urdf("arm")))])
+    serving = Serving(port=free_port(), read_only=read_only)
+    page = Page(program, buffer, program, serving, robots)
+    try:
+        page.step()
+        panel = page._panel._robots_panel
+        assert panel is not None and (panel._sliders is None) is read_only
+    finally:
+        page.close()

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from tfbus.command.elsewhere import namespaces_serving as namespaces_serving
     from tfbus.command.extras import install_command as install_command
     from tfbus.command.keyboard import KeyReader as KeyReader
+    from tfbus.command.listening import Listening as Listening
+    from tfbus.command.listening import listening_options as listening_options
     from tfbus.command.moment import Moment as Moment
     from tfbus.command.recordings import BagChoice as BagChoice
     from tfbus.command.recordings import bag_options as bag_options
@@ -35,6 +37,8 @@ _MODULE_OF = {
     "BagChoice": "tfbus.command.recordings",
     "POSITIVE": "tfbus.command.types",
     "Declared": "tfbus.command.declared",
+    "Listening": "tfbus.command.listening",
+    "listening_options": "tfbus.command.listening",
     "KeyReader": "tfbus.command.keyboard",
     "NoTerminalError": "tfbus.command.terminal",
     "NodeCommand": "tfbus.command.declared",

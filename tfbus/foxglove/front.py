@@ -12,11 +12,11 @@ import socket
 import threading
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from urllib.parse import SplitResult, quote, urlsplit
+from urllib.parse import SplitResult, parse_qs, quote, urlsplit
 
 from tfbus.errors import TfbusError
 from tfbus.foxglove.serving import Serving
-from tfbus.runtime.addresses import is_local, names_to_open
+from tfbus.runtime.addresses import is_local, names_to_open, names_to_open_elsewhere
 from tfbus.wording import printable
 
 # A client must have sent its request by then, which is at most this long.
@@ -76,6 +76,7 @@ class Front:
         self.clients = 0
         self._host, self._wanted_port = serving.host, serving.port
         self._allowed = serving.origins
+        self._tls, self._token = serving.tls, serving.token
         self._inner = inner
         self._on_refused = on_refused
         self._sockets = _listening(serving.host, serving.port)
@@ -87,29 +88,32 @@ class Front:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where clients connect: `ws://localhost:8765`, or also by this machine's name."""
+        """Where clients connect: `ws://localhost:8765`; those of other machines by this machine's
+        name or address, with a token that was made for this run.
+        """
+        names = names_to_open if self._tls is None else names_to_open_elsewhere
+        scheme = "ws" if self._tls is None else "wss"
+        token = self._token
+        query = f"/?token={quote(token.text)}" if token is not None and token.is_new else ""
         return tuple(
-            f"ws://{f'[{name}]' if ':' in name else name}:{self.port}"
-            for name in names_to_open(self._host)
+            f"{scheme}://{f'[{name}]' if ':' in name else name}:{self.port}{query}"
+            for name in names(self._host)
         )
 
     def announcement(self) -> str:
         """Where to open it, in a line."""
+        if self._token is not None:
+            # No link: it would carry the token to Foxglove's site.
+            more = "" if self._token.is_new else "/?token=…"
+            return f"Foxglove: connect to {' or '.join(each + more for each in self.addresses)}"
         url = page_url(self.addresses[0])
         return f"Foxglove: open {url} or connect to {' or '.join(self.addresses)}"
 
     def warnings(self) -> list[str]:
         """What who started it should know of the address."""
-        found = []
-        if self._wanted_port not in (0, self.port):
-            found.append(f"port {self._wanted_port} of {self._host} is taken: using {self.port}")
-        if not is_local(self._host):
-            found.append(
-                f"anyone who reaches {' or '.join(self.addresses)} may connect: there is no "
-                f"password. A tunnel is safer: ssh -L {self.port}:127.0.0.1:{self.port} "
-                "this-machine"
-            )
-        return found
+        if self._wanted_port in (0, self.port):
+            return []
+        return [f"port {self._wanted_port} of {self._host} is taken: using {self.port}"]
 
     def close(self) -> None:
         """Stop listening, and disconnect all clients. Twice is fine."""
@@ -126,7 +130,12 @@ class Front:
 
     async def _serve(self) -> None:
         servers = [
-            await asyncio.start_server(self._meet, sock=each, limit=_LONGEST_REQUEST)
+            await asyncio.start_server(
+                self._meet,
+                sock=each,
+                limit=_LONGEST_REQUEST,
+                ssl=None if self._tls is None else self._tls.context,
+            )
             for each in self._sockets
         ]
         await self._ended.wait()
@@ -144,7 +153,7 @@ class Front:
             with suppress(OSError, EOFError, asyncio.LimitOverrunError, asyncio.CancelledError):
                 async with asyncio.timeout(_PATIENCE_S):
                     head = await reader.readuntil(b"\r\n\r\n")
-                if answer := self._answer(head):
+                if answer := self._answer(head, _address_of(writer)):
                     writer.write(answer)
                     await writer.drain()
                 else:
@@ -153,19 +162,38 @@ class Front:
             self.clients -= 1
             writer.close()
 
-    def _answer(self, head: bytes) -> bytes:
+    def _answer(self, head: bytes, address: str) -> bytes:
         """What a client gets that is not passed on; b"" for one that is."""
         headers = _headers(head)
         if self.clients > MOST_CLIENTS:
             return _response("503 Service Unavailable", f"more than {MOST_CLIENTS} clients")
+        if refused := self._refused(head, address):
+            return refused
         if headers.get("upgrade", "").lower() != "websocket":
-            url = page_url(self.addresses[0])
-            text = f"Here is tfbus for Foxglove. Open {url}, or connect to {self.addresses[0]}"
+            text = f"Here is tfbus for {self.announcement()}"
             return _response("426 Upgrade Required", text, "Upgrade: websocket\r\n")
         if reason := refusal(headers.get("origin"), self._allowed):
             self._on_refused(reason)
             return _response("403 Forbidden", reason)
         return b""
+
+    def _refused(self, head: bytes, address: str) -> bytes:
+        """What a client gets that has not the token; b"" where it has, or there is none."""
+        if self._token is None:
+            return b""
+        target = head.split(b"\r\n", 1)[0].decode("latin-1").split(" ")[1:2]
+        given = parse_qs("".join(target).partition("?")[2]).get("token", [""])[0]
+        if not given:
+            text = "this address needs the token that tfbus foxglove has printed: /?token=…"
+            return _response("401 Unauthorized", text)
+        match self._token.judge(given, address):
+            case "right":
+                return b""
+            case "wrong":
+                self._on_refused(f"a wrong token from {address}")
+                return _response("401 Unauthorized", "that is not the token")
+            case "too often":
+                return _response("429 Too Many Requests", "too many wrong tokens: wait a minute")
 
     async def _pass_on(
         self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -191,6 +219,11 @@ def page_url(address: str, *, desktop: bool = False) -> str:
     """The link that opens Foxglove, in a browser or its application, connected to an address."""
     base = "foxglove://open" if desktop else "https://app.foxglove.dev/"
     return f"{base}?ds=foxglove-websocket&ds.url={quote(address, safe='')}"
+
+
+def _address_of(writer: asyncio.StreamWriter) -> str:
+    peer = writer.get_extra_info("peername")
+    return str(peer[0]) if peer else ""
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

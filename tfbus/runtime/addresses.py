@@ -21,6 +21,35 @@ def names_to_open(host: str) -> tuple[str, ...]:
     return (host,)
 
 
+def names_to_open_elsewhere(host: str) -> tuple[str, ...]:
+    """What a browser of another machine opens where a server listens at `host`."""
+    address = address_of(host)
+    if address is not None and address.is_unspecified:
+        return tuple(filter(None, (socket.gethostname(), main_address())))
+    return (host,)
+
+
+def own_names() -> frozenset[str]:
+    """The host names of this machine in small letters: with and without its domain."""
+    full = socket.gethostname(), socket.getfqdn()
+    return frozenset(name.lower() for name in (*full, full[0].partition(".")[0]))
+
+
+def main_address() -> str:
+    """The address under which other machines most likely reach this one; "" where none does."""
+    for family, elsewhere in ((socket.AF_INET, "192.0.2.1"), (socket.AF_INET6, "2001:db8::1")):
+        try:
+            # Sends nothing: only the route is looked up.
+            with socket.socket(family, socket.SOCK_DGRAM) as probe:
+                probe.connect((elsewhere, 9))
+                found = str(probe.getsockname()[0])
+        except OSError:
+            continue
+        if not is_local(found):
+            return found
+    return ""
+
+
 def address_of(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     """The address that a text is; None where it is a name."""
     try:

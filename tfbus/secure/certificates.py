@@ -82,6 +82,26 @@ def issue(authority: Issued, name: str, days: float, hosts: Sequence[str] = ()) 
     return Issued(_pem(certificate), _key_pem(key))
 
 
+def make_for_server(hosts: Sequence[str], days: float) -> Issued:
+    """A certificate that signs itself, for a server under these names and addresses."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = _name("tfbus")
+    certificate = (
+        _builder(name, name, key.public_key(), days)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_usage(signs_certificates=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .add_extension(x509.SubjectAlternativeName([_host(host) for host in hosts]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    return Issued(_pem(certificate), _key_pem(key))
+
+
+def fingerprint_of(pem: bytes) -> str:
+    """The SHA-256 fingerprint of a certificate, as browsers show it."""
+    return x509.load_pem_x509_certificate(pem).fingerprint(hashes.SHA256()).hex(":").upper()
+
+
 def facts_of(pem: bytes) -> Facts:
     """What a certificate says. Raises ValueError where it is none."""
     certificate = x509.load_pem_x509_certificate(pem)

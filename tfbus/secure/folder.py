@@ -111,8 +111,13 @@ def _check_time(name: str, begins: datetime, ends: datetime) -> None:
 
 def check_key_is_own(path: Path) -> None:
     """Raises SettingsError where others than its owner may read or write a private key."""
+    check_is_private(path, "private key")
+
+
+def check_is_private(path: Path, what: str) -> None:
+    """Raises SettingsError where others than its owner may read or write this secret."""
     if os.name == "posix" and path.stat().st_mode & _OTHERS:
-        raise SettingsError(f"others may read the private key {path}: chmod 600 {path}")
+        raise SettingsError(f"others may read the {what} {path}: chmod 600 {path}")
 
 
 def _no_identity(path: str | os.PathLike[str], folder: Path) -> str:

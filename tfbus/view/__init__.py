@@ -11,6 +11,7 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from tfbus.runtime.addresses import is_local as is_local
+    from tfbus.view.access import Access as Access
     from tfbus.view.guest import Guest as Guest
     from tfbus.view.guest import Region as Region
     from tfbus.view.local import View as View
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from tfbus.view.screenshot import find_browser as find_browser
 
 _MODULE_OF = {
+    "Access": "tfbus.view.access",
     "ShownRobot": "tfbus.view.model.shown_robot",
     "RecordedRobots": "tfbus.view.recorded_robots",
     "RobotsOnBus": "tfbus.view.robots_on_bus",

@@ -1,23 +1,16 @@
 """Who may open a page that others can reach: those with its token, over an encrypted connection.
 
-The token is in the address that is printed, or typed into a form. The browser then gets it as a
-cookie, which no script reads and no other site's page sends, and an address without it.
+The token is in the address that is printed, or typed into a form. The browser then gets a cookie
+made of it, which no script reads and no other site's page sends, and an address without it.
 """
 
-import hmac
-import ssl
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote
 
-_COOKIE = "tfbus_view"
-
-# Who does not know the token may guess as often in this time.
-_GUESSES = 10
-_WITHIN_S = 60.0
+from tfbus.secure.server_tls import ServerTls
+from tfbus.secure.token import Token, is_same
 
 _FORM = """\
 <!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -25,74 +18,86 @@ _FORM = """\
 <style>body{font:16px sans-serif;margin:4em auto;max-width:24em;padding:0 1em}
 input,button{font:inherit;padding:.4em;width:100%;box-sizing:border-box;margin:.3em 0}
 @media (prefers-color-scheme:dark){body{background:#1a1b1e;color:#c1c2c5}}</style>
-<h1>tfbus view</h1><p>This page needs the token that <code>tfbus view</code> has printed.</p>
-<form><input name="token" type="password" autofocus aria-label="token"><button>Open</button></form>
+<h1>tfbus view</h1><p>This page needs the token that <code>tfbus view</code> has printed, or was
+given.</p><!-- why -->
+<form action="/"><input name="token" type="password" autofocus aria-label="token">
+<button>Open</button></form>
 """
+
+_WRONG = '<p role="alert"><b>That is not the token.</b></p>'
+_TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</b></p>'
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a request is answered with in place of the page."""
+    """What a request is answered with in place of what it asks for; `reason` is for a log."""
 
     status: HTTPStatus
     headers: tuple[tuple[str, str], ...]
     body: str = ""
+    reason: str = ""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Access:
     """The token of a page, and its end of encrypted connections."""
 
-    token: str
-    tls: ssl.SSLContext
-    _failures: list[float] = field(default_factory=list, repr=False)
+    token: Token
+    tls: ServerTls
+    # Cookies know no ports: that of another page on this machine has another name.
+    _cookie: str = field(init=False, repr=False)
+    _value: str = field(init=False, repr=False)
 
-    def answer(self, path: str, headers: Mapping[str, str]) -> Answer | None:
-        """What a request gets in place of what it asks for; None where it has the token."""
-        if self._is(_cookie_of(headers)):
+    def __post_init__(self) -> None:
+        name = f"__Host-tfbus-view-{self.token.derived('name of the cookie')[:8]}"
+        object.__setattr__(self, "_cookie", name)
+        object.__setattr__(self, "_value", self.token.derived("value of the cookie"))
+
+    @property
+    def query(self) -> str:
+        """What the printed address ends with; "" where the token was given, so is known."""
+        return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
+
+    def answer(self, path: str, headers: Mapping[str, str], address: str) -> Answer | None:
+        """What a request from an address gets in place of what it asks for; None where it has the
+        cookie.
+        """
+        if is_same(_cookie_of(headers, self._cookie), self._value):
             return None
-        given = parse_qs(urlsplit(path).query).get("token", [""])[0]
-        if not given:
-            return Answer(HTTPStatus.UNAUTHORIZED, _as_page(), _FORM)
-        if self._has_failed_often():
-            return Answer(HTTPStatus.TOO_MANY_REQUESTS, (("Retry-After", "60"),), "try later\n")
-        if not self._is(given):
-            self._failures.append(time.monotonic())
-            wrong = _FORM.replace("<form>", "<p><b>That is not the token.</b></p><form>")
-            return Answer(HTTPStatus.UNAUTHORIZED, _as_page(), wrong)
-        cookie = f"{_COOKIE}={given}; Path=/; HttpOnly; Secure; SameSite=Strict"
-        return Answer(HTTPStatus.SEE_OTHER, (("Location", "/"), ("Set-Cookie", cookie)))
-
-    def _is(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(errors="replace"), self.token.encode())
-
-    def _has_failed_often(self) -> bool:
-        now_s = time.monotonic()
-        self._failures = [at_s for at_s in self._failures if now_s - at_s < _WITHIN_S]
-        return len(self._failures) >= _GUESSES
-
-
-def _as_page() -> tuple[tuple[str, str], ...]:
-    return (
-        ("Content-Type", "text/html; charset=utf-8"),
-        ("Cache-Control", "no-store"),
-        ("Referrer-Policy", "no-referrer"),
-    )
+        given = parse_qs(path.partition("?")[2]).get("token", [""])[0]
+        if not given or headers.get("Upgrade"):
+            return Answer(HTTPStatus.UNAUTHORIZED, _AS_PAGE, _FORM)
+        match self.token.judge(given, address):
+            case "too often":
+                body = _FORM.replace("<!-- why -->", _TOO_OFTEN)
+                return Answer(
+                    HTTPStatus.TOO_MANY_REQUESTS, (*_AS_PAGE, ("Retry-After", "60")), body
+                )
+            case "wrong":
+                body = _FORM.replace("<!-- why -->", _WRONG)
+                return Answer(
+                    HTTPStatus.UNAUTHORIZED, _AS_PAGE, body, f"a wrong token from {address}"
+                )
+            case "right":
+                # Lax, not Strict: a link in a chat must open the page. Of others, no page that is
+                # framed, no script and no websocket has it.
+                cookie = f"{self._cookie}={self._value}; Path=/; HttpOnly; Secure; SameSite=Lax"
+                moved = (("Location", "/"), ("Set-Cookie", cookie))
+                return Answer(HTTPStatus.SEE_OTHER, (*_UNSEEN, *moved))
 
 
-def _cookie_of(headers: Mapping[str, str]) -> str:
-    try:
-        found = SimpleCookie(headers.get("Cookie", "")).get(_COOKIE)
-    except CookieError:
-        return ""
-    return "" if found is None else found.value
+_UNSEEN = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"))
+_AS_PAGE = (
+    ("Content-Type", "text/html; charset=utf-8"),
+    (
+        "Content-Security-Policy",
+        "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'",
+    ),
+    *_UNSEEN,
+)
 
 
-def tls_of(certificate: str, key: str) -> ssl.SSLContext:
-    """The server's end of encrypted connections. Raises OSError where a file cannot be read,
-    ssl.SSLError, which is one, where it is not a certificate or key.
-    """
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    context.load_cert_chain(certificate, key)
-    return context
+def _cookie_of(headers: Mapping[str, str], name: str) -> str:
+    # The library's parser stops at a cookie of another server that it does not like.
+    pairs = (each.strip().partition("=") for each in headers.get("Cookie", "").split(";"))
+    return next((value for found, _, value in pairs if found == name), "")

@@ -1,4 +1,4 @@
-"""The page within another one, such as a notebook: it connects before it is clicked."""
+"""The page within another one, such as a notebook: where that may be, and how it connects."""
 
 import gzip
 from functools import lru_cache
@@ -21,6 +21,15 @@ def connecting_in_frames(response: Response) -> Response:
         del headers["Content-Length"]
         headers["Content-Length"] = str(len(response.body))
     return response
+
+
+def only_framed_here(response: Response, *, is_public: bool) -> None:
+    """Let no page of another machine frame it: a click on that one could be one on this.
+
+    One that others can reach is framed by itself only.
+    """
+    here = "" if is_public else " http://localhost:* http://127.0.0.1:*"
+    response.headers["Content-Security-Policy"] = f"frame-ancestors 'self'{here}"
 
 
 # Several megabytes, the same for all.

@@ -29,7 +29,8 @@ class Guest(Protocol):
 
     `title` is the name of the tab; `style` and `script` are CSS and JavaScript for its controls.
     The page calls `join` once, and then `draw` again and again, on one thread. The tab is there
-    while `is_present`: the page calls `add_controls` each time it appears, and then `refresh`.
+    while `is_present`, but never on a page that is read-only: the page calls `add_controls` each
+    time it appears, and then `refresh`.
     """
 
     title: str

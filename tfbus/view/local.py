@@ -17,11 +17,13 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.geometry.transform import Transform, check_frame_id
 from tfbus.listen.info import StreamInfo
+from tfbus.runtime.addresses import is_local
 from tfbus.runtime.clock import Clock
 
 if TYPE_CHECKING:
     from tfbus.recording.recording import Recording
     from tfbus.robot.robot import Robot
+    from tfbus.view.access import Access
     from tfbus.view.page import Page, Serving
     from tfbus.view.recorded_robots import RecordedRobots
     from tfbus.view.replay import Replay
@@ -417,10 +419,10 @@ class View:
 
     def _repr_html_(self) -> str:
         url = escape(self.url, quote=True)
-        return (
-            f'<iframe src="{url}" width="100%" height="500" style="border:0"></iframe>'
-            f'<div><a href="{url}" target="_blank">{url}</a></div>'
-        )
+        link = f'<div><a href="{url}" target="_blank">{url}</a></div>'
+        if not self._page.is_framed:
+            return link
+        return f'<iframe src="{url}" width="100%" height="500" style="border:0"></iframe>{link}'
 
     def _add(self, name: str, frame: str, make: Any) -> None:
         check_frame_id(frame, "frame")
@@ -443,6 +445,7 @@ def show(
     rate_hz: float = 30.0,
     history_s: float | None = None,
     at_ns: int | None = None,
+    public: bool = False,
 ) -> View:
     """Show a buffer or a recording in a browser, in three dimensions, at `view.url`.
 
@@ -454,8 +457,17 @@ def show(
     `history_s` seconds, by default as far as the buffer, from 30 s to an hour. Ages are judged by
     the newest sample, so that a recording is not stale.
 
-    Raises TfbusError without the extra `view`, and where it cannot listen.
+    For browsers of other machines give a `host` such as 0.0.0.0, and `public=True`: then the page
+    is encrypted, by a certificate that is made, and `view.url` has the token that it asks for.
+
+    Raises TfbusError without the extra `view`, or for a public page `secure`, and where it cannot
+    listen.
     """
+    if not public and not is_local(host):
+        raise InvalidArgumentException(
+            f"host {host!r} lets all in who reach this machine: add public=True, for a token and "
+            "encryption"
+        )
     if not 0.0 < rate_hz <= 60.0:
         raise InvalidArgumentException(f"rate_hz must be above 0 and at most 60, got {rate_hz!r}")
     try:
@@ -467,7 +479,12 @@ def show(
 
         raise TfbusError(f"viser is not installed ({error}): {install_command('view')}") from error
     settings = ViewSettings(fixed_frame=fixed_frame)
-    serving = Serving(host, port, rate_hz, history_s or 30.0, settings)
+    access = _access(host) if public else None
+    # Notebooks are often served by another machine; nothing on the page moves anything.
+    is_framed = access is None
+    serving = Serving(
+        host, port, rate_hz, history_s or 30.0, settings, access=access, is_framed=is_framed
+    )
     if not isinstance(buffer, Buffer):
         return _show_recording(buffer, serving, at_ns)
     if at_ns is not None:
@@ -476,6 +493,21 @@ def show(
     serving = replace(serving, history_s=history_s or _history_s(buffer))
     robots = GivenRobots()
     return View(Page(program, buffer, program, serving, robots), program, robots)
+
+
+def _access(host: str) -> "Access":
+    from tfbus.secure.server_tls import made_tls
+    from tfbus.secure.token import Token
+    from tfbus.view.access import Access
+
+    try:
+        return Access(Token(), made_tls(host))
+    except ImportError as error:
+        from tfbus.command import install_command
+
+        raise TfbusError(
+            f"cryptography is not installed ({error}): {install_command('secure')}"
+        ) from error
 
 
 def _show_recording(recording: "Recording", serving: "Serving", at_ns: int | None) -> View:

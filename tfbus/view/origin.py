@@ -5,7 +5,6 @@ it was. So Origin must match Host. Host must be an address or one of this machin
 owner of any other name can let it point here.
 """
 
-import socket
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,8 +17,9 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from tfbus.runtime.addresses import address_of, is_local
-from tfbus.view.framed import connecting_in_frames
+from tfbus.runtime.addresses import address_of, is_local, own_names
+from tfbus.view.access import Access
+from tfbus.view.framed import connecting_in_frames, only_framed_here
 
 
 def machine_names(host: str) -> frozenset[str]:
@@ -28,8 +28,7 @@ def machine_names(host: str) -> frozenset[str]:
     """
     if is_local(host):
         return frozenset()
-    full = socket.gethostname(), socket.getfqdn()
-    return frozenset(name.lower() for name in (host, *full, full[0].partition(".")[0]))
+    return own_names() | {host.lower()}
 
 
 def refusal(headers: Mapping[str, str], names: Collection[str]) -> str:
@@ -55,7 +54,11 @@ def _is_own(name: str, names: Collection[str]) -> bool:
     """Whether only this machine, or its own network, can let this name point here."""
     # Names in .local are resolved on the local network only (RFC 6762).
     return (
-        name in names or is_local(name) or name.endswith(".local") or address_of(name) is not None
+        name in names
+        or f"*.{name.partition('.')[2]}" in names  # as a certificate may have it
+        or is_local(name)
+        or name.endswith(".local")
+        or address_of(name) is not None
     )
 
 
@@ -69,40 +72,66 @@ def _parts(url: str) -> SplitResult:
 
 @dataclass
 class Guard:
-    """`stands` once the server checks its requests."""
+    """Which requests to a server at `host` are served: of its own pages and of programs, and with
+    an `access` of those that have its token.
 
+    If `is_framed`, pages of other machines may have the page in a frame. Calls `on_refused(reason)`
+    for each request that is refused, except one without a token. It `stands` once a server asks it.
+    """
+
+    host: str
+    access: Access | None = None
+    is_framed: bool = False
+    on_refused: Callable[[str], object] = lambda reason: None
     stands: bool = False
+
+    def __post_init__(self) -> None:
+        self._names = machine_names(self.host)
+        if self.access is not None:
+            self._names |= own_names() | self.access.tls.names
+
+    def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
+        """The answer to a request, None for a websocket: that of `then`, or why it is refused."""
+        if reason := refusal(request.headers, self._names):
+            self.on_refused(reason)
+            return _response(HTTPStatus.FORBIDDEN, f"{reason}\n")
+        if self.access is not None:
+            address = str((connection.remote_address or ("",))[0])
+            if given := self.access.answer(request.path, request.headers, address):
+                if given.reason:
+                    self.on_refused(given.reason)
+                return _response(given.status, given.body, given.headers)
+        answer: Response | None = then(connection, request)
+        if answer is None:
+            return None
+        if not self.is_framed:
+            only_framed_here(answer, is_public=self.access is not None)
+        return connecting_in_frames(answer)
 
 
 @contextmanager
-def guarding(host: str) -> Iterator[Guard]:
-    """Make the server that viser starts meanwhile, to listen at `host`, refuse other origins.
+def guarding(guard: Guard) -> Iterator[None]:
+    """Make the server that viser starts meanwhile ask this guard.
 
-    viser passes on neither headers nor `origins`, so it gets a `serve` that checks them. The guard
-    stands once that was called: a viser that starts its server in another way is not checked.
+    viser passes on neither headers nor `origins` nor `ssl`, so it gets a `serve` that does. The
+    guard stands once that was called: a viser that starts its server in another way does not ask.
     """
-    serve, names, guard = server.serve, machine_names(host), Guard()
+    serve = server.serve
+    tls = {} if guard.access is None else {"ssl": guard.access.tls.context}
 
     def guarded(*args: Any, process_request: Callable[..., Any], **options: Any) -> server.serve:
         guard.stands = True
-        checked = partial(_check, process_request, names)
-        return serve(*args, process_request=checked, **options)
+        checked = partial(guard.check, process_request)
+        return serve(*args, process_request=checked, **(options | tls))
 
     # A class, but called like the function that replaces it.
     server.serve = guarded  # type: ignore[assignment, misc]
     try:
-        yield guard
+        yield
     finally:
         # mypy lets no class be assigned, not even itself.
         server.serve = serve  # type: ignore[misc]
 
 
-def _check(
-    then: Callable[..., Any], names: Collection[str], connection: Any, request: Request
-) -> Response | None:
-    reason = refusal(request.headers, names)
-    if not reason:
-        answer: Response | None = then(connection, request)
-        return None if answer is None else connecting_in_frames(answer)
-    status = HTTPStatus.FORBIDDEN
-    return Response(status.value, status.phrase, Headers(), f"{reason}\n".encode())
+def _response(status: HTTPStatus, body: str, headers: Collection[tuple[str, str]] = ()) -> Response:
+    return Response(status.value, status.phrase, Headers(headers), body.encode())

@@ -12,14 +12,17 @@ import viser
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.snapshot import frame_tree
-from tfbus.runtime.addresses import names_to_open
+from tfbus.runtime.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.log_once import LogOnce
+from tfbus.view.access import Access
 from tfbus.view.guest import Guest, Region
 from tfbus.view.model.placement import Floats, Placed, place, trail
 from tfbus.view.model.selections import Selections
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.view_state import ViewState
+from tfbus.view.origin import Guard
 from tfbus.view.panels.camera import CameraActions
 from tfbus.view.panels.panel import Panel
 from tfbus.view.replay import Replay
@@ -54,7 +57,9 @@ class Serving:
     """Where the page is served, how often it moves, and its first settings.
 
     The settings are saved to `path`. The slider goes back `history_s` seconds. `title` is that of
-    the browser's tab.
+    the browser's tab. With an `access` the page is encrypted, and needs its token. One that is
+    `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
+    joints. If `is_framed`, pages of other machines may have it in a frame.
     """
 
     host: str = "127.0.0.1"
@@ -64,6 +69,9 @@ class Serving:
     settings: ViewSettings = _BY_DEFAULT
     path: Path = Path("view.yaml")
     title: str = "tfbus"
+    access: Access | None = None
+    read_only: bool = False
+    is_framed: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,7 +109,9 @@ class Page:
         self._guests = guests
         self.view = ViewState(serving.settings)
         self._selections = Selections(serving.settings.selected)
-        self._server = serve(serving.host, serving.port, serving.title)
+        self._log_once = LogOnce(node.log)
+        guard = Guard(serving.host, serving.access, serving.is_framed, self._on_refused)
+        self._server = serve(serving.host, serving.port, serving.title, guard)
         self._frames = Frames()
         self._choice = _Choice(serving.settings)
         self._refresh_at_s = 0.0
@@ -123,7 +133,7 @@ class Page:
             guests,
             lambda: self.is_watched,
             serving.history_s,
-            serving.path,
+            None if serving.read_only else serving.path,
             serving.title,
             self._robots,
             replay,
@@ -142,11 +152,21 @@ class Page:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """The URLs that a browser can open: of this machine alone, or also by its host name."""
+        """The URLs that a browser can open: of this machine alone, or of others, too, by its host
+        name and its address; with a token that was made for this run.
+        """
+        host, access = self._server.get_host(), self._serving.access
+        names = names_to_open(host) if access is None else names_to_open_elsewhere(host)
+        scheme, query = ("http", "") if access is None else ("https", access.query)
         return tuple(
-            f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
-            for name in names_to_open(self._server.get_host())
+            f"{scheme}://{f'[{name}]' if ':' in name else name}:{self.port}{query}"
+            for name in names
         )
+
+    @property
+    def is_framed(self) -> bool:
+        """Whether pages of other machines may have it in a frame."""
+        return self._serving.is_framed
 
     @property
     def scene_api(self) -> viser.SceneApi:
@@ -219,6 +239,9 @@ class Page:
         # viser announces it on standard output.
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+
+    def _on_refused(self, reason: str) -> None:
+        self._log_once.warning(reason, "Refused a browser: %s", printable(reason, 300))
 
     @property
     def _buffer(self) -> Buffer:

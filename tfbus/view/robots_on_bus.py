@@ -7,7 +7,7 @@ from threading import Lock
 
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.errors import DecodeError, TfbusError, UrdfError
+from tfbus.errors import DecodeError, RightsError, TfbusError, UrdfError
 from tfbus.messages import JointState, RobotDescription, RobotMesh
 from tfbus.node.node import Node
 from tfbus.node.service import Client
@@ -52,7 +52,7 @@ class RobotsOnBus:
         self._texts: dict[tuple[str, str], str] = {}
         self._robots: dict[tuple[str, str], ShownRobot] = {}
         self._mistakes: dict[str, str] = {}
-        self._joints: dict[str, _JointTopics] = {}
+        self._joints: dict[str, _JointTopics | None] = {}
         self._meshes: dict[str, Client] = {}
         self._subscription: Declaration | None = None
         if robot is not None:
@@ -72,16 +72,23 @@ class RobotsOnBus:
             return list(self._mistakes.values())
 
     def joints(self, robot: ShownRobot) -> Joints | None:
-        """The joints of a robot, by the topics of its namespace."""
+        """The joints of a robot, by the topics of its namespace; None where this identity may not
+        move them.
+        """
         with self._lock:
-            topics = self._joints.get(robot.origin)
-            if topics is None:
-                topics = self._joints[robot.origin] = _JointTopics(self._node, robot.origin)
-            return topics
+            if robot.origin not in self._joints:
+                try:
+                    self._joints[robot.origin] = _JointTopics(self._node, robot.origin)
+                except RightsError:
+                    self._joints[robot.origin] = None
+            return self._joints[robot.origin]
 
     def fetch(self, origin: str, mesh: str) -> bytes:
         """A mesh of a robot, from the machine that describes it."""
-        client = self._client(origin)
+        try:
+            client = self._client(origin)
+        except RightsError as error:
+            raise MeshError(f"it is not on this machine, and {printable(str(error))}") from error
         for _ in range(_MOST_CHANGES):
             found = self._fetch(client, mesh)
             if found is not None:
@@ -179,11 +186,12 @@ class _JointTopics:
         lead = f"{origin}/" if origin else ""
         self._node = node
         self._positions: dict[str, float] = {}
+        topic = f"{lead}joint_targets"
+        # First, since an identity may have no right to it.
+        self._targets: Publisher[JointState] = node.create_publisher(JointState, topic)
         self._states: Subscription[JointState] = node.create_subscription(
             JointState, f"{lead}joint_states", self._on_states
         )
-        topic = f"{lead}joint_targets"
-        self._targets: Publisher[JointState] = node.create_publisher(JointState, topic)
         self._watch = node.session.watch_heard(topic)
 
     @property

@@ -8,15 +8,19 @@ import socket
 import viser
 
 from tfbus.errors import TfbusError
-from tfbus.view.origin import guarding
+from tfbus.view.origin import Guard, guarding
 
 
 class ServeError(TfbusError):
     """The page cannot be served; the message says why."""
 
 
-def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
+def serve(
+    host: str, port: int, title: str = "tfbus", guard: Guard | None = None
+) -> viser.ViserServer:
     """A server of viser; it takes the next free port from this one on, and has a title.
+
+    The guard, of the same host, checks its requests.
 
     Raises ServeError if it cannot listen, or would accept any web page.
     """
@@ -31,7 +35,8 @@ def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
         ) from error
     # Browsers open connections in advance and close them again: not worth a log line.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with guarding(host) as guard, contextlib.redirect_stdout(io.StringIO()):
+    guard = guard or Guard(host)
+    with guarding(guard), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     if not guard.stands:
         server.stop()
@@ -39,6 +44,8 @@ def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
             f"viser {viser.__version__} starts its server in a way that tfbus does not know: any "
             "web page could use it; install a known one: pip install 'viser==1.1.*'"
         )
+    # Any browser could ask viser to pass the page on through a server of its makers.
+    server.request_share_url = _unshared  # type: ignore[method-assign]
     server.scene.set_up_direction("+z")
     # Shadows and reflections say nothing about frames, and without a graphics card take most of
     # the time.
@@ -49,6 +56,10 @@ def serve(host: str, port: int, title: str = "tfbus") -> viser.ViserServer:
     # Beside the scene instead of over it; in a narrow window it is below anyway.
     server.gui.main_panel.dock_right()
     return server
+
+
+def _unshared(verbose: bool = True) -> None:
+    """No address at which all the world could open the page."""
 
 
 def _light(scene: viser.SceneApi) -> None:

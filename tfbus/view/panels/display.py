@@ -28,17 +28,23 @@ _PATTERNS = {
     "never": ("Never", "A regular expression: hides frames whose names match it."),
 }
 
+_READ_ONLY = (
+    '<div class="tf tf-dim">This page is read-only: it moves nothing and saves nothing. What is '
+    "chosen here, all browsers see.</div>"
+)
+
 
 class DisplayPanel:
-    """Controls of the settings; the save button writes them to `path`."""
+    """Controls of the settings; the save button writes them to `path`, and is not there without
+    one.
+    """
 
     def __init__(
-        self, gui: viser.GuiApi, view: ViewState, selections: Selections, path: Path
+        self, gui: viser.GuiApi, view: ViewState, selections: Selections, path: Path | None
     ) -> None:
         self._gui = gui
         self._view = view
         self._selections = selections
-        self._path = path
         self._is_dark: bool | None = None
         self._controls: dict[str, Any] = {}
         settings = view.settings
@@ -53,8 +59,11 @@ class DisplayPanel:
             handle.on_update(self._on_pattern(name, handle))
             self._patterns[name] = handle
         self._mistake = Html(gui.add_html(""))
+        if path is None:
+            gui.add_html(_READ_ONLY)
+            return
         save_button = gui.add_button("Save settings", icon=viser.Icon.DEVICE_FLOPPY)
-        save_button.on_click(self._save)
+        save_button.on_click(lambda event: self._save(event, path))
         self._saved = Html(gui.add_html(""))
 
     def refresh(self) -> None:
@@ -97,14 +106,14 @@ class DisplayPanel:
                 )
         return "".join(found)
 
-    def _save(self, event: Any) -> None:
+    def _save(self, event: Any, path: Path) -> None:
         try:
             selected = self._selections.of(event.client_id)
-            save_settings(replace(self._view.settings, selected=selected), self._path)
+            save_settings(replace(self._view.settings, selected=selected), path)
         except SettingsError as error:
             self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
         else:
-            again = f"tfbus view --settings {self._path}"
+            again = f"tfbus view --settings {path}"
             self._saved.show(
                 f'<div class="tf tf-dim">Saved. Open it with <code>{escape(again)}</code></div>'
             )

@@ -30,7 +30,8 @@ class Panel:
     """All controls; `refresh` brings them up to date.
 
     Below the tree it says why parts of `robots` cannot be drawn. A `replay` has a bar below the
-    scene that plays it. `newest_ns` is the latest time at which all dynamic frames can be placed.
+    scene that plays it. Without a `path` for settings, browsers can neither save them nor send
+    anything to the bus. `newest_ns` is the latest time at which all dynamic frames can be placed.
     """
 
     def __init__(
@@ -42,21 +43,23 @@ class Panel:
         guests: Sequence[Guest],
         is_watched: Callable[[], bool],
         history_s: float,
-        path: Path,
+        path: Path | None,
         title: str,
         robots: RobotScenes,
         replay: Replay | None = None,
     ) -> None:
         self._server = server
         self._view = view
-        self._guests = guests
+        # Guests without their tabs still draw.
+        self._guests = () if path is None else guests
+        self._is_read_only = path is None
         self.newest_ns = 0
         gui = server.gui
         self._channel = channel = Channel()
         self._replay = replay
         player = (PLAYER_STYLE, PLAYER_SCRIPT) if replay else ("", "")
-        style = player[0] + "".join(guest.style for guest in guests)
-        script = player[1] + "".join(guest.script for guest in guests)
+        style = player[0] + "".join(guest.style for guest in self._guests)
+        script = player[1] + "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))
         typed = gui.add_text("events", "")
         typed.on_update(lambda event: channel.receive(typed.value, event.client_id))
@@ -126,7 +129,11 @@ class Panel:
             self._robots_tab = self._tabs.add_tab(RobotsPanel.title)
             with self._robots_tab:
                 self._robots_panel = RobotsPanel(
-                    self._server.gui, self._view, self._channel, self._robots
+                    self._server.gui,
+                    self._view,
+                    self._channel,
+                    self._robots,
+                    has_sliders=not self._is_read_only,
                 )
         # Its sliders come and go with the robots.
         with self._robots_tab:

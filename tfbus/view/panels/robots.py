@@ -186,16 +186,23 @@ class JointSliders:
 
 
 class RobotsPanel:
-    """The controls of all robots, and the sliders of the one that is chosen."""
+    """The controls of all robots, and with `has_sliders` those of the one that is chosen."""
 
     title = "Robot"
 
     def __init__(
-        self, gui: viser.GuiApi, view: ViewState, channel: Channel, scenes: RobotScenes
+        self,
+        gui: viser.GuiApi,
+        view: ViewState,
+        channel: Channel,
+        scenes: RobotScenes,
+        *,
+        has_sliders: bool = True,
     ) -> None:
         self._gui = gui
         self._view = view
         self._scenes = scenes
+        self._has_sliders = has_sliders
         self._chosen = ""
         self._shown: ShownRobot | None = None
         self._folder: Any = None
@@ -229,6 +236,8 @@ class RobotsPanel:
         self._rows.show(
             f'<div class="tf">{"".join(self._row(robot, frames) for robot in robots)}</div>'
         )
+        if not self._has_sliders:
+            return
         if len(robots) > 1 and self._choice is None:
             self._choice = FrameDropdown(self._gui, "Joints of", "", self._choose)
         shown = next((each for each in robots if each.title == self._chosen), None)

@@ -22,6 +22,9 @@ EVENT = "tfbus.event"
 # Before the keys of ABOUT that its user chose.
 CUSTOM = "custom."
 
+# The number of a message of a topic that was in force already; the others count from the next.
+REPEATED = 0
+
 TF, TF_STATIC = "tf", "tf_static"
 
 # As rosbag2 writes them; readers of /tf_static need its durability, transient local.
@@ -120,6 +123,13 @@ def is_retained(metadata: Mapping[str, str]) -> bool:
     or, in newer files of rosbag2, by its name.
     """
     return _TRANSIENT.search(metadata.get("offered_qos_profiles", "")) is not None
+
+
+def is_numbered(metadata: Mapping[str, str]) -> bool:
+    """Whether the messages of a topic's channel are numbered as tfbus does: others may give all of
+    theirs the number 0.
+    """
+    return "tfbus.topic" in metadata
 
 
 def topic_of(topic: str, metadata: Mapping[str, str]) -> str:

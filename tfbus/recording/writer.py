@@ -14,6 +14,7 @@ from tfbus.recording.layout import (
     ENCODING,
     EVENT,
     PROFILE,
+    REPEATED,
     SCHEMA_ENCODING,
     check_log_time,
     check_text,
@@ -77,7 +78,7 @@ class RecordingWriter(Closing):
         self._topics = MessageCodecs()
         self._schemas: dict[Definition, int] = {}
         self._stream_channels: dict[tuple[RecordedStream, bool, bool], int] = {}
-        self._topic_channels: dict[tuple[str, str, Definition], int] = {}
+        self._topic_channels: dict[tuple[str, str, Definition, bool], int] = {}
         self._channels = 0
         self._sequences: dict[int, int] = {}
         self._state = BusState()
@@ -178,7 +179,7 @@ class RecordingWriter(Closing):
 
     def _write_topic(self, item: TopicItem) -> None:
         definition, data = item.encoded or self._encoded(item)
-        key = (item.topic, item.type_name, definition)
+        key = (item.topic, item.type_name, definition, item.retained)
         channel = self._topic_channels.get(key)
         if channel is None:
             check_text(item.topic)
@@ -187,8 +188,9 @@ class RecordingWriter(Closing):
             self._topic_channels[key] = channel
         stamp = item.values.get("stamp_ns")
         publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = sequence + 1
+        sequence = REPEATED
+        if not item.repeated:
+            sequence = self._sequences[channel] = self._sequences.get(channel, REPEATED) + 1
         self._add(channel, item.log_ns, data, publish_ns, sequence)
 
     def _encoded(self, item: TopicItem) -> tuple[Definition, bytes]:

@@ -205,7 +205,7 @@ class TestSplits:
         run.queue.put(ROBOT, encode_map({"urdf": "<one/>"}))
         run.queue.put(ROBOT, encode_map({"urdf": "<two/>"}))
         eventually(lambda: run.recorder.received == 2)
-        path = run.recorder.split()
+        path = run.recorder.split().path
         run.items()
         [item] = read(path)
         assert isinstance(item, TopicItem)

@@ -205,9 +205,9 @@ class TestSplits:
         run.queue.put(ROBOT, encode_map({"urdf": "<one/>"}))
         run.queue.put(ROBOT, encode_map({"urdf": "<two/>"}))
         eventually(lambda: run.recorder.received == 2)
-        path = run.recorder.split().path
+        run.recorder.split()
         run.items()
-        [item] = read(path)
+        [item] = read(run.parts.paths[1])
         assert isinstance(item, TopicItem)
         assert item.retained and item.values == {"urdf": "<two/>"}
         with RecordingReader(*run.parts.paths) as whole:

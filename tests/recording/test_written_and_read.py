@@ -229,6 +229,15 @@ def test_a_topic_may_become_retained(tmp_path: Path) -> None:
         assert [(topic.messages, topic.is_retained) for topic in reader.topics] == [(3, True)]
 
 
+def test_statics_are_repeated_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    """At once, and then as often as ever."""
+    laser = in_recording(T0 + 1000 * S, [at(1, "laser", parent="base")], static=True)
+    later = [in_recording(T0 + n * S, [at(n)]) for n in range(12)]
+    with RecordingReader(written(tmp_path / "a.mcap", [laser, *later])) as reader:
+        times = [item.log_ns for chunk in reader.chunks for item, _ in chunk.statics()]
+    assert times == [T0 + 1000 * S, T0, T0 + 5 * S, T0 + 10 * S]
+
+
 def test_gone_and_back(tmp_path: Path) -> None:
     """A description after the token was lost comes again, though it says the same."""
     items = [described(T0 + i, kind=kind) for i, kind in enumerate(["stream", "stream gone"] * 2)]

@@ -232,7 +232,9 @@ class RecordingWriter(Closing):
         return self._mcap.register_channel(topic, ENCODING, schema, metadata)
 
     def _repeat_statics(self, log_ns: int) -> None:
-        if self._statics_ns is None or log_ns < self._statics_ns + self._statics_every_ns:
+        last_ns = self._statics_ns
+        # Also where the system's clock was set back: a reader of that time finds them there.
+        if last_ns is None or last_ns <= log_ns < last_ns + self._statics_every_ns:
             return
         self._statics_ns = log_ns
         for item in self._state.items(log_ns):

@@ -192,12 +192,12 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
         values, encoded = decode(message.data)
         if is_clock:
             return TopicItem(message.log_ns, topic, "Clock", _clock_of(values))
+        type_name, is_retained = channel.type_name, channel.retained
         if counterpart is not None and encoded is not None:
-            is_retained = counterpart.type_name == "RobotDescription"
-            values = counterpart.of_ros(dict(values))
-            name = counterpart.type_name
-            return TopicItem(message.log_ns, topic, name, values, encoded, is_retained)
-        return TopicItem(message.log_ns, topic, channel.type_name, values, encoded)
+            type_name, values = counterpart.type_name, counterpart.of_ros(dict(values))
+            # Its publisher retains it, whatever the file says.
+            is_retained |= type_name == "RobotDescription"
+        return TopicItem(message.log_ns, topic, type_name, values, encoded, is_retained)
 
     return read
 

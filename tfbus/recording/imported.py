@@ -203,7 +203,7 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
 
 
 def _clock_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """ROS's simulated time as ours, of which it says neither rate nor pause."""
+    """ROS's simulated time as ours; it says neither rate nor pause."""
     clock = values["clock"]
     nanoseconds = clock["nanosec"] if "nanosec" in clock else clock["nsec"]
     return {"stamp_ns": clock["sec"] * _NS_PER_S + nanoseconds, "rate": 1.0, "paused": False}
@@ -226,7 +226,7 @@ def _without_slashes(rows: Columns) -> Columns:
 
 
 class _StaticSet:
-    """The static transforms of a stream, of which ROS sends some at a time: the last of each child
+    """The static transforms of a stream. ROS sends some of them at a time: the last of each child
     counts.
     """
 

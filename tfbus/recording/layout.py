@@ -172,7 +172,8 @@ def event_of(metadata: Mapping[str, str]) -> EventItem | None:
         raise DecodeError(f"an event of kind {kind!r} cannot be read") from error
     if not isinstance(facts, dict) or not 0 <= log_ns <= _LAST_NS:
         raise DecodeError(f"an event of kind {kind!r} cannot be read")
-    return EventItem(log_ns, kind, metadata.get("name", ""), facts)  # type: ignore[arg-type]
+    name = metadata.get("name", "")
+    return EventItem(log_ns, kind, name, facts)  # type: ignore[arg-type]  # it is one of _KINDS
 
 
 def check_log_time(log_ns: int) -> None:

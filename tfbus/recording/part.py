@@ -75,7 +75,7 @@ class TopicChannel:
 
 
 class Part:
-    """One file, of which `read` makes a McapFile. Raises OSError, and DecodeError for what is no
+    """One file, which `read` opens as a McapFile. Raises OSError, and DecodeError for what is no
     recording.
     """
 

@@ -50,8 +50,8 @@ _MESSAGE_BYTES = 31
 class RecordingWriter(Closing):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
-    After an OSError, as of a full disk, the file has what was there at the last `flush`, and takes
-    no more.
+    After an OSError, as of a full disk, the file has what was there at the last `flush`, and each
+    further `write` raises one.
 
     `statics_every_s` seconds after they were written the static transforms in force are written
     again, so that a seek or a cut finds them nearby. `about` says who recorded what: it is in the

@@ -26,6 +26,7 @@ class RosbagsFile:
         if self._is_ros1:
             from rosbags.rosbag1 import Reader
         else:
+            # Another class of the same name, with the same methods.
             from rosbags.rosbag2 import Reader  # type: ignore[assignment]
         try:
             self._reader: Any = Reader(path)

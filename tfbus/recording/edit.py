@@ -224,11 +224,9 @@ class _Repeated:
         is_numbered = isinstance(item, TransformItem) and item.seq is not None
         apart_ns = _SAME_NUMBERED_NS if is_numbered else _SAME_CONTENT_NS
         others = self._recording_at(item.log_ns, apart_ns if is_numbered else 0) - {number}
-        is_first = isinstance(item, TopicItem) and item.retained and self._is_first(item, number)
-        if not others:
-            return False
-        if is_first and state.says(replace(item, repeated=True)):
-            return True
+        was_in_force = isinstance(item, TopicItem) and self._was_in_force(item, number, state)
+        if was_in_force or not others:
+            return was_in_force and bool(others)
         self._forget_before(item.log_ns - _SAME_NUMBERED_NS)
         digest = _digest(item)
         received = self._received.setdefault(digest, [])
@@ -242,10 +240,12 @@ class _Repeated:
         self._in_order.append((item.log_ns, digest))
         return False
 
-    def _is_first(self, item: TopicItem, number: int) -> bool:
-        known = len(self._has_retained)
+    def _was_in_force(self, item: TopicItem, number: int, state: BusState) -> bool:
+        """Whether it is the first of a retained topic that a recorder received, and no news."""
+        if not item.retained or (number, item.topic) in self._has_retained:
+            return False
         self._has_retained.add((number, item.topic))
-        return len(self._has_retained) > known
+        return state.says(replace(item, repeated=True))
 
     def _recording_at(self, log_ns: int, slack_ns: int) -> set[int]:
         """The recordings that were made at this time, by their numbers."""

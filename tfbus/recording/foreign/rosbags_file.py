@@ -81,7 +81,7 @@ class RosbagsFile:
 
     def _is_retained(self, connection: Any) -> bool:
         if self._is_ros1:
-            return connection.ext.latching == 1
+            return bool(connection.ext.latching == 1)
         profiles = connection.ext.offered_qos_profiles
         return any(each.durability.name == "TRANSIENT_LOCAL" for each in profiles)
 

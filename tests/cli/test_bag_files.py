@@ -1,5 +1,6 @@
 """`tfbus bag` cut, merge, filter, recover, import and export: recordings into files."""
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -148,6 +149,33 @@ def test_a_bag_is_imported(tmp_path: Path) -> None:
     assert done.exit_code == 1
     assert done.output.startswith("Error: r.bag cannot be read: ")
     assert done.output.count("\n") == 1
+
+
+def json_file(path: Path, *values: int) -> None:
+    """A file of another writer, with a message in JSON of each value."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "x")
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channel = writer.register_channel("/t", "json", schema)
+        for value in values:
+            writer.add_message(channel, START_NS, json.dumps({"a": value}).encode(), START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
+
+
+def test_a_message_that_no_recording_holds_is_left_out(tmp_path: Path) -> None:
+    """The others are imported, and it is said; where none is left there is no file."""
+    os.chdir(tmp_path)
+    json_file(Path("j.mcap"), 1, 2**70, 3)
+    said = wrote("import", "j.mcap", "-o", "r.mcap")
+    assert "left out 1 message of t: a message of type 'any' cannot be written" in said
+    assert said.endswith("2 messages of 1 topic\n")
+    json_file(Path("k.mcap"), 2**70)
+    done = run("import", "k.mcap", "-o", "s.mcap")
+    assert done.exit_code == 1 and not Path("s.mcap").exists()
+    assert "nothing was imported: no message of k.mcap can be written" in done.output
 
 
 def test_poses_are_exported(drive: Path) -> None:

@@ -45,7 +45,7 @@ def run(*args: object) -> Result:
 def test_info_lists_the_pauses_and_measures_without_them(path: Path) -> None:
     """Rates are those while it was recorded."""
     shown = run("bag", "info", path).output
-    assert "of which 19.9 s recorded" in shown
+    assert "(19.9 s recorded)" in shown
     assert "Pauses:    +10.000s to +320.000s (5 min, paused)" in shown
     facts = json.loads(run("bag", "info", "--json", path).output)
     rates = {each["name"]: round(each["flow"]["rate"]) for each in facts["streams"]}

@@ -175,6 +175,29 @@ def test_an_equal_message_is_a_new_one_where_the_other_recording_has_ended(tmp_p
         reader.close()
 
 
+def beats(*seconds: float) -> list[Item]:
+    """Equal messages of a retained topic."""
+    return [
+        TopicItem(moment(each), "beat", "Beat", {"ok": True}, retained=True) for each in seconds
+    ]
+
+
+def test_the_parts_of_a_heartbeat_have_all_of_it(tmp_path: Path) -> None:
+    """Also where a part begins with the one before it, which is then in force."""
+    with recorded(tmp_path / "a.mcap", beats(0, 2, 4, 6)) as reader:
+        found = told(cut(reader, [Span(moment(1), moment(4)), Span(moment(5), moment(6))]))
+    assert [each for each in found if each[1] == "beat"] == told(beats(1, 2, 4, 6))
+
+
+def test_a_recorder_that_began_later_repeats_no_heartbeat(tmp_path: Path) -> None:
+    """It receives at first what was in force, which the other one has."""
+    with (
+        recorded(tmp_path / "a.mcap", beats(0, 10, 20, 30)) as first,
+        recorded(tmp_path / "b.mcap", beats(5, 10.1, 20.1)) as second,
+    ):
+        assert told(joined([first, second])) == told(beats(0, 10, 20, 30))
+
+
 def test_publishers_of_one_name_are_found(tmp_path: Path) -> None:
     """Two robots that each have a stream `sim` at the same time."""
     other = RecordedStream("sim", "/sim", epoch_ns=99)

@@ -11,6 +11,7 @@ from tests import needs
 from tests.recording.foreign_files import (
     RawTransform,
     Sent,
+    store_of,
     write_bag,
     write_bare_mcap,
     write_foxglove_json,
@@ -25,6 +26,7 @@ from tfbus.recording.writer import RecordingWriter
 
 S = 1_000_000_000
 START_NS = 1_700_000_000 * S
+TEXT = "std_msgs/msg/String"
 TURN = (0.0, 0.0, 0.6, 0.8)
 
 Row = tuple[str, str, int, tuple[float, ...]]
@@ -198,6 +200,58 @@ def test_topics_keep_their_type_and_bytes(tmp_path: Path) -> None:
     assert goal.encoded is not None
     definition, data = goal.encoded
     assert store_of(2).deserialize_cdr(data, definition.name).header.frame_id == "base"
+
+
+def texts_in_bag(path: Path) -> Path:
+    """A .bag with a map that is latched and a topic that is not."""
+    from rosbags.rosbag1 import Writer
+
+    store = store_of(1)
+    text = store.types[TEXT]("x")
+    with Writer(path) as bag:
+        for topic, latching in (("/map", 1), ("/chatter", None)):
+            connection = bag.add_connection(topic, TEXT, typestore=store, latching=latching)
+            bag.write(connection, START_NS, bytes(store.serialize_ros1(text, TEXT)))
+    return path
+
+
+def texts_in_rosbag2(path: Path, storage: str) -> Path:
+    """The same of rosbag2, the map transient local."""
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    store = store_of(2)
+    text = store.types[TEXT]("x")
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as bag:
+        for topic, durability in (("/map", "TRANSIENT_LOCAL"), ("/chatter", "VOLATILE")):
+            never = QosTime(9223372036, 854775807)
+            qos = Qos(
+                QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability[durability],
+                never, never, QosLiveliness.AUTOMATIC, never, False,
+            )  # fmt: skip
+            connection = bag.add_connection(
+                topic, TEXT, typestore=store, offered_qos_profiles=[qos]
+            )
+            bag.write(connection, START_NS, bytes(store.serialize_cdr(text, TEXT)))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["bag", "SQLITE3", "MCAP"])
+def test_a_topic_stays_retained(tmp_path: Path, kind: str) -> None:
+    """What was latched, or transient local, is so in the recording, and other topics are not."""
+    is_bag = kind == "bag"
+    path = texts_in_bag(tmp_path / "r.bag") if is_bag else texts_in_rosbag2(tmp_path / "r", kind)
+    assert {item.topic: item.retained for item in messages_of(path)} == {
+        "map": True,
+        "chatter": False,
+    }
 
 
 def test_files_of_rosbag2_without_definitions_are_read(tmp_path: Path) -> None:

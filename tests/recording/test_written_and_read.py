@@ -180,6 +180,64 @@ def test_parts_are_one_recording(tmp_path: Path) -> None:
     assert read(tmp_path) == [as_values(item) for item in items]
 
 
+def test_a_heartbeat_is_not_a_repetition(tmp_path: Path) -> None:
+    """Equal messages of a retained topic come as often as they were sent."""
+    beats = [TopicItem(T0 + n * S, "beat", "Beat", {"ok": True}, retained=True) for n in range(3)]
+    assert read(written(tmp_path / "a.mcap", beats)) == [as_values(beat) for beat in beats]
+
+
+def test_a_heartbeat_that_a_further_file_begins_with_comes_once(tmp_path: Path) -> None:
+    """What the recorder repeats there is left out; what was sent after it is not."""
+    beats = [TopicItem(T0 + n * S, "beat", "Beat", {"ok": True}, retained=True) for n in range(4)]
+    state = BusState()
+    state.take(beats[1])
+    first = written(tmp_path / "a.mcap", beats[:2])
+    second = written(tmp_path / "b.mcap", [*state.items(T0 + 2 * S - 1), *beats[2:]])
+    assert read(first, second) == [as_values(beat) for beat in beats]
+    assert len(read(second)) == 3
+
+
+def test_equal_numbers_of_another_type_are_no_repetition(tmp_path: Path) -> None:
+    """1, 1.0 and True are three messages."""
+    values = [1, 1.0, True]
+    paths = [
+        written(
+            tmp_path / f"{n}.mcap",
+            [TopicItem(T0 + n, "t", "Own", {"x": x}, retained=True, repeated=True)],
+        )
+        for n, x in enumerate(values)
+    ]
+    with RecordingReader(*paths) as reader:
+        items = [item for item in reader.items() if isinstance(item, TopicItem)]
+    assert [repr(item.values["x"]) for item in items] == ["1", "1.0", "True"]
+
+
+def test_a_topic_may_become_retained(tmp_path: Path) -> None:
+    """Then its last retained message is in force."""
+    items = [
+        TopicItem(T0 + n, "t", "Own", {"x": n}, retained=retained)
+        for n, retained in enumerate([False, True, False])
+    ]
+    path = written(tmp_path / "a.mcap", items)
+    with RecordingReader(path) as reader:
+        assert [item.retained for item in reader.items() if isinstance(item, TopicItem)] == [
+            False,
+            True,
+            False,
+        ]
+        assert reader.state_at(T0 + S).retained == {"t": items[1]}
+        assert [(topic.messages, topic.is_retained) for topic in reader.topics] == [(3, True)]
+
+
+def test_statics_are_repeated_after_the_clock_was_set_back(tmp_path: Path) -> None:
+    """At once, and then as often as ever."""
+    laser = in_recording(T0 + 1000 * S, [at(1, "laser", parent="base")], static=True)
+    later = [in_recording(T0 + n * S, [at(n)]) for n in range(12)]
+    with RecordingReader(written(tmp_path / "a.mcap", [laser, *later])) as reader:
+        times = [item.log_ns for chunk in reader.chunks for item, _ in chunk.statics()]
+    assert times == [T0 + 1000 * S, T0, T0 + 5 * S, T0 + 10 * S]
+
+
 def test_gone_and_back(tmp_path: Path) -> None:
     """A description after the token was lost comes again, though it says the same."""
     items = [described(T0 + i, kind=kind) for i, kind in enumerate(["stream", "stream gone"] * 2)]

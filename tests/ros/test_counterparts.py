@@ -113,6 +113,26 @@ def test_other_fields_under_the_name_are_refused() -> None:
         codec.decode(data)
 
 
+@pytest.mark.parametrize(
+    "values", [{"data": "x"}, {"data": None}, {"data": 5}, {"urdf": 1, "prefix": "", "source": ""}]
+)
+def test_a_type_of_that_name_with_other_fields_comes_back(
+    tmp_path: Path, values: dict[str, object]
+) -> None:
+    """Also where its fields are those of ROS's type: it is a type of its own."""
+    pytest.importorskip("mcap")
+    from tfbus.recording.items import TopicItem
+    from tfbus.recording.reader import RecordingReader
+    from tfbus.recording.writer import RecordingWriter
+
+    item = TopicItem(1, "robot_description", "RobotDescription", values)
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        writer.write(item)
+    with RecordingReader(tmp_path / "run.mcap") as reader:
+        assert list(reader.items()) == [item]
+        assert reader.damage == ()
+
+
 def test_a_recording_has_them_for_ros(tmp_path: Path) -> None:
     """In a file they are types of ROS, the description transient local; read, they are ours."""
     pytest.importorskip("mcap")

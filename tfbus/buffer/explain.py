@@ -33,6 +33,12 @@ _WAIT = re.compile(r"; wait (?:about \S+ s|for [a-z ]+?)(?: \(timeout_s\))?(?:, 
 _WAIT_ARGUMENT = re.compile(r"; wait (about \S+ s) \(timeout_s\)(, or .+)?$")
 _LATER_MANY = r"; ask again in \1, or only for stamps that are known (lookup_known_transforms)"
 
+# What an error advises to query.
+_LATER, _LATEST = "query a later time", "query the latest (stamp_ns=None)"
+
+# What an error of a lookup may end with: to wait, for another time, or a longer cache.
+_ADVICE = re.compile(r"; (?:wait|query|ask|keep)\b[^;]*$")
+
 # Comparing takes microseconds a name; of more names only the likely ones are compared.
 _MOST_COMPARED = 1000
 
@@ -106,6 +112,22 @@ def may_come(error: TransformException) -> bool:
 def after_waiting(error: TransformException) -> str:
     """The sentence of an error without its advice to wait, for a lookup that did."""
     return _WAIT.sub(lambda found: f"; {found[1]}" if found[1] else "", str(error))
+
+
+def after_waiting_with(error: TransformException, *, later: str, latest: str) -> str:
+    """The same, with these pieces of advice in the place of those to query a later time, and the
+    latest.
+    """
+    said = after_waiting(error)
+    for advice, other in ((_LATER, later), (_LATEST, latest)):
+        if said.endswith(f"; {advice}"):
+            return said.removesuffix(advice) + other
+    return said
+
+
+def without_advice(sentence: str) -> str:
+    """The sentence of an error of a lookup without the advice at its end."""
+    return _ADVICE.sub("", sentence)
 
 
 def without_waiting(error: TransformException) -> TransformException:
@@ -238,18 +260,18 @@ def _no_data(
     if confused and stamp_ns == 0:
         confused = "the stamp 0 is the year 1970, not the latest as in tf2; omit it for the latest"
     if history.count() == 1:
-        remedy = "wait for another" if stamp_ns > newest else "query a later time"
+        remedy = "wait for another" if stamp_ns > newest else _LATER
         away = confused or f"its only sample is {_far(newest - stamp_ns)}; {remedy}"
         return _error(SingleSampleException, history, stamp_ns, away)
     if stamp_ns < oldest:
-        away = confused or f"its oldest sample is {_far(oldest - stamp_ns)}; query a later time"
+        away = confused or f"its oldest sample is {_far(oldest - stamp_ns)}; {_LATER}"
         return _error(PastExtrapolationException, history, stamp_ns, away)
     if confused:
         return _error(FutureExtrapolationException, history, stamp_ns, confused)
     wait_s = _retry_after_s(history.count(), oldest, newest, stamp_ns)
     away = (
         f"its newest sample is {_far(newest - stamp_ns)}; wait about {wait_s:.3g} s (timeout_s), "
-        "or query the latest (stamp_ns=None)"
+        f"or {_LATEST}"
     )
     return _error(FutureExtrapolationException, history, stamp_ns, away, wait_s)
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from tfbus.buffer.explain import after_waiting
+from tfbus.buffer.explain import after_waiting_with
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.errors import (
@@ -37,10 +36,6 @@ S = 1_000_000_000
 # behind the others, and the pauses that are interpolated, are at most as long as the cache.
 _PART_NS = 2 * S
 _CACHE_S = 60.0
-
-# What a lookup advises at the end of its error.
-_ADVICE = re.compile(r"; query (a later time|the latest).*$")
-_MOMENTS = {"a later time": "; give a later --at", "the latest": "; give an earlier --at, or none"}
 
 # A lookup at a stamp needs a later sample of each frame on the path, which comes within this.
 _LATER_S = (1, 5, 55)
@@ -127,7 +122,9 @@ class _explained:
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
         if isinstance(error, ExtrapolationException):
             raise TfbusError(
-                _ADVICE.sub(lambda found: _MOMENTS[found[1]], after_waiting(error))
+                after_waiting_with(
+                    error, later="give a later --at", latest="give an earlier --at, or none"
+                )
             ) from error
 
 

@@ -1,17 +1,14 @@
 """Why a lookup fails, or would fail, at a moment of a recording, and where in it to look."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from tfbus.buffer.explain import without_advice
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.recorded import RecordedFrames, S
 from tfbus.frames.snapshot import Problem, ProblemKind, who
 from tfbus.frames.why import Advice, Explanation, explain
 from tfbus.listen.info import StreamInfo
-
-# What a lookup advises at the end of its error: to wait, for another time, or a longer cache.
-_ADVICE = re.compile(r"; (?:wait|query|ask|keep)\b[^;]*$")
 
 _REMEDIES: dict[ProblemKind, str] = {
     "loop": "see who sent them: tfbus frames {bag} --at {at}",
@@ -35,7 +32,7 @@ def explain_recorded(
         [] if frames.pause is None else [f"{frames.said(frames.pause)}: look before or after it"]
     )
     remedies = dict.fromkeys(filter(None, (*pause, *hints, *found.remedies)))
-    return replace(found, failure=_ADVICE.sub("", found.failure), remedies=tuple(remedies))
+    return replace(found, failure=without_advice(found.failure), remedies=tuple(remedies))
 
 
 class _InRecording(Advice):

@@ -75,7 +75,7 @@ def joined(readers: Sequence[RecordingReader], selection: Selection = ALL) -> It
         *(_numbered(reader, number, selection) for number, reader in enumerate(readers)),
         key=lambda pair: pair[0].log_ns,
     ):
-        if state.says(item) or repeated.is_of_another(item, number):
+        if state.says(item) or repeated.is_of_another(item, number, state):
             continue
         state.take(item)
         yield item
@@ -205,6 +205,7 @@ class _Repeated:
 
     A message is the same by its content and number. Without a number the same content may be sent
     again: then it is the same message only if it was received within a second, while both recorded.
+    What a recorder received first of a retained topic may have been in force for long.
     """
 
     def __init__(self, spans: Sequence[Span]) -> None:
@@ -212,16 +213,20 @@ class _Repeated:
         # By content: when a message was received first, and the recordings that had it so far.
         self._received: dict[int, list[tuple[int, set[int]]]] = {}
         self._in_order: deque[tuple[int, int]] = deque()
+        self._has_retained: set[tuple[int, str]] = set()
 
-    def is_of_another(self, item: Item, number: int) -> bool:
-        """Whether another recording had the message before. Items come in order of log time."""
+    def is_of_another(self, item: Item, number: int, state: BusState) -> bool:
+        """Whether another recording had the message before. Items come in order of log time;
+        `state` is what was in force before this one.
+        """
         if isinstance(item, EventItem):
             return False
         is_numbered = isinstance(item, TransformItem) and item.seq is not None
         apart_ns = _SAME_NUMBERED_NS if is_numbered else _SAME_CONTENT_NS
         others = self._recording_at(item.log_ns, apart_ns if is_numbered else 0) - {number}
-        if not others:
-            return False
+        was_in_force = isinstance(item, TopicItem) and self._was_in_force(item, number, state)
+        if was_in_force or not others:
+            return was_in_force and bool(others)
         self._forget_before(item.log_ns - _SAME_NUMBERED_NS)
         digest = _digest(item)
         received = self._received.setdefault(digest, [])
@@ -234,6 +239,13 @@ class _Repeated:
         received.append((item.log_ns, {number}))
         self._in_order.append((item.log_ns, digest))
         return False
+
+    def _was_in_force(self, item: TopicItem, number: int, state: BusState) -> bool:
+        """Whether it is the first of a retained topic that a recorder received, and no news."""
+        if not item.retained or (number, item.topic) in self._has_retained:
+            return False
+        self._has_retained.add((number, item.topic))
+        return state.says(replace(item, repeated=True))
 
     def _recording_at(self, log_ns: int, slack_ns: int) -> set[int]:
         """The recordings that were made at this time, by their numbers."""

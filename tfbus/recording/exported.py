@@ -35,7 +35,7 @@ _LOOKED_BACK_NS = 2_000_000_000
 def write_transforms_csv(items: Iterable[Item], path: Path) -> int:
     """Write all transforms as rows of CSV, in order of log time; how many there are.
 
-    The columns are TRANSFORM_COLUMNS, of which `buffer.read_csv` reads those that it needs. Raises
+    The columns are TRANSFORM_COLUMNS; `buffer.read_csv` reads those that it needs. Raises
     OSError.
     """
     count = 0

@@ -15,7 +15,7 @@ from tfbus.recording.foreign.decoders import (
     values_decoder,
 )
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage
-from tfbus.recording.items import Item, RecordedStream, TopicItem, TransformItem
+from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.selection import ALL, Selection
 from tfbus.ros.counterparts import counterpart_of_ros
 from tfbus.wire.keys import (
@@ -37,8 +37,8 @@ _Read = Callable[[ForeignMessage], Item | None]
 @dataclass
 class Imported:
     """Counts what was imported. `left_out` says by topic why none of its messages was, `failed` how
-    many of a topic could not be read, and `why_failed` the first reason. `topics` are all that the
-    files have.
+    many of a topic could not be read or written, and `why_failed` the first reason; `refused` is
+    how many were read and not written. `topics` are all that the files have.
     """
 
     transforms: int = 0
@@ -48,6 +48,31 @@ class Imported:
     left_out: dict[str, str] = field(default_factory=dict)
     failed: Counter[str] = field(default_factory=Counter)
     why_failed: dict[str, str] = field(default_factory=dict)
+    refused: int = 0
+
+    def add(self, item: Item) -> None:
+        """Count an item."""
+        self._add(item, 1)
+
+    def refuse(self, item: Item, reason: str) -> None:
+        """Note that an item, which was counted, could not be written."""
+        self._add(item, -1)
+        self.refused += 1
+        if not isinstance(item, EventItem):
+            self.fail(item.topic if isinstance(item, TopicItem) else item.stream.name, reason)
+
+    def fail(self, topic: str, reason: str) -> None:
+        """Note that a message of a topic is left out."""
+        self.failed[topic] += 1
+        self.why_failed.setdefault(topic, reason)
+
+    def _add(self, item: Item, number: int) -> None:
+        if isinstance(item, TopicItem):
+            self.topic_messages += number
+        elif isinstance(item, TransformItem) and item.static:
+            self.static_transforms += number * item.rows.count
+        elif isinstance(item, TransformItem):
+            self.transforms += number * item.rows.count
 
 
 def imported(
@@ -98,12 +123,11 @@ class _Importer:
             try:
                 item = read(message)
             except DecodeError as error:
-                self._counts.failed[channel.topic] += 1
-                self._counts.why_failed.setdefault(channel.topic, str(error))
+                self._counts.fail(channel.topic, str(error))
                 continue
             taken = None if item is None else self._selection.taken_of(item)
             if taken is not None:
-                self._count(taken)
+                self._counts.add(taken)
                 yield taken
 
     def _read_of(self, channel: ForeignChannel) -> _Read | None:
@@ -158,14 +182,6 @@ class _Importer:
         namespace = check_namespace(above)
         return (f"{namespace}/{own}" if namespace else own), namespace, is_static
 
-    def _count(self, item: Item) -> None:
-        if isinstance(item, TopicItem):
-            self._counts.topic_messages += 1
-        elif isinstance(item, TransformItem) and item.static:
-            self._counts.static_transforms += item.rows.count
-        elif isinstance(item, TransformItem):
-            self._counts.transforms += item.rows.count
-
 
 def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Read:
     is_clock = channel.type_name == _CLOCK and topic.rpartition("/")[2] == CLOCK_TOPIC
@@ -176,18 +192,18 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
         values, encoded = decode(message.data)
         if is_clock:
             return TopicItem(message.log_ns, topic, "Clock", _clock_of(values))
+        type_name, is_retained = channel.type_name, channel.retained
         if counterpart is not None and encoded is not None:
-            is_retained = counterpart.type_name == "RobotDescription"
-            values = counterpart.of_ros(dict(values))
-            name = counterpart.type_name
-            return TopicItem(message.log_ns, topic, name, values, encoded, is_retained)
-        return TopicItem(message.log_ns, topic, channel.type_name, values, encoded)
+            type_name, values = counterpart.type_name, counterpart.of_ros(dict(values))
+            # Its publisher retains it, whatever the file says.
+            is_retained |= type_name == "RobotDescription"
+        return TopicItem(message.log_ns, topic, type_name, values, encoded, is_retained)
 
     return read
 
 
 def _clock_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """ROS's simulated time as ours, of which it says neither rate nor pause."""
+    """ROS's simulated time as ours; it says neither rate nor pause."""
     clock = values["clock"]
     nanoseconds = clock["nanosec"] if "nanosec" in clock else clock["nsec"]
     return {"stamp_ns": clock["sec"] * _NS_PER_S + nanoseconds, "rate": 1.0, "paused": False}
@@ -210,7 +226,7 @@ def _without_slashes(rows: Columns) -> Columns:
 
 
 class _StaticSet:
-    """The static transforms of a stream, of which ROS sends some at a time: the last of each child
+    """The static transforms of a stream. ROS sends some of them at a time: the last of each child
     counts.
     """
 

@@ -45,7 +45,8 @@ class TopicItem:
     publisher's node says, "" where it does not. A `retained` one stays in force until the next.
 
     `encoded` is the same message as ROS 2 has it, with the definition of its type, where it comes
-    from a file: so it is written again as it was.
+    from a file: so it is written again as it was. A `repeated` one was in force already at its log
+    time, as at the beginning of a file: it was not sent then.
     """
 
     log_ns: int
@@ -54,6 +55,7 @@ class TopicItem:
     values: Mapping[str, Any]
     encoded: tuple[Definition, bytes] | None = field(default=None, compare=False, repr=False)
     retained: bool = False
+    repeated: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ EVENT = "tfbus.event"
 # Before the keys of ABOUT that its user chose.
 CUSTOM = "custom."
 
+# The number of a message of a topic that was in force already; the others count from the next.
+REPEATED = 0
+
 TF, TF_STATIC = "tf", "tf_static"
 
 # As rosbag2 writes them; readers of /tf_static need its durability, transient local.
@@ -122,6 +125,13 @@ def is_retained(metadata: Mapping[str, str]) -> bool:
     return _TRANSIENT.search(metadata.get("offered_qos_profiles", "")) is not None
 
 
+def is_numbered(metadata: Mapping[str, str]) -> bool:
+    """Whether the messages of a topic's channel are numbered as tfbus does: others may give all of
+    theirs the number 0.
+    """
+    return "tfbus.topic" in metadata
+
+
 def topic_of(topic: str, metadata: Mapping[str, str]) -> str:
     """The name of a topic as tfbus has it: without the slash that ROS puts before it."""
     return metadata.get("tfbus.topic") or topic.removeprefix("/")
@@ -162,7 +172,8 @@ def event_of(metadata: Mapping[str, str]) -> EventItem | None:
         raise DecodeError(f"an event of kind {kind!r} cannot be read") from error
     if not isinstance(facts, dict) or not 0 <= log_ns <= _LAST_NS:
         raise DecodeError(f"an event of kind {kind!r} cannot be read")
-    return EventItem(log_ns, kind, metadata.get("name", ""), facts)  # type: ignore[arg-type]
+    name = metadata.get("name", "")
+    return EventItem(log_ns, kind, name, facts)  # type: ignore[arg-type]  # it is one of _KINDS
 
 
 def check_log_time(log_ns: int) -> None:

@@ -18,9 +18,11 @@ from tfbus.recording.layout import (
     ABOUT,
     ENCODING,
     EVENT,
+    REPEATED,
     SCHEMA_ENCODING,
     event_of,
     has_seq,
+    is_numbered,
     is_retained,
     is_static_topic,
     stream_of,
@@ -54,7 +56,8 @@ class StreamChannel:
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
     """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
-    `definition` where it is one of ours.
+    `definition` where it is one of ours. `is_numbered` is whether a number
+    says which messages only repeat what is in force.
     """
 
     id: int
@@ -63,6 +66,7 @@ class TopicChannel:
     decode: Decode | None
     definition: Definition | None = None
     is_retained: bool = False
+    is_numbered: bool = False
 
     @property
     def is_readable(self) -> bool:
@@ -71,7 +75,7 @@ class TopicChannel:
 
 
 class Part:
-    """One file, of which `read` makes a McapFile. Raises OSError, and DecodeError for what is no
+    """One file, which `read` opens as a McapFile. Raises OSError, and DecodeError for what is no
     recording.
     """
 
@@ -185,6 +189,7 @@ class Part:
             _decoder(channel, schema, counterpart),
             _definition(schema),
             is_retained(channel.metadata),
+            is_numbered(channel.metadata),
         )
 
 
@@ -387,7 +392,13 @@ class StoredChunk:
             return None
         encoded = None if topic.definition is None else (topic.definition, message.data)
         return TopicItem(
-            message.log_ns, topic.topic, topic.type_name, values, encoded, topic.is_retained
+            message.log_ns,
+            topic.topic,
+            topic.type_name,
+            values,
+            encoded,
+            topic.is_retained,
+            topic.is_retained and topic.is_numbered and message.sequence == REPEATED,
         )
 
 

@@ -36,8 +36,9 @@ class StreamSummary:
 @dataclass(frozen=True)
 class TopicSummary:
     """A topic: the name of its type, and how many messages there are. Where `is_readable` is false
-    they are in a format that tfbus does not read, and are left out of the items. One that
-    `is_retained` stays in force until the next.
+    they are in a format that tfbus does not read, and are left out of the items. Where it
+    `is_retained` a message stays in force until the next, and those that a file begins with, to
+    repeat what is in force, are counted too.
     """
 
     name: str
@@ -306,7 +307,8 @@ class RecordingReader(Closing):
             if chunk.from_ns > log_ns or not (chunk.retained_topics & names):
                 continue
             for item in chunk.items(only, TFMessageReader())[0]:
-                if isinstance(item, TopicItem) and item.log_ns <= log_ns:
+                # A topic may have messages that are not retained as well.
+                if isinstance(item, TopicItem) and item.retained and item.log_ns <= log_ns:
                     last = found.get(item.topic)
                     if last is None or last.log_ns <= item.log_ns:
                         found[item.topic] = item

@@ -29,7 +29,7 @@ _LAST_NS = 2**63 - 1
 # A chunk of more bytes is not decompressed; tfbus writes 128 KiB, rosbag2 768 KiB, mcap 1 MiB.
 MOST_CHUNK_BYTES = 256 * 2**20
 
-# Nor one of more messages, each of which takes memory of its own besides its bytes.
+# Nor one of more messages: each takes memory of its own besides its bytes.
 MOST_CHUNK_MESSAGES = 1_000_000
 
 
@@ -226,7 +226,7 @@ def _of_zstd(data: bytes, size: int) -> bytes:
 
 
 def _of_lz4(data: bytes, size: int) -> bytes:
-    import lz4.frame  # type: ignore[import-untyped]
+    import lz4.frame  # type: ignore[import-untyped]  # lz4 has no types
 
     try:
         found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)

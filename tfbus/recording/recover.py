@@ -41,8 +41,8 @@ _LAST_OPCODE, _PRIVATE_OPCODES = 15, 0x80
 # The length that these records have always.
 _FIXED_LENGTHS = {FOOTER: 20, DATA_END: 4}
 
-# The length of a chunk, of which the last four bytes are zero below 4 GB, behind its opcode; and
-# what a chunk has before the name of its compression, from its opcode on.
+# The opcode of a chunk and its length, whose last four bytes are zero below 4 GB; and what a chunk
+# has before the name of its compression, from its opcode on.
 _CHUNK_LIKE = re.compile(rb"(?=\x06.{4}\0{4})", re.DOTALL)
 _CHUNK_HEAD = PREFIX.size + 8 + 8 + 8 + 4
 _COMPRESSIONS = (b"zstd", b"lz4", b"")
@@ -82,7 +82,7 @@ class Loss:
             found.append("the end, its index, but no message")
         elif self.is_cut_short:
             after = f"what came after {time_text(self.end_ns, start_ns)}"
-            left = f", of which {size_text(self.tail_bytes)} are there" if self.tail_bytes else ""
+            left = f" ({size_text(self.tail_bytes)} are there)" if self.tail_bytes else ""
             found.append(f"{after}{left}")
         return found
 

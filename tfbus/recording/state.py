@@ -40,7 +40,7 @@ class BusState:
         if isinstance(item, TransformItem):
             return item.static and _is_same_set(self.statics.get(item.stream.name), item)
         if isinstance(item, TopicItem):
-            return item.retained and _is_same_message(self.retained.get(item.topic), item)
+            return item.repeated and _is_same_message(self.retained.get(item.topic), item)
         match item.kind:
             case "stream":
                 return item.name not in self.gone and _is_same(self.streams.get(item.name), item)
@@ -56,7 +56,8 @@ class BusState:
         """The items that put a bus into this state, all at this log time: nodes, streams, their
         static transforms, retained messages, and at last the streams that are gone.
         """
-        groups = (self.nodes, self.streams, self.statics, self.retained, self.gone)
+        retained = {name: replace(item, repeated=True) for name, item in self.retained.items()}
+        groups = (self.nodes, self.streams, self.statics, retained, self.gone)
         return [replace(item, log_ns=log_ns) for group in groups for item in group.values()]
 
     def _take_event(self, item: EventItem) -> None:
@@ -90,7 +91,8 @@ def _is_same(former: EventItem | None, item: EventItem) -> bool:
 def _is_same_message(former: TopicItem | None, item: TopicItem) -> bool:
     if former is None:
         return False
-    return former.type_name == item.type_name and former.values == item.values
+    # As texts: 1, 1.0 and True are equal, and nan is not.
+    return former.type_name == item.type_name and repr(former.values) == repr(item.values)
 
 
 def _is_same_set(former: TransformItem | None, item: TransformItem) -> bool:

@@ -14,6 +14,7 @@ from tfbus.recording.layout import (
     ENCODING,
     EVENT,
     PROFILE,
+    REPEATED,
     SCHEMA_ENCODING,
     check_log_time,
     check_text,
@@ -49,8 +50,8 @@ _MESSAGE_BYTES = 31
 class RecordingWriter(Closing):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
-    After an OSError, as of a full disk, the file has what was there at the last `flush`, and takes
-    no more.
+    After an OSError, as of a full disk, the file has what was there at the last `flush`, and each
+    further `write` raises one.
 
     `statics_every_s` seconds after they were written the static transforms in force are written
     again, so that a seek or a cut finds them nearby. `about` says who recorded what: it is in the
@@ -77,7 +78,7 @@ class RecordingWriter(Closing):
         self._topics = MessageCodecs()
         self._schemas: dict[Definition, int] = {}
         self._stream_channels: dict[tuple[RecordedStream, bool, bool], int] = {}
-        self._topic_channels: dict[tuple[str, str, Definition], int] = {}
+        self._topic_channels: dict[tuple[str, str, Definition, bool], int] = {}
         self._channels = 0
         self._sequences: dict[int, int] = {}
         self._state = BusState()
@@ -178,7 +179,7 @@ class RecordingWriter(Closing):
 
     def _write_topic(self, item: TopicItem) -> None:
         definition, data = item.encoded or self._encoded(item)
-        key = (item.topic, item.type_name, definition)
+        key = (item.topic, item.type_name, definition, item.retained)
         channel = self._topic_channels.get(key)
         if channel is None:
             check_text(item.topic)
@@ -187,8 +188,9 @@ class RecordingWriter(Closing):
             self._topic_channels[key] = channel
         stamp = item.values.get("stamp_ns")
         publish_ns = stamp if isinstance(stamp, int) and 0 <= stamp < 2**63 else item.log_ns
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = sequence + 1
+        sequence = REPEATED
+        if not item.repeated:
+            sequence = self._sequences[channel] = self._sequences.get(channel, REPEATED) + 1
         self._add(channel, item.log_ns, data, publish_ns, sequence)
 
     def _encoded(self, item: TopicItem) -> tuple[Definition, bytes]:
@@ -230,7 +232,9 @@ class RecordingWriter(Closing):
         return self._mcap.register_channel(topic, ENCODING, schema, metadata)
 
     def _repeat_statics(self, log_ns: int) -> None:
-        if self._statics_ns is None or log_ns < self._statics_ns + self._statics_every_ns:
+        last_ns = self._statics_ns
+        # Also where the system's clock was set back: a reader of that time finds them there.
+        if last_ns is None or last_ns <= log_ns < last_ns + self._statics_every_ns:
             return
         self._statics_ns = log_ns
         for item in self._state.items(log_ns):

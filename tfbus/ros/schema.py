@@ -74,6 +74,11 @@ class MessageCodec:
         """
         return MessageCodec(message_of(definition), definition, counterpart)
 
+    @property
+    def is_of_ros(self) -> bool:
+        """Whether the type is ROS's own, which has our values under other names."""
+        return self._counterpart is not None
+
     def encode(self, values: Mapping[str, Any]) -> bytes | None:
         """The message with these values; None where they are not of this type."""
         writer = CdrWriter()
@@ -157,7 +162,7 @@ class MessageCodecs:
     ) -> tuple[MessageCodec, bytes]:
         message = type_of_values(type_name, values, self._floats)
         if message.kind == "fields" and len(codecs) < _MOST_CODECS:
-            codec = self._add(codecs, self._wider(message, [before for _, before in codecs]))
+            codec = self._add(codecs, self._wider(message, codecs))
             if (data := codec.encode(values)) is not None:
                 return codec, data
         if (data := RAW.encode(values)) is None:
@@ -167,15 +172,15 @@ class MessageCodecs:
             )
         return RAW, data
 
-    def _wider(self, message: Message, known: list[Message]) -> Message:
+    def _wider(self, message: Message, codecs: list[tuple[MessageCodec, Message]]) -> Message:
         """A type that takes the messages of a known one as well, where ROS can express both; for
-        the last of a type anyhow.
+        the last of a type anyhow. A type of ROS's own stays as it is.
         """
-        for before in known:
-            if have_same_keys(before, message):
+        for codec, before in codecs:
+            if not codec.is_of_ros and have_same_keys(before, message):
                 both = merged_fields(before, message)
                 is_clear = packed_in(both) <= max(packed_in(before), packed_in(message))
-                if is_clear or len(known) + 1 == _MOST_CODECS:
+                if is_clear or len(codecs) + 1 == _MOST_CODECS:
                     return both
         return message
 

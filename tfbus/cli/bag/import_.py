@@ -108,13 +108,14 @@ def command(
                     default_stream=stream,
                 )
                 written = write_recording(
-                    _some(items, sources),
+                    _some(items, counts, sources),
                     output,
                     force=force,
                     span=(sources.start_ns, sources.end_ns),
                     sources=files,
                     compression=compression,
                     about={"edited": edited(files, "import")},
+                    refuse=counts.refuse,
                 )
                 for source in sources.files:
                     for lost in source.damage:
@@ -128,14 +129,16 @@ def command(
     click.echo(f"Wrote {output}: {written}")
 
 
-def _some(items: Iterator[Item], sources: "ForeignFiles") -> Iterator[Item]:
-    """The items. Raises TfbusError where there are none."""
-    is_empty = True
+def _some(items: Iterator[Item], counts: Imported, sources: "ForeignFiles") -> Iterator[Item]:
+    """The items. Raises TfbusError where none was written."""
+    number = 0
     for item in items:
-        is_empty = False
+        number += 1
         yield item
-    if is_empty:
+    if number == counts.refused:
         names = listed([source.name for source in sources.files])
+        if number:
+            raise TfbusError(f"nothing was imported: no message of {names} can be written")
         raise TfbusError(f"nothing was imported: no message of {names} is one that was asked for")
 
 

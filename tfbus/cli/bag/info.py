@@ -164,7 +164,7 @@ def _head(summary: Summary) -> Iterator[str]:
         yield from _lines("Damaged", lost) if lost else ()
     if len(summary.files) > 1:
         yield _line("Size", f"{size_text(summary.size)} in {len(summary.files)} files")
-    recorded = f", of which {duration(summary.recorded_s)} recorded" if summary.pauses else ""
+    recorded = f" ({duration(summary.recorded_s)} recorded)" if summary.pauses else ""
     yield _line("Duration", f"{duration(summary.duration_s)}{recorded}")
     yield _line("Start", _moment(summary.start_ns))
     yield _line("End", _moment(summary.end_ns))

@@ -13,7 +13,7 @@ import click
 from tfbus.cli.output import say
 from tfbus.command.extras import install_command
 from tfbus.command.types import OutputFile
-from tfbus.errors import TfbusError
+from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.recording.items import EventItem, Item, TransformItem
 from tfbus.runtime.signals import StopSignals
 from tfbus.runtime.whole_file import taking_place_of
@@ -141,9 +141,12 @@ def write_recording(
     compression: "Compression" = "zstd",
     about: Mapping[str, str] | None = None,
     about_at_end: Callable[[], Mapping[str, str]] = dict,
+    refuse: Callable[[Item, str], object] | None = None,
 ) -> Written:
     """Write a recording with these items, which are within this span of log times and come of the
     files `sources`. `about` is what it says of itself, with what is known at the end.
+    `refuse` is called with an item that a recording cannot hold, and why; without it that is an
+    error.
 
     A bar on stderr shows the progress where that is a terminal. Raises as `new_file`, and what
     reading the items raises.
@@ -157,8 +160,14 @@ def write_recording(
     with new_file(path, force=force, sources=sources) as beside:
         with RecordingWriter(beside, compression=compression, about=about) as writer:
             for item in with_progress(items, span, path.name):
-                writer.write(item)
-                written.take(item)
+                try:
+                    writer.write(item)
+                except InvalidArgumentException as error:
+                    if refuse is None:
+                        raise
+                    refuse(item, str(error))
+                else:
+                    written.take(item)
             if said := about_at_end():
                 writer.add_about(said)
         written.size = writer.size

@@ -6,13 +6,14 @@ from pathlib import Path
 from tfbus.errors import DecodeError
 from tfbus.recording.damage import united
 from tfbus.recording.foreign.messages import ForeignChannel, ForeignMessage, ros_type_name
+from tfbus.recording.layout import is_retained
 from tfbus.recording.mcap_file import McapFile
 from tfbus.recording.ordered import in_order
 from tfbus.recording.records import Message
 from tfbus.wording import printable
 
-# What publishes a channel, as the converter of rosbag1 names it.
-_PUBLISHER = "callerid"
+# What publishes a channel, and whether that is retained, as the converter of rosbag1 names it.
+_PUBLISHER, _LATCHING = "callerid", "latching"
 
 
 class BareMcap:
@@ -78,4 +79,5 @@ class BareMcap:
             schema.encoding,
             schema.data.decode(errors="replace") if is_text else "",
             channel.metadata.get(_PUBLISHER, ""),
+            is_retained(channel.metadata) or channel.metadata.get(_LATCHING) == "1",
         )

@@ -76,7 +76,7 @@ def _files_of(path: Path) -> list[Path]:
 
 
 def _is_plain_mcap(folder: Path, found: list[Path]) -> bool:
-    """Whether the files are MCAP as they are, of which rosbag2's metadata says no more."""
+    """Whether the files are MCAP as they are: rosbag2's metadata names no compression."""
     if not found or any(each.suffix != ".mcap" for each in found):
         return False
     try:

@@ -11,7 +11,8 @@ class ForeignChannel:
 
     `type_name` is as ROS 2 has it, `tf2_msgs/msg/TFMessage`, or as Foxglove, and `encoding` that of
     the messages: "cdr", "ros1", "json", "protobuf" or another. `definition` is the type's in
-    `definition_format`, "ros2msg" or "ros1msg" among others; "" where the file has none.
+    `definition_format`, "ros2msg" or "ros1msg" among others; "" where the file has none. A topic
+    that is `retained` is transient local in ROS 2, and latched in ROS 1.
     """
 
     topic: str
@@ -20,6 +21,7 @@ class ForeignChannel:
     definition_format: str = ""
     definition: str = ""
     publisher: str = ""
+    retained: bool = False
 
 
 class ForeignMessage(NamedTuple):

@@ -26,6 +26,7 @@ class RosbagsFile:
         if self._is_ros1:
             from rosbags.rosbag1 import Reader
         else:
+            # Another class of the same name, with the same methods.
             from rosbags.rosbag2 import Reader  # type: ignore[assignment]
         try:
             self._reader: Any = Reader(path)
@@ -75,7 +76,14 @@ class RosbagsFile:
             f"{'ros1' if self._is_ros1 else 'ros2'}{form}" if form else "",
             definition,
             (connection.ext.callerid or "") if self._is_ros1 else "",
+            self._is_retained(connection),
         )
+
+    def _is_retained(self, connection: Any) -> bool:
+        if self._is_ros1:
+            return bool(connection.ext.latching == 1)
+        profiles = connection.ext.offered_qos_profiles
+        return any(each.durability.name == "TRANSIENT_LOCAL" for each in profiles)
 
     def _unreadable(self, error: Exception) -> DecodeError:
         said = str(error).replace(f"File {str(self._path)!r} ", "it ") or type(error).__name__

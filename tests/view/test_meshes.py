@@ -139,8 +139,9 @@ BOMB = b'<!DOCTYPE c [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLL
     ("kind", "data", "said"),
     [
         ("dae", zipped(), "it is a ZIP archive, not XML"),
-        ("dae", BOMB, "it declares XML entities, which are not read"),
-        ("dae", BOMB.decode().encode("utf-16"), "it declares XML entities, which are not read"),
+        ("dae", BOMB, "its DOCTYPE declares entities"),
+        ("dae", b'<!DOCTYPE c [<!ATTLIST a b CDATA "c">]><COLLADA/>', "its DOCTYPE declares"),
+        ("dae", BOMB.decode().encode("utf-16"), "its DOCTYPE declares entities"),
         ("dae", b"not xml", "it is not XML: syntax error: line 1, column 0"),
         ("glb", b"not a glb", "it is not a GLB file"),
         ("glb", glb({"accessors": [{"count": 10**12}]}), "it has more than 2,000,000 triangles"),

@@ -88,13 +88,12 @@ def guarding(host: str) -> Iterator[Guard]:
         checked = partial(_check, process_request, names)
         return serve(*args, process_request=checked, **options)
 
-    # A class, but called like the function that replaces it.
-    server.serve = guarded  # type: ignore[assignment, misc]
+    # viser only calls it: a function does for the class.
+    server.serve = guarded  # type: ignore[assignment, misc]  # a class for mypy
     try:
         yield guard
     finally:
-        # mypy lets no class be assigned, not even itself.
-        server.serve = serve  # type: ignore[misc]
+        server.serve = serve  # type: ignore[misc]  # the same
 
 
 def _check(

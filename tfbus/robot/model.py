@@ -8,6 +8,7 @@ from math import inf, isfinite, pi
 from pathlib import Path
 
 from tfbus.geometry.transform import Transform
+from tfbus.robot.mesh_files import file_beside
 
 Vector = tuple[float, float, float]
 
@@ -55,6 +56,13 @@ class Mesh:
     name: str
     file: Path | None
     scale: Vector = (1.0, 1.0, 1.0)
+
+    def beside(self, name: str) -> Path | None:
+        """The file of a material, picture or buffer by its name, written as that of the mesh is.
+
+        None where there is none in the mesh's package, or without a package in its folder.
+        """
+        return None if self.file is None else file_beside(self.name, self.file, name)
 
 
 Shape = Box | Cylinder | Sphere | Mesh

@@ -71,7 +71,7 @@ class RobotsOnBus:
         self._waiting: deque[tuple[str, bytes, str]] = deque()
         # By namespace and prefix, which tell their frames apart.
         self._described: dict[tuple[str, str], _Described] = {}
-        self._given = robot and ShownRobot(robot)
+        self._given = None if robot is None else ShownRobot(robot)
         self._mistakes: dict[str, str] = {}
         self._joints: dict[str, _JointTopics] = {}
         self._meshes: dict[str, Client] = {}

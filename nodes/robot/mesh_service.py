@@ -38,7 +38,8 @@ def serve_mesh(robot: Robot, request: RobotMesh.Request) -> RobotMesh.Response:
 
 def _file_of(robot: Robot, name: str) -> Path | None:
     """The file of a mesh of the robot, or of what one of them reads."""
-    shapes: list[Any] = [each.shape for each in (*robot.visuals, *robot.collisions)]
+    shapes: list[Any] = [each.shape for each in robot.visuals]
+    shapes += [each.shape for each in robot.collisions]
     meshes = {shape.name: shape for shape in shapes if hasattr(shape, "file")}
     if name in meshes:
         file: Path | None = meshes[name].file

@@ -16,6 +16,7 @@ from typing import Any
 import click
 
 from tfbus import (
+    InvalidArgumentException,
     Node,
     NodeSettings,
     Number,
@@ -136,12 +137,16 @@ class RobotState:
         frames = self._frames
         restarts, unknown, came = frames.restarts, len(frames.unknown), len(frames.came)
         rate = self._rate.value
-        transforms = frames.take(
-            state,
-            state.stamp_ns or self._node.now_ns(),
-            period_ns=round(1e9 / rate) if rate else 0,
-            ignore_stamps=self._ignore_stamps.value,
-        )
+        try:
+            transforms = frames.take(
+                state,
+                state.stamp_ns or self._node.now_ns(),
+                period_ns=round(1e9 / rate) if rate else 0,
+                ignore_stamps=self._ignore_stamps.value,
+            )
+        except InvalidArgumentException as error:
+            self._say_once("finite", "Ignored a JointState: %s", printable(str(error), 300))
+            return
         if transforms:
             self._broadcaster.send_transform(transforms)
             if len(frames.came) != came:

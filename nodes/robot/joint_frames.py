@@ -60,6 +60,8 @@ class JointFrames:
 
         Empty where they are not due: one of the joints must have been sent `period_ns` before, or
         longer ago. With `ignore_stamps` they are always due.
+
+        Raises InvalidArgumentException where a pose is not finite; the joints have not come then.
         """
         places = self._places_of(state.names)
         if not places or not state.positions:
@@ -72,11 +74,12 @@ class JointFrames:
             elif oldest_ns >= 0 and stamp_ns < oldest_ns + period_ns:
                 return []
         positions = {name: state.positions[at] for at, name in places}
+        edges = self.robot.joint_transforms(positions, self.prefix)
         last_ns.update(dict.fromkeys(positions, stamp_ns))
         self.came.update(positions)
         return [
             TransformStamped(stamp_ns, parent, child, transform)
-            for parent, child, transform in self.robot.joint_transforms(positions, self.prefix)
+            for parent, child, transform in edges
         ]
 
     def static(self, stamp_ns: int) -> list[TransformStamped]:

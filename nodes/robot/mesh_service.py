@@ -2,7 +2,6 @@
 the textures and materials beside them.
 """
 
-import posixpath
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,6 @@ from tfbus.wording import printable
 
 MOST_BYTES = 100_000_000
 PART_BYTES = 1_000_000
-
-# What a mesh may read besides its own file.
-_BESIDE = frozenset((".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".bin"))
-
-_PACKAGE = "package://"
 
 
 def serve_mesh(robot: Robot, request: RobotMesh.Request) -> RobotMesh.Response:
@@ -43,42 +37,11 @@ def serve_mesh(robot: Robot, request: RobotMesh.Request) -> RobotMesh.Response:
 
 
 def _file_of(robot: Robot, name: str) -> Path | None:
-    meshes = _meshes(robot)
-    if name in meshes:
-        return meshes[name]
-    if Path(name).suffix.lower() not in _BESIDE:
-        return None
-    path = _plain(name)
-    for mesh, file in meshes.items():
-        if file is None or _package(mesh) != _package(name):
-            continue
-        way = posixpath.relpath(path, posixpath.dirname(_plain(mesh)) or ".")
-        beside = Path(posixpath.normpath(file.parent / way))
-        if beside.is_relative_to(_root(mesh, file)) and beside.is_file():
-            return beside
-    return None
-
-
-def _meshes(robot: Robot) -> dict[str, Path | None]:
-    """The files of all meshes by their names in the description."""
+    """The file of a mesh of the robot, or of what one of them reads."""
     shapes: list[Any] = [each.shape for each in robot.visuals]
     shapes += [each.shape for each in robot.collisions]
-    return {shape.name: shape.file for shape in shapes if hasattr(shape, "file")}
-
-
-def _package(name: str) -> str:
-    """The package of a mesh's name, "" where it has none."""
-    return name.removeprefix(_PACKAGE).partition("/")[0] if name.startswith(_PACKAGE) else ""
-
-
-def _plain(name: str) -> str:
-    """The path in a name, within its package where it has one."""
-    if name.startswith(_PACKAGE):
-        name = name.removeprefix(_PACKAGE).partition("/")[2]
-    return posixpath.normpath(name.removeprefix("file://"))
-
-
-def _root(mesh: str, file: Path) -> Path:
-    """The folder that files beside a mesh are in: its package, or its own folder."""
-    depth = _plain(mesh).count("/") if _package(mesh) else 0
-    return file.parents[depth]
+    meshes = {shape.name: shape for shape in shapes if hasattr(shape, "file")}
+    if name in meshes:
+        file: Path | None = meshes[name].file
+        return file
+    return next(filter(None, (mesh.beside(name) for mesh in meshes.values())), None)

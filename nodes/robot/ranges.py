@@ -6,9 +6,6 @@ from dataclasses import dataclass
 
 from tfbus import Joint, Robot
 
-# A joint that slides without a limit goes as far as this to either side, in metres.
-_UNLIMITED_M = 1.0
-
 # Where the description has no speed: rad/s, and m/s.
 _SPEED = {"prismatic": 0.2}
 _TURNING_SPEED = 1.0
@@ -21,8 +18,7 @@ _LEAST_SPEED = 1e-6
 class Range:
     """A joint's positions from `lower` to `upper`, in rad or m, its `rest`, and its greatest speed.
 
-    The limits are the narrower of the joint's and its safety controller's. A continuous joint goes
-    from -pi to pi.
+    `lower` and `upper` are the joint's `reach`.
     """
 
     name: str
@@ -55,23 +51,10 @@ def ranges_of(robot: Robot, rests: Mapping[str, float] | None = None) -> dict[st
 
 
 def _range(joint: Joint, rest: float | None) -> Range:
-    lower, upper = _limits(joint)
-    if rest is None:
-        rest = 0.0 if lower <= 0.0 <= upper else 0.5 * (lower + upper)
+    lower, upper = joint.reach
+    rest = joint.zero if rest is None else rest
     said = joint.limits.velocity if joint.limits else math.inf
     speed = said if _LEAST_SPEED < said < math.inf else math.inf
     speed = min(speed, _SPEED.get(joint.type, _TURNING_SPEED))
     turns = joint.type != "prismatic"
     return Range(joint.name, lower, upper, min(max(rest, lower), upper), speed, turns)
-
-
-def _limits(joint: Joint) -> tuple[float, float]:
-    lower, upper = -math.inf, math.inf
-    if joint.limits is not None and joint.type != "continuous":
-        lower, upper = joint.limits.lower, joint.limits.upper
-    if joint.soft_limits is not None and joint.soft_limits[0] < joint.soft_limits[1]:
-        lower, upper = max(lower, joint.soft_limits[0]), min(upper, joint.soft_limits[1])
-    unlimited = _UNLIMITED_M if joint.type == "prismatic" else math.pi
-    lower = -unlimited if lower == -math.inf else lower
-    upper = unlimited if upper == math.inf else upper
-    return (lower, upper) if lower <= upper else (upper, lower)

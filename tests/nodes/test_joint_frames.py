@@ -3,7 +3,7 @@
 import pytest
 
 from tests.nodes.robots import ARM, arm
-from tfbus import Robot
+from tfbus import InvalidArgumentException, Robot
 from tfbus.messages import JointState
 from tfbus.nodes.robot.joint_frames import JointFrames
 
@@ -110,3 +110,16 @@ def test_joints_without_one_number_are_named() -> None:
     frames = JointFrames(robot)
     assert frames.unsupported == ["elbow"]
     assert children(frames, state("elbow", "shoulder"), S) == ["upper"]
+
+
+def test_a_pose_that_is_no_number_is_refused_and_the_next_state_moves_the_joint() -> None:
+    """The position is finite, and so is where the joint begins, but not their sum."""
+    lift = ARM.replace(
+        '<parent link="lower"/><child link="left"/>',
+        '<parent link="lower"/><child link="left"/><origin xyz="0 1e308 0"/>',
+    )
+    frames = JointFrames(Robot.from_text(lift))
+    with pytest.raises(InvalidArgumentException, match="puts link 'left' further away than"):
+        frames.take(state("grip", position=1.7e308), S)
+    assert "grip" in frames.missing
+    assert children(frames, state("grip"), S) == ["left", "right"]

@@ -8,6 +8,7 @@ from tfbus import Robot, ServiceError
 from tfbus.messages import RobotMesh
 from tfbus.nodes.robot.mesh_service import PART_BYTES, serve_mesh
 
+SKINS = ("textures/skin.png", "textures/skin.gif", "textures/skin.webp")
 HAND = "package://arm/meshes/hand.dae"
 
 
@@ -15,7 +16,7 @@ HAND = "package://arm/meshes/hand.dae"
 def robot(tmp_path: Path) -> Robot:
     """A robot with a mesh in a package; files lie in it and beside it."""
     package = tmp_path / "arm"
-    for name in ("meshes/hand.dae", "meshes/hand.png", "textures/skin.png", "secret.txt"):
+    for name in ("meshes/hand.dae", "meshes/hand.png", "secret.txt", *SKINS):
         file = package / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(name.encode())
@@ -47,7 +48,13 @@ def test_a_mesh_comes_whole(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["package://arm/meshes/hand.png", "package://arm/textures/skin.png"]
+    "name",
+    [
+        "package://arm/meshes/hand.png",
+        "package://arm/textures/skin.png",
+        "package://arm/textures/skin.webp",
+        "model://arm/textures/skin.gif",
+    ],
 )
 def test_what_belongs_to_a_mesh_comes_too(robot: Robot, name: str) -> None:
     """Textures and materials in the package of a mesh are sent."""
@@ -65,6 +72,7 @@ def test_what_belongs_to_a_mesh_comes_too(robot: Robot, name: str) -> None:
         "file:///etc/passwd",
         "package://other/meshes/hand.png",
         "package://arm/meshes/none.png",
+        "model://arm/../outside.png",
         "",
         "\0.png",
     ],

@@ -124,6 +124,7 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
     """NaN, unequal lengths, names twice, names of no joint and no positions: said once each, and
     the robot goes on.
     """
+    path.write_text(ARM.replace('multiplier="-1"', 'multiplier="-10"'))
     process = start(bus, path)
     asker = Asker(bus)
     asker.move_until_seen("base", "upper", shoulder=1.0)
@@ -141,6 +142,7 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
         send(["elbow"], [1.0], velocities=[1.0, 2.0])
         send(["nose\x1b[31m"], [1.0])
         send(["elbow"], [])
+        send(["grip"], [1.7e308])
         raw.publish(b"nothing")
         text = "\n".join(process.err)
         return all(
@@ -149,6 +151,7 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
                 "the position of joint 'elbow' must be finite, not nan",
                 r"Ignored 1 name of which the robot has no joint: 'nose\x1b[31m'",
                 "Ignored a JointState without positions",
+                "Ignored a JointState: joint 'grip_right' mimics 'grip' to a position that is not",
             )
         )
 

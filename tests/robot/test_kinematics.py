@@ -1,6 +1,7 @@
 """Where the links are: laws of forward kinematics, chains, Jacobians and many configurations."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.builders import transforms
 from tests.robot.robots import ARM, HOVERCRAFT, random_positions, row
-from tfbus import InvalidArgumentException, Robot, Transform, TransformArray
+from tfbus import InvalidArgumentException, Joint, Robot, Transform, TransformArray
 
 ROBOTS = {"arm": Robot.from_text(ARM), "hovercraft": Robot.from_text(HOVERCRAFT)}
 BOTH = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
@@ -165,6 +166,69 @@ def test_a_joint_rests_at_zero_or_in_the_middle_of_its_limits() -> None:
     assert robot.fk() == robot.fk(robot.zeros()) == robot.fk({"lift": 0.2})
     hovercraft = ROBOTS["hovercraft"]
     assert hovercraft.fk() == hovercraft.fk(hovercraft.zeros())
+
+
+def lift_of(limits: str, kind: str = "prismatic") -> Joint:
+    """A joint with these elements in it."""
+    return Robot.from_text(
+        "<robot name='r'><link name='a'/><link name='b'/>"
+        f"<joint name='lift' type='{kind}'><parent link='a'/><child link='b'/>"
+        f"<axis xyz='0 0 1'/>{limits}</joint></robot>"
+    ).joints["lift"]
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "zero", "reach"),
+    [
+        ("-1", "2", 0.0, (-1.0, 2.0)),
+        ("1", "2", 1.5, (1.0, 2.0)),
+        ("1", "inf", 1.0, (1.0, 2.0)),
+        ("-0.5", "inf", 0.0, (-0.5, 1.0)),
+        ("-inf", "-3", -3.0, (-4.0, -3.0)),
+        ("inf", "inf", 0.0, (-1.0, 1.0)),
+        ("-inf", "-inf", 0.0, (-1.0, 1.0)),
+        ("1e308", "1.5e308", 1.25e308, (1e308, 1.5e308)),
+        ("-1.5e308", "1.5e308", 0.0, (-1.0, 1.0)),
+        ("2", "1", 0.0, (-1.0, 1.0)),
+    ],
+)
+def test_an_infinite_limit_is_none(
+    lower: str, upper: str, zero: float, reach: tuple[float, float]
+) -> None:
+    """Where a joint rests and how far a program moves it are finite all the same."""
+    lift = lift_of(f"<limit lower='{lower}' upper='{upper}'/>")
+    assert (lift.zero, lift.reach) == (zero, reach)
+    turn = lift_of(f"<limit lower='{lower}' upper='{upper}'/>", "revolute")
+    assert turn.zero == zero and turn.reach[0] <= turn.reach[1]
+
+
+@pytest.mark.parametrize(
+    ("soft", "reach"),
+    [((0.5, 9.0), (0.5, 2.0)), ((-9.0, 1.5), (0.0, 1.5)), ((3.0, 4.0), (0.0, 2.0))],
+)
+def test_soft_limits_narrow_the_reach(
+    soft: tuple[float, float], reach: tuple[float, float]
+) -> None:
+    """Those outside of the limits are ignored."""
+    lower, upper = soft
+    lift = lift_of(
+        "<limit lower='0' upper='2'/>"
+        f"<safety_controller soft_lower_limit='{lower}' soft_upper_limit='{upper}'/>"
+    )
+    assert lift.reach == reach
+    assert lift_of("", "continuous").reach == (-math.pi, math.pi)
+
+
+def test_a_pose_that_is_no_number_is_refused() -> None:
+    """Positions and origins are finite, but their sum may not be."""
+    robot = Robot.from_text(
+        "<robot name='r'><link name='a'/><link name='b'/>"
+        "<joint name='lift' type='prismatic'><parent link='a'/><child link='b'/>"
+        "<origin xyz='0 0 1e308'/><axis xyz='0 0 1'/></joint></robot>"
+    )
+    said = "joint 'lift' at 1.7e+308 puts link 'b' further away than a number can say"
+    with pytest.raises(InvalidArgumentException, match=re.escape(said)):
+        robot.joint_transforms({"lift": 1.7e308})
 
 
 def test_what_is_published_of_joints_is_the_given_ones_and_their_mimics() -> None:

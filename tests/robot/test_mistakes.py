@@ -158,13 +158,17 @@ Z = "<axis xyz='0 0 1'/>"
         ),
         # What XML allows and a robot does not need
         (
-            '<!DOCTYPE r [\n<!ENTITY a "b">]><robot/>',
-            "2: declares the entity 'a'; entities are not allowed in a URDF: write out what it "
-            "stands for",
+            '\n<!DOCTYPE r [<!ENTITY a "b">]><robot/>',
+            "2: its DOCTYPE has declarations between [ and ]; entities and default attributes are "
+            "not allowed in a URDF: write out what they stand for",
         ),
         (
             '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot>&a;</robot>',
-            "1: declares the entity 'a'",
+            "1: its DOCTYPE has declarations",
+        ),
+        (
+            '<!DOCTYPE r [<!ATTLIST x y CDATA "long">]><robot><x/></robot>',
+            "1: its DOCTYPE has declarations",
         ),
         ("<a>" * 101, "1: more than 100 elements in each other: not a robot"),
         (robot("<a/>" * 100_000), "2: more than 100000 elements: not a robot"),

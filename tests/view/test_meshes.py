@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tests.live_bus import eventually
+from tfbus import InvalidNameError
 from tfbus.view.meshes.creases import with_creases
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.loader import MeshLoader, MeshSource
@@ -139,8 +140,9 @@ BOMB = b'<!DOCTYPE c [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><COLLADA>&b;</COLL
     ("kind", "data", "said"),
     [
         ("dae", zipped(), "it is a ZIP archive, not XML"),
-        ("dae", BOMB, "it declares XML entities, which are not read"),
-        ("dae", BOMB.decode().encode("utf-16"), "it declares XML entities, which are not read"),
+        ("dae", BOMB, "its DOCTYPE declares entities"),
+        ("dae", b'<!DOCTYPE c [<!ATTLIST a b CDATA "c">]><COLLADA/>', "its DOCTYPE declares"),
+        ("dae", BOMB.decode().encode("utf-16"), "its DOCTYPE declares entities"),
         ("dae", b"not xml", "it is not XML: syntax error: line 1, column 0"),
         ("glb", b"not a glb", "it is not a GLB file"),
         ("glb", glb({"accessors": [{"count": 10**12}]}), "it has more than 2,000,000 triangles"),
@@ -237,5 +239,33 @@ def test_a_mesh_of_another_machine_names_no_file_of_this_one(tmp_path: Path) -> 
         assert isinstance(mesh, ReadMesh)
         assert [part.color for part in mesh.parts] == [None]
         assert machine.fetched == ["a.obj"]
+    finally:
+        loader.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (InvalidNameError("service 'my robot' has a space"), "service 'my robot' has a space"),
+        (OSError(12, "Cannot allocate memory"), "it cannot be read: Cannot allocate memory"),
+    ],
+)
+def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
+    error: Exception, said: str
+) -> None:
+    """Whichever way it fails: on the bus, or where the reader cannot start."""
+
+    def fetch(origin: str, name: str) -> bytes:
+        if name == "bad.stl":
+            raise error
+        return TRIANGLE
+
+    loader = MeshLoader(fetch)
+    bad, good = MeshSource("bad.stl", origin="robot7"), MeshSource("good.stl", origin="robot7")
+    try:
+        loader.load(bad)
+        loader.load(good)
+        assert isinstance(eventually(lambda: loader.found(good)), ReadMesh)
+        assert loader.found(bad) == said
     finally:
         loader.close()

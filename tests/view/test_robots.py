@@ -15,11 +15,12 @@ from tfbus import Buffer, InvalidArgumentException, Robot, Transform, TransformS
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.snapshot import frame_tree
+from tfbus.robot.model import JointLimits
 from tfbus.view.model.placement import Placed, place
 from tfbus.view.model.settings import ViewSettings
 from tfbus.view.model.shown_frames import Frames, frames_of
 from tfbus.view.model.shown_robot import ShownRobot
-from tfbus.view.panels.robots import range_of, slider_joints, state_of
+from tfbus.view.panels.robots import JointSliders, shown_position, slider_joints, state_of
 from tfbus.view.robot_source import GivenRobots
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
@@ -243,16 +244,24 @@ def test_the_state_of_a_robot_is_said_in_a_few_words(arm: Robot) -> None:
     assert state_of(robot, wholly, is_still=False).endswith("> gone")
 
 
-def test_sliders_go_as_far_as_the_joints(arm: Robot) -> None:
-    """A joint without limits has a slider of one turn; fixed ones and mimics have none."""
+def test_a_slider_shows_where_its_joint_is(arm: Robot) -> None:
+    """Of a joint that turns for ever within one turn, of another within its limits."""
     [lift] = slider_joints(ShownRobot(arm))
-    reach = range_of(lift)
-    assert (reach.lower, reach.upper, reach.zero) == (0.5, 1.5, 1.0)
-    free = range_of(replace(lift, type="continuous", limits=None))
-    assert (free.lower, free.upper) == (-np.pi, np.pi)
-    assert free.within(7.0, turns=True) == pytest.approx(7.0 - 2 * np.pi)
-    soft = range_of(replace(lift, soft_limits=(0.6, 9.0)))
-    assert (soft.lower, soft.upper) == (0.6, 1.5)
+    assert (shown_position(lift, 0.2), shown_position(lift, 0.7)) == (0.5, 0.7)
+    free = replace(lift, type="continuous", limits=None)
+    assert shown_position(free, 7.0) == pytest.approx(7.0 - 2 * np.pi)
+
+
+@pytest.mark.parametrize("limits", [(0.5, 1.5), (0.5, 0.5), (0.0001, 0.0004), (1.0, np.inf)])
+def test_every_joint_gets_a_slider(server: Any, arm: Robot, limits: tuple[float, float]) -> None:
+    """Also one that hardly moves; its ends are apart, and it begins between them."""
+    lift = replace(arm.joints["lift"], limits=JointLimits(*limits))
+    robot = ShownRobot(Robot(replace(arm._model, joints={"lift": lift}), arm.text))
+    scenes = RobotScenes(server.scene, GivenRobots([robot]), logging.getLogger("test_robots"))
+    sliders = JointSliders(server.gui, robot, None, scenes)
+    handle = sliders._sliders[0].handle
+    assert handle.min < handle.max
+    assert handle.min <= handle.value <= handle.max
 
 
 def test_a_program_shows_a_robot_in_its_view(arm: Robot) -> None:

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
+import msgpack
 import pytest
 
 from tests import needs
@@ -14,6 +16,7 @@ from tfbus.messages import JointState, RobotDescription, RobotMesh
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.recording.items import TopicItem
+from tfbus.robot.model import Mesh
 from tfbus.view.local import _Program
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.model.playhead import Cursor
@@ -83,6 +86,90 @@ def test_a_description_that_is_none_is_named_and_the_former_robot_stays(bus: Bus
     assert "2" in mistake
     assert mistake.isprintable()
     assert titles(robots) == ["arm"]
+
+
+def mesh_files(robots: RobotsOnBus) -> list[Path | None]:
+    """The files of all meshes."""
+    shapes = [visual.shape for robot in robots.robots() for visual in robot.visuals]
+    return [shape.file for shape in shapes if isinstance(shape, Mesh)]
+
+
+def test_a_robot_whose_prefix_changes_is_one_robot(bus: Bus) -> None:
+    """Another of the same file, by another node, is another; so is one of another file."""
+    right = bus.node("right").create_publisher(RobotDescription, "robot_description", retained=True)
+    right.publish(RobotDescription(urdf("arm"), "right_", "arm.urdf"))
+    left = bus.node("left").create_publisher(RobotDescription, "robot_description", retained=True)
+    robots = RobotsOnBus(bus.node("view"))
+    for prefix in ("left_", "a_", "b_"):
+        left.publish(RobotDescription(urdf("arm"), prefix, "arm.urdf"))
+        expected = [f"{prefix.strip('_')}/arm", "right/arm"]
+        eventually(lambda: titles(robots) == expected)  # noqa: B023  # called at once
+    left.publish(RobotDescription(urdf("hand"), "c_", "hand.urdf"))
+    eventually(lambda: titles(robots) == ["b/arm", "c/hand", "right/arm"])
+
+
+def test_a_mistake_is_forgotten_once_the_robot_is_described_again(bus: Bus) -> None:
+    """Also where it is the robot that is shown already."""
+    publisher = bus.node("arm").create_publisher(
+        RobotDescription, "robot_description", retained=True
+    )
+    robots = RobotsOnBus(bus.node("view"))
+    publisher.publish(RobotDescription(urdf("arm")))
+    eventually(lambda: titles(robots) == ["arm"])
+    publisher.publish(RobotDescription("<robot/>"))
+    eventually(robots.mistakes)
+    publisher.publish(RobotDescription(urdf("arm")))
+    eventually(lambda: not robots.mistakes())
+    assert titles(robots) == ["arm"]
+
+
+def test_the_same_robot_of_another_file_is_read_again(bus: Bus, tmp_path: Path) -> None:
+    """Its meshes may lie beside that file."""
+    text = urdf("arm").replace(
+        "<link name='base'/>",
+        "<link name='base'><visual><geometry><mesh filename='a.stl'/></geometry></visual></link>",
+    )
+    (tmp_path / "arm.urdf").write_text(text)
+    publisher = bus.node("arm").create_publisher(
+        RobotDescription, "robot_description", retained=True
+    )
+    robots = RobotsOnBus(bus.node("view"))
+    for source, file in (("", None), (str(tmp_path / "arm.urdf"), tmp_path / "a.stl")):
+        publisher.publish(RobotDescription(text, "", source))
+        eventually(lambda: mesh_files(robots) == [file])  # noqa: B023  # called at once
+
+
+def test_mistakes_are_named_of_the_last_namespaces_only(bus: Bus) -> None:
+    """There may be as many namespaces as a stranger likes; some of them no service can have."""
+    robots = RobotsOnBus(bus.node("view"), Fleet())
+    good = msgpack.packb({"urdf": urdf("arm"), "prefix": "", "source": ""})
+    for number in range(30):
+        robots._on_message(f"robot{number}/robot_description", b"", "")
+    robots._on_message("my robot/robot_description", good, "")
+    robots._on_message("robot7/robot_description", good, "")
+    eventually(lambda: titles(robots) == ["robot7/arm"])
+    assert len(robots.mistakes()) == 20
+    assert "in my robot is not shown: 'my robot' cannot be the name" in robots.mistakes()[-1]
+
+
+def test_descriptions_that_come_too_fast_are_left_out(bus: Bus) -> None:
+    """What waits to be read takes limited memory; it is said, and those before are read."""
+    node = bus.node("view")
+    robots = RobotsOnBus(node, Fleet())
+    may_read = Event()
+
+    def wait() -> None:
+        may_read.wait(30)
+
+    node.executor.submit("a wait", wait)
+    for number in range(2000):
+        text = urdf(f"arm{number}")
+        payload = msgpack.packb({"urdf": text, "prefix": "", "source": ""})
+        robots._on_message("robot_description", payload, "")
+    assert len(robots._waiting) == 1000
+    assert any("came too fast" in mistake for mistake in robots.mistakes())
+    may_read.set()
+    eventually(lambda: titles(robots) == ["arm999"])
 
 
 def serve_mesh(node: Node, content: Callable[[], bytes], size: int = 4) -> None:

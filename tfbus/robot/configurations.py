@@ -26,7 +26,7 @@ else:
     from tfbus.core import lazy_numpy as np
 
 
-# So many configurations are worked on at once: all that one link takes stays in the cache.
+# Configurations that are worked on at once: all that one link takes stays in the cache.
 _BLOCK = 2048
 
 

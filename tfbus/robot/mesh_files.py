@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import posixpath
 import re
 import sys
 import sysconfig
@@ -20,12 +21,50 @@ _FORMATS = frozenset(
         *(".off", ".ply", ".stl", ".stlb", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".x3d"),
     )
 )
+# What a mesh may read besides its own file: materials, buffers and pictures.
+BESIDE = frozenset(
+    (
+        *(".mtl", ".bin", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif"),
+        ".webp",
+    )
+)
 # What the folder of a package has in it: one of ROS, of Python, or a repository.
 _MARKS = ("package.xml", "pyproject.toml", "__init__.py", ".git")
 
 
 class MeshPathError(ValueError):
     """A name of a mesh that leads out of its package; the message says which and what to do."""
+
+
+def parts_of(name: str) -> tuple[str, str]:
+    """The package in a name of a URDF, "" where it has none, and the path in it."""
+    for scheme in _PACKAGE:
+        if name.startswith(scheme):
+            package, _, path = name.removeprefix(scheme).partition("/")
+            return package, path
+    return "", name.removeprefix("file://")
+
+
+def package_folder(name: str, file: Path) -> Path | None:
+    """The folder of the package of a mesh, by its name and its file; None where it has none."""
+    package, path = parts_of(name)
+    return file.parents[posixpath.normpath(path).count("/")] if package else None
+
+
+def file_beside(mesh: str, file: Path, name: str) -> Path | None:
+    """The file of another name that is written as the name `mesh` of the mesh `file` is.
+
+    None where there is none, where a mesh does not read such files, or where it is outside of the
+    package, without one outside of the mesh's folder.
+    """
+    package, path = parts_of(name)
+    own_package, own = parts_of(mesh)
+    if Path(name).suffix.lower() not in BESIDE or package != own_package or "\0" in name:
+        return None
+    way = posixpath.relpath(path, posixpath.dirname(posixpath.normpath(own)) or ".")
+    beside = Path(posixpath.normpath(file.parent / way))
+    folder = package_folder(mesh, file) or file.parent
+    return beside if beside.is_relative_to(folder) and beside.is_file() else None
 
 
 class MeshFiles:
@@ -55,10 +94,9 @@ class MeshFiles:
         return file if file is not None and file.suffix.lower() in _FORMATS else None
 
     def _find(self, name: str) -> Path | None:
-        for scheme in _PACKAGE:
-            if name.startswith(scheme):
-                return self._in_package(name.removeprefix(scheme))
-        path = name.removeprefix("file://")
+        if name.startswith(_PACKAGE):
+            return self._in_package(*parts_of(name))
+        _, path = parts_of(name)
         if "://" in path or self._folder is None or "\0" in path:
             return None
         file = Path(os.path.normpath(self._folder / path))
@@ -78,12 +116,11 @@ class MeshFiles:
                 return folder
         return None
 
-    def _in_package(self, inside: str) -> Path | None:
-        package, _, path = inside.partition("/")
+    def _in_package(self, package: str, path: str) -> Path | None:
         parts = Path(os.path.normpath(path)).parts
         if package in (".", "..") or parts[:1] == ("..",) or path.startswith("/"):
             raise MeshPathError(f"leads out of package {package!r}")
-        if not package or "\0" in inside:
+        if not package or "\0" in package + path:
             return None
         candidates = [folder.joinpath(*parts) for folder in self._folders(package)]
         return next((file for file in candidates if file.is_file()), next(iter(candidates), None))

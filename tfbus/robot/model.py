@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite, pi
 from pathlib import Path
 
 from tfbus.geometry.transform import Transform
+from tfbus.robot.mesh_files import file_beside
 
 Vector = tuple[float, float, float]
 
@@ -55,6 +56,13 @@ class Mesh:
     name: str
     file: Path | None
     scale: Vector = (1.0, 1.0, 1.0)
+
+    def beside(self, name: str) -> Path | None:
+        """The file of a material, picture or buffer by its name, written as that of the mesh is.
+
+        None where there is none in the mesh's package, or without a package in its folder.
+        """
+        return None if self.file is None else file_beside(self.name, self.file, name)
 
 
 Shape = Box | Cylinder | Sphere | Mesh
@@ -153,10 +161,37 @@ class Joint:
 
     @property
     def zero(self) -> float:
-        """The position where it rests: 0, or the middle of its limits where 0 is outside."""
+        """The position where it rests: 0; where 0 is outside of its limits their middle, or the
+        only one that is finite.
+        """
         if self.limits is None or self.limits.lower <= 0.0 <= self.limits.upper:
             return 0.0
-        return 0.5 * (self.limits.lower + self.limits.upper)
+        lower, upper = self.limits.lower, self.limits.upper
+        if isfinite(lower) and isfinite(upper):
+            # Not of their sum, which may be infinite.
+            return 0.5 * lower + 0.5 * upper
+        return lower if isfinite(lower) else upper
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """From where to where a program moves it, in rad or m: finite, lower <= upper.
+
+        These are its limits, and the soft ones where they are narrower. Where it is not limited it
+        goes half a turn or 1 m to either side, or beyond its only limit.
+        """
+        lower, upper = -inf, inf
+        if self.limits is not None and self.limits.lower <= self.limits.upper:
+            lower, upper = self.limits.lower, self.limits.upper
+        if self.soft_limits is not None:
+            narrow = max(lower, self.soft_limits[0]), min(upper, self.soft_limits[1])
+            # Soft limits outside of the others are a mistake.
+            lower, upper = narrow if narrow[0] < narrow[1] else (lower, upper)
+        way = 1.0 if self.type == "prismatic" else pi
+        if lower == -inf:
+            lower = min(-way, upper - way)
+        if upper == inf:
+            upper = max(way, lower + way)
+        return (lower, upper) if isfinite(upper - lower) else (-way, way)
 
 
 @dataclass(frozen=True, slots=True)

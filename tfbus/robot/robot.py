@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -308,7 +309,7 @@ class Robot:
         """Parent, child and pose of each joint that `positions` names and of those that mimic it.
 
         A mimic joint follows the first of its chain that is named, unless it is named itself;
-        `prefix` is put before the names. Raises as `fk`.
+        `prefix` is put before the names. Raises as `fk`, and where a pose is not finite.
         """
         values = self._positions.of_one(positions)
         moved = dict.fromkeys(positions)
@@ -317,8 +318,13 @@ class Robot:
                 moved[name] = None
         edges = []
         for name in moved:
-            joint = self.joints[name]
-            pose = local_pose(joint, joint.origin.as_pose(), values[self._positions.places[name]])
+            joint, position = self.joints[name], values[self._positions.places[name]]
+            pose = local_pose(joint, joint.origin.as_pose(), position)
+            if not (isfinite(pose[0]) and isfinite(pose[1]) and isfinite(pose[2])):
+                raise InvalidArgumentException(
+                    f"joint {name!r} at {position} puts link {joint.child!r} further away than a "
+                    "number can say"
+                )
             edges.append(
                 (prefix + joint.parent, prefix + joint.child, make_transform(normalised(pose)))
             )

@@ -205,11 +205,12 @@ class _Reader:
             if kind in _LIMITED:
                 self._warn(element, f"{where}: no <limit>; it is not limited")
             return None
-        velocity = _limit(limit, "velocity", where, inf)
-        effort = _limit(limit, "effort", where, inf)
+        velocity = _limit(limit, "velocity", where, unlimited=inf, absent=inf)
+        effort = _limit(limit, "effort", where, unlimited=inf, absent=inf)
         if kind not in _LIMITED:
             return JointLimits(velocity=velocity, effort=effort)
-        lower, upper = (_limit(limit, side, where, 0.0) for side in ("lower", "upper"))
+        lower = _limit(limit, "lower", where, unlimited=-inf, absent=0.0)
+        upper = _limit(limit, "upper", where, unlimited=inf, absent=0.0)
         if lower > upper:
             self._warn(
                 limit,
@@ -259,8 +260,8 @@ def _soft_limits(element: Element, kind: str, where: str) -> tuple[float, float]
         return None
     if "soft_lower_limit" not in safety.attributes and "soft_upper_limit" not in safety.attributes:
         return None
-    lower = _limit(safety, "soft_lower_limit", where, -inf)
-    upper = _limit(safety, "soft_upper_limit", where, inf)
+    lower = _limit(safety, "soft_lower_limit", where, unlimited=-inf, absent=-inf)
+    upper = _limit(safety, "soft_upper_limit", where, unlimited=inf, absent=inf)
     return (lower, upper) if lower <= upper else None
 
 
@@ -295,15 +296,17 @@ def _sizes(element: Element, attribute: str, where: str) -> Vector:
     return sizes
 
 
-def _limit(element: Element, attribute: str, where: str, default: float) -> float:
-    """A limit, which may be infinite, as other numbers may not."""
+def _limit(
+    element: Element, attribute: str, where: str, *, unlimited: float, absent: float
+) -> float:
+    """A limit: `unlimited` where it is infinite, of either sign, and `absent` without one."""
     text = element.attributes.get(attribute)
     if text is None:
-        return default
+        return absent
     number = _number(text)
     if number is None or isnan(number):
         raise _no_numbers(element, attribute, 1, where)
-    return number
+    return number if isfinite(number) else unlimited
 
 
 def _vector(element: Element, attribute: str, where: str, default: str = "") -> Vector:

@@ -85,8 +85,8 @@ def decoded(data: bytes, source: str) -> str:
 def read_xml(text: str, source: str) -> Element:
     """The root element of an XML text.
 
-    Raises UrdfError, with the line, where it is not well-formed, declares entities, or has more
-    than 20 MB, 100,000 elements or 100 levels.
+    Raises UrdfError, with the line, where it is not well-formed, its DOCTYPE declares anything,
+    or it has more than 20 MB, 100,000 elements or 100 levels.
     """
     return _Reader(source).read(text)
 
@@ -102,7 +102,7 @@ class _Reader:
         self._parser = expat.ParserCreate("utf-8")
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
-        self._parser.EntityDeclHandler = self._refuse_entity
+        self._parser.StartDoctypeDeclHandler = self._check_doctype
 
     def read(self, text: str) -> Element:
         if declaration := _DECLARATION.match(text):
@@ -122,7 +122,7 @@ class _Reader:
             # The parser and its handlers refer to each other.
             self._parser.StartElementHandler = None
             self._parser.EndElementHandler = None
-            self._parser.EntityDeclHandler = None
+            self._parser.StartDoctypeDeclHandler = None
         assert self._root is not None, "expat reports a document without elements"
         return self._root
 
@@ -142,10 +142,13 @@ class _Reader:
     def _end(self, tag: str) -> None:
         self._open.pop()
 
-    def _refuse_entity(self, name: str, *rest: object) -> None:
-        raise mistake_at(
-            self._source,
-            self._parser.CurrentLineNumber,
-            f"declares the entity {printable(name, 40)!r}; entities are not allowed in a URDF: "
-            "write out what it stands for",
-        )
+    def _check_doctype(self, name: str, system: object, public: object, declares: int) -> None:
+        # An entity stands for a text of any length; expat copies default attributes into every
+        # element.
+        if declares:
+            raise mistake_at(
+                self._source,
+                self._parser.CurrentLineNumber,
+                "its DOCTYPE has declarations between [ and ]; entities and default attributes are "
+                "not allowed in a URDF: write out what they stand for",
+            )

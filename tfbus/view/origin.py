@@ -124,13 +124,12 @@ def guarding(guard: Guard) -> Iterator[None]:
         checked = partial(guard.check, process_request)
         return serve(*args, process_request=checked, **(options | tls))
 
-    # A class, but called like the function that replaces it.
-    server.serve = guarded  # type: ignore[assignment, misc]
+    # viser only calls it: a function does for the class.
+    server.serve = guarded  # type: ignore[assignment, misc]  # a class for mypy
     try:
         yield
     finally:
-        # mypy lets no class be assigned, not even itself.
-        server.serve = serve  # type: ignore[misc]
+        server.serve = serve  # type: ignore[misc]  # the same
 
 
 def _response(status: HTTPStatus, body: str, headers: Collection[tuple[str, str]] = ()) -> Response:

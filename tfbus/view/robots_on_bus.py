@@ -1,13 +1,15 @@
 """The robots on the bus: their descriptions, their joints, and their meshes from other machines."""
 
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
 from tfbus.bus.handles import Declaration
-from tfbus.bus.retained import declare_retained_subscriber
-from tfbus.errors import DecodeError, RightsError, TfbusError, UrdfError
+from tfbus.bus.retained import declare_signed_subscriber
+from tfbus.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
 from tfbus.messages import JointState, RobotDescription, RobotMesh
 from tfbus.node.node import Node
 from tfbus.node.service import Client
@@ -20,16 +22,33 @@ from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import Joints
 from tfbus.wire.codec import decode_message
 from tfbus.wire.fleet import Fleet
+from tfbus.wire.keys import check_namespace, check_no_transforms
 from tfbus.wording import printable
 
 _TOPIC = "robot_description"
 
-# Descriptions come from the bus: at most this many are shown.
+# Descriptions come from anyone on the bus: at most this many are shown, their mistakes named, and
+# bytes of them wait to be read.
 _MOST_ROBOTS = 200
+_MOST_MISTAKES = 20
+_MOST_WAITING = 1000
+_MOST_WAITING_BYTES = 100_000_000
+
+# In the place of a namespace, which has no slash in front.
+_TOO_MANY, _TOO_FAST = "/too many", "/too fast"
 
 # How long one part of a mesh may take, and how often a file may change while it is read.
 _PATIENCE_S = 10.0
 _MOST_CHANGES = 3
+
+
+@dataclass(frozen=True)
+class _Described:
+    """A description, the robot that it is, and the id of the session that it came from."""
+
+    description: RobotDescription
+    shown: ShownRobot
+    sender: str
 
 
 class RobotsOnBus:
@@ -49,22 +68,25 @@ class RobotsOnBus:
         self._package_path = tuple(package_path)
         self._log_once = LogOnce(node.log)
         self._lock = Lock()
-        self._texts: dict[tuple[str, str], str] = {}
-        self._robots: dict[tuple[str, str], ShownRobot] = {}
+        self._waiting: deque[tuple[str, bytes, str]] = deque()
+        # By namespace and prefix, which tell their frames apart.
+        self._described: dict[tuple[str, str], _Described] = {}
+        self._given = None if robot is None else ShownRobot(robot)
         self._mistakes: dict[str, str] = {}
         self._joints: dict[str, _JointTopics | None] = {}
         self._meshes: dict[str, Client] = {}
         self._subscription: Declaration | None = None
         if robot is not None:
-            self._robots["", ""] = ShownRobot(robot)
             return
         within = f"**/{_TOPIC}" if fleet is not None else _TOPIC
-        self._subscription = declare_retained_subscriber(node.session, within, self._on_message)
+        self._subscription = declare_signed_subscriber(node.session, within, self._on_message)
 
     def robots(self) -> Sequence[ShownRobot]:
         """Those described, by namespace."""
+        if self._given is not None:
+            return [self._given]
         with self._lock:
-            return [self._robots[key] for key in sorted(self._robots)]
+            return [self._described[slot].shown for slot in sorted(self._described)]
 
     def mistakes(self) -> Sequence[str]:
         """Which descriptions are none."""
@@ -79,8 +101,9 @@ class RobotsOnBus:
             if robot.origin not in self._joints:
                 try:
                     self._joints[robot.origin] = _JointTopics(self._node, robot.origin)
-                except RightsError:
+                except RightsError as error:
                     self._joints[robot.origin] = None
+                    self._log_once.warning("rights", "The joints cannot be moved: %s", error)
             return self._joints[robot.origin]
 
     def fetch(self, origin: str, mesh: str) -> bytes:
@@ -102,29 +125,66 @@ class RobotsOnBus:
 
     # Descriptions
 
-    def _on_message(self, key: str, payload: bytes) -> None:
-        # To read a large URDF takes longer than Zenoh's thread should.
-        self._node.executor.submit(f"topic {_TOPIC}", lambda: self._read(key, payload))
-
-    def _read(self, key: str, payload: bytes) -> None:
+    def _on_message(self, key: str, payload: bytes, sender: str) -> None:
         origin = key.removesuffix(_TOPIC).strip("/")
-        where = f" in {printable(origin)}" if origin else ""
-        try:
-            described = decode_message(RobotDescription, payload)
-            self._take(origin, described)
-        except (DecodeError, UrdfError) as error:
-            mistake = f"The robot_description{where} is not shown: {printable(str(error), 400)}"
-            with self._lock:
-                self._mistakes[origin] = mistake
-            self._log_once.warning(mistake, "%s", mistake)
+        with self._lock:
+            size = len(payload) + sum(len(waiting) for _, waiting, _ in self._waiting)
+            if size > _MOST_WAITING_BYTES or len(self._waiting) >= _MOST_WAITING:
+                self._name_mistake(
+                    _TOO_FAST,
+                    "Some robot_descriptions are not shown: they came too fast to be read",
+                )
+                return
+            self._waiting.append((origin, payload, sender))
+            is_first = len(self._waiting) == 1
+        if is_first:
+            self._read_later()
 
-    def _take(self, origin: str, described: RobotDescription) -> None:
+    def _read_later(self) -> None:
+        # To read a large URDF takes longer than Zenoh's thread should.
+        self._node.executor.submit(f"topic {_TOPIC}", self._read_next)
+
+    def _read_next(self) -> None:
+        try:
+            self._read(*self._waiting[0])
+        finally:
+            with self._lock:
+                self._waiting.popleft()
+                more = bool(self._waiting)
+            if more:
+                self._read_later()
+
+    def _read(self, origin: str, payload: bytes, sender: str) -> None:
+        try:
+            if origin:
+                # Its meshes and joints are there too.
+                check_no_transforms(check_namespace(origin))
+            self._take(origin, decode_message(RobotDescription, payload), sender)
+        except (DecodeError, UrdfError, InvalidNameError) as error:
+            where = f" in {printable(origin)}" if origin else ""
+            with self._lock:
+                self._name_mistake(
+                    origin,
+                    f"The robot_description{where} is not shown: {printable(str(error), 400)}",
+                )
+
+    def _name_mistake(self, origin: str, mistake: str) -> None:
+        self._mistakes.pop(origin, None)
+        while len(self._mistakes) >= _MOST_MISTAKES:
+            del self._mistakes[next(iter(self._mistakes))]
+        self._mistakes[origin] = mistake
+        self._log_once.warning(mistake, "%s", mistake)
+
+    def _take(self, origin: str, described: RobotDescription, sender: str) -> None:
         slot = (origin, described.prefix)
         with self._lock:
-            if self._texts.get(slot) == described.urdf:
+            known = self._described.get(slot)
+            if known is not None and known.description == described:
+                self._mistakes.pop(origin, None)
                 return
-            if slot not in self._robots and len(self._robots) >= _MOST_ROBOTS:
-                self._mistakes["/most"] = f"only {_MOST_ROBOTS} robots are shown"
+            former = self._former(origin, described, sender)
+            if known is None and former is None and len(self._described) >= _MOST_ROBOTS:
+                self._name_mistake(_TOO_MANY, f"Only {_MOST_ROBOTS} robots are shown")
                 return
         source = Path(described.source)
         folder = source.parent if source.is_absolute() and source.is_file() else None
@@ -135,12 +195,26 @@ class RobotsOnBus:
             name_of_source=printable(described.source or "the robot_description"),
         )
         names = self._fleet.names(origin) if self._fleet is not None else None
+        shown = ShownRobot(robot, described.prefix, names, is_described=True, is_fetched=True)
         with self._lock:
-            self._texts[slot] = described.urdf
-            self._robots[slot] = ShownRobot(
-                robot, described.prefix, names, is_described=True, is_fetched=True
-            )
+            if former is not None:
+                del self._described[former]
+            self._described[slot] = _Described(described, shown, sender)
             self._mistakes.pop(origin, None)
+
+    def _former(
+        self, origin: str, described: RobotDescription, sender: str
+    ) -> tuple[str, str] | None:
+        """Where the robot was that its publisher now describes with another prefix. Two of one
+        session are told apart by where they are from.
+        """
+        if not (described.source and sender):
+            return None
+        for slot, each in self._described.items():
+            is_same = (each.description.source, each.sender) == (described.source, sender)
+            if is_same and slot[0] == origin and slot[1] != described.prefix:
+                return slot
+        return None
 
     # Meshes
 

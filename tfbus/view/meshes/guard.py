@@ -36,19 +36,22 @@ def check(kind: str, data: bytes) -> None:
 
 
 def _check_xml(data: bytes) -> None:
-    """No archive, which the reader of DAE would unpack, and no entities, which grow."""
+    """No archive, which the reader of DAE would unpack, no entities and no default attributes,
+    which grow.
+    """
     if data.startswith(b"PK"):
         raise MeshError("it is a ZIP archive, not XML")
     parser = expat.ParserCreate()
 
-    def refuse(*_: object) -> None:
-        raise MeshError("it declares XML entities, which are not read")
+    def refuse(name: str, system: object, public: object, declares: int) -> None:
+        if declares:
+            raise MeshError("its DOCTYPE declares entities or attributes, which are not read")
 
     def stop(*_: object) -> None:
         raise _RootReached
 
-    parser.EntityDeclHandler = refuse
-    # A declaration is before the root element or nowhere.
+    parser.StartDoctypeDeclHandler = refuse
+    # A doctype is before the root element or nowhere.
     parser.StartElementHandler = stop
     try:
         parser.Parse(data, True)
@@ -80,7 +83,7 @@ def _gltf_header(kind: str, data: bytes) -> Mapping[str, Any]:
 
 
 def _check_gltf(header: Mapping[str, Any]) -> None:
-    """No more numbers than fit, and nodes that are trees."""
+    """At most as many numbers as fit, and nodes that are trees."""
     required = header.get("extensionsRequired") or []
     if unknown := [name for name in required if "draco" in str(name) or "meshopt" in str(name)]:
         raise MeshError(f"it is compressed with {unknown[0]}, which is not read")

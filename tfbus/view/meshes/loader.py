@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tfbus.errors import TfbusError
 from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.limits import KINDS
 from tfbus.view.meshes.reader import MeshReader, ReadMesh
@@ -17,7 +18,7 @@ _MOST_BESIDE = 16
 # Why a file is not there that a mesh in memory names.
 _ABSENT = "it did not come with the mesh"
 
-# `fetch(name)` is the content of a mesh of another machine; it raises MeshError.
+# `fetch(name)` is the content of a mesh of another machine; it raises TfbusError.
 Fetch = Callable[[str], bytes]
 
 
@@ -88,8 +89,10 @@ class MeshLoader:
         while (source := self._next()) is not None:
             try:
                 mesh: ReadMesh | str = self._read(source)
-            except MeshError as error:
+            except TfbusError as error:
                 mesh = str(error)
+            except OSError as error:
+                mesh = f"it cannot be read: {error.strerror or error}"
             with self._lock:
                 if source in self._known:
                     self._known[source] = mesh
@@ -124,6 +127,6 @@ class MeshLoader:
             if why == _ABSENT and not each.startswith("/") and ":" not in each:
                 try:
                     found[each] = fetch(f"{folder}/{each}" if folder else each)
-                except MeshError:
+                except TfbusError:
                     continue
         return found

@@ -6,12 +6,8 @@ from urllib.parse import unquote
 
 from trimesh.resolvers import Resolver
 
+from tfbus.robot.mesh_files import BESIDE
 from tfbus.view.meshes.limits import MOST_BYTES
-
-# A mesh names files of these kinds and no others.
-_SUFFIXES = frozenset(
-    {".mtl", ".bin", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp"}
-)
 
 
 class References(Resolver):
@@ -50,7 +46,7 @@ class References(Resolver):
         file = (self._folder / name).resolve()
         if not file.is_relative_to(self._root.resolve()):
             raise FileNotFoundError("it is outside of the mesh's package")
-        if file.suffix.lower() not in _SUFFIXES:
+        if file.suffix.lower() not in BESIDE:
             raise FileNotFoundError("it is no picture, material or buffer")
         if not file.is_file():
             raise FileNotFoundError("no such file")

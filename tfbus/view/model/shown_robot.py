@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
+from tfbus.robot.mesh_files import package_folder, parts_of
 from tfbus.robot.model import Collision, Mesh, Visual
 from tfbus.robot.robot import Robot
 from tfbus.view.meshes.loader import MeshSource
@@ -72,22 +72,13 @@ class ShownRobot:
         if file is not None and file.is_file():
             status = file.stat()
             version = f"{status.st_mtime_ns} {status.st_size}"
-            return MeshSource(mesh.name, file, root_of(mesh.name, file), version=version)
+            # Pictures may lie beside the folder of meshes.
+            root = package_folder(mesh.name, file) or file.parent.parent
+            return MeshSource(mesh.name, file, root, version=version)
         if self.is_fetched:
             return MeshSource(mesh.name, origin=self.origin)
-        if mesh.name.startswith("package://"):
-            package = mesh.name.removeprefix("package://").partition("/")[0]
-            remedy = f"; --package-path names the folder with package {package!r}"
-        else:
-            remedy = ""
+        package, _ = parts_of(mesh.name)
+        remedy = f"; --package-path names the folder with package {package!r}" if package else ""
         if file is None:
             return f"it is not on this machine{remedy}"
         return f"no file {file}{remedy}"
-
-
-def root_of(name: str, file: Path) -> Path:
-    """The folder that a mesh may name pictures in: its package, or the folder above its own."""
-    if not name.startswith(("package://", "model://")):
-        return file.parent.parent
-    depth = len(Path(name.partition("://")[2]).parts) - 1
-    return file.parents[min(depth, len(file.parents)) - 1]

@@ -27,12 +27,10 @@ _MOST_SLIDERS = 100
 # A slider that was dragged follows the joint again after this.
 _HELD_S = 1.0
 
-# How far joints without limits go, in rad and m, and the steps of sliders.
-_TURN_RAD = math.pi
-_SLIDE_M = 1.0
+# The steps of sliders, in rad and m.
 _STEP = 0.001
 
-_NOBODY_LISTENS = (
+_FOLLOWS_ONLY = (
     "They follow <code>joint_states</code>. To move the robot from here, start "
     "<code>tfbus joints</code> with its URDF in the place of what publishes them now."
 )
@@ -42,38 +40,14 @@ _STANDS_STILL = (
 )
 
 
-@dataclass(frozen=True)
-class Range:
-    """From where to where a slider goes, in rad or m, and where the joint rests."""
-
-    lower: float
-    upper: float
-    zero: float
-
-    def within(self, position: float, *, turns: bool = False) -> float:
-        """A position, or the end of the slider that is nearer; of a joint that `turns` for ever
-        the same angle within one turn.
-        """
-        if turns:
-            position = math.remainder(position, 2.0 * math.pi)
-        return min(max(position, self.lower), self.upper)
-
-
-def range_of(joint: Joint) -> Range:
-    """The range of a slider: the joint's limits, and the narrower ones of a safety controller."""
-    open_end = _SLIDE_M if joint.type == "prismatic" else _TURN_RAD
-    lower, upper = -math.inf, math.inf
-    if joint.limits is not None:
-        lower, upper = joint.limits.lower, joint.limits.upper
-    if joint.soft_limits is not None:
-        soft_lower, soft_upper = joint.soft_limits
-        if soft_lower < soft_upper:
-            lower, upper = max(lower, soft_lower), min(upper, soft_upper)
-    lower = -open_end if lower == -math.inf else lower
-    upper = open_end if upper == math.inf else upper
-    if not lower < upper:
-        lower, upper = lower - _STEP, lower + _STEP
-    return Range(lower, upper, min(max(joint.zero, lower), upper))
+def shown_position(joint: Joint, position: float) -> float:
+    """Where a slider shows a position: of a continuous joint the same angle within one turn, and
+    of others the nearest that they reach.
+    """
+    lower, upper = joint.reach
+    if joint.type == "continuous":
+        position = math.remainder(position, 2.0 * math.pi)
+    return min(max(position, lower), upper)
 
 
 def slider_joints(robot: ShownRobot) -> list[Joint]:
@@ -84,7 +58,6 @@ def slider_joints(robot: ShownRobot) -> list[Joint]:
 @dataclass(eq=False)
 class _Slider:
     joint: Joint
-    range: Range
     handle: Any
     held_until_s: float = 0.0
 
@@ -120,17 +93,19 @@ class JointSliders:
             gui.add_html(f'<div class="tf tf-dim">{more} more joints have no slider.</div>')
 
     def _add(self, gui: viser.GuiApi, joint: Joint) -> None:
-        reach = range_of(joint)
+        lower, upper = joint.reach
         unit = "m" if joint.type == "prismatic" else "rad"
+        least = round(lower, 3)
         handle: Any = gui.add_slider(
             printable(joint.name, 60),
-            round(reach.lower, 3),
-            round(reach.upper, 3),
+            least,
+            # A slider has two ends.
+            max(round(upper, 3), least + _STEP),
             _STEP,
-            round(reach.zero, 3),
-            hint=f"{joint.type}, {reach.lower:.3g} to {reach.upper:.3g} {unit}",
+            round(shown_position(joint, joint.zero), 3),
+            hint=f"{joint.type}, {lower:.3g} to {upper:.3g} {unit}",
         )
-        slider = _Slider(joint, reach, handle)
+        slider = _Slider(joint, handle)
         self._sliders.append(slider)
 
         def on_update(event: Any) -> None:
@@ -151,7 +126,7 @@ class JointSliders:
         for slider in self._sliders:
             if slider.handle.disabled == is_open:
                 slider.handle.disabled = not is_open
-        note = _STANDS_STILL if is_still else "" if is_open else _NOBODY_LISTENS
+        note = _STANDS_STILL if is_still else "" if is_open else _FOLLOWS_ONLY
         self._note.show(f'<div class="tf tf-dim">{note}</div>' if note else "")
         if is_still or self._joints is None:
             return
@@ -159,18 +134,17 @@ class JointSliders:
         for slider in self._sliders:
             position = positions.get(slider.joint.name)
             if position is not None and now_s >= slider.held_until_s:
-                turns = slider.joint.type == "continuous"
-                value = round(slider.range.within(position, turns=turns), 3)
+                value = round(shown_position(slider.joint, position), 3)
                 if abs(slider.handle.value - value) >= _STEP / 2.0:
                     slider.handle.value = value
 
     def _press(self, button: str) -> None:
         if button == "Zero":
-            targets = {slider: slider.range.zero for slider in self._sliders}
-        else:
             targets = {
-                slider: uniform(slider.range.lower, slider.range.upper) for slider in self._sliders
+                slider: shown_position(slider.joint, slider.joint.zero) for slider in self._sliders
             }
+        else:
+            targets = {slider: uniform(*slider.joint.reach) for slider in self._sliders}
         for slider, value in targets.items():
             slider.handle.value = round(value, 3)
         self._send(targets)

@@ -23,7 +23,7 @@ FRONT = np.array((0.74, 0.52, 0.43)) / math.sqrt(0.74**2 + 0.52**2 + 0.43**2)
 _NARROW = 0.75
 
 # Frames that come later than this do not move the camera; while the meshes of robots are being
-# loaded, cameras that nobody has moved wait for them.
+# loaded, cameras that were not moved by hand wait for them.
 _SETTLE_S = 3.0
 _LOADING_S = 30.0
 
@@ -161,7 +161,7 @@ class Cameras:
         self._placed = set(clients)
 
     def _is_left(self, number: int, camera: Any) -> bool:
-        """Whether a camera is where it was left, and so nobody has moved it."""
+        """Whether a camera is where it was left: it was not moved by hand."""
         left_at = self._left_at.get(number)
         return left_at is not None and np.allclose(camera.position, left_at, atol=1e-3)
 

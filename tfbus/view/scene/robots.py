@@ -24,7 +24,7 @@ _MESHES_A_STEP = 4
 class RobotScenes:
     """Draws the robots of a source at the frames of their links.
 
-    A robot of a file whose frames nobody publishes stands at the origin, at `positions`.
+    A robot of a file whose frames are not published stands at the origin, at `positions`.
     """
 
     def __init__(self, scene: viser.SceneApi, source: RobotSource, log: logging.Logger) -> None:

@@ -88,7 +88,7 @@ class Joints:
         if isinstance(self._motion, Table) and not self._plays:
             self._plays = True
             self._node.create_timer(_TABLE_TICK_S, self._play)
-        joints, name = counted(len(self._board.ranges), "joint"), printable(robot.name, 60)
+        joints, name = counted(len(self._board.posture.ranges), "joint"), printable(robot.name, 60)
         if self._is_waiting:
             self._node.log.info("Publishing %s of %s", joints, name)
         else:
@@ -105,7 +105,7 @@ class Joints:
             self._say_once("table", "Ignored joint_targets: the joints move as the file says")
             return
         self._merge(targets)
-        self._held.update(name for name in targets.names if name in self._board.ranges)
+        self._held.update(name for name in targets.names if name in self._board.posture.ranges)
 
     def merge(self, state: JointState) -> None:
         """Take positions of another publisher."""
@@ -119,13 +119,13 @@ class Joints:
 
     def _tick(self) -> None:
         motion, board = self._motion, self._board
-        if board.robot is None or (isinstance(motion, Table) and not motion.has_ended):
+        if board.posture.robot is None or (isinstance(motion, Table) and not motion.has_ended):
             return
         now_ns = self._node.now_ns()
         if motion is not None and not isinstance(motion, Table):
             places = motion.at(self._seconds(now_ns))
             board.set({name: at for name, at in places.items() if name not in self._held})
-        self._publish(now_ns, dict(board.positions))
+        self._publish(now_ns, dict(board.posture.positions))
 
     def _play(self) -> None:
         table = self._motion
@@ -145,14 +145,16 @@ class Joints:
         return self._elapsed_ns / 1e9
 
     def _publish_row(self, row: Row, now_ns: int) -> None:
-        known = {name: at for name, at in row.positions.items() if name in self._board.ranges}
+        known = {
+            name: at for name, at in row.positions.items() if name in self._board.posture.ranges
+        }
         self._board.set(known)
-        beyond = [name for name in known if self._board.positions[name] != known[name]]
+        beyond = [name for name in known if self._board.posture.positions[name] != known[name]]
         if beyond:
             self._say_once(
                 "limits", "Kept joints within their limits: %s", listed(list(map(repr, beyond)))
             )
-        self._publish(now_ns, dict(self._board.positions), row)
+        self._publish(now_ns, dict(self._board.posture.positions), row)
 
     def _publish(self, now_ns: int, positions: dict[str, float], row: Row | None = None) -> None:
         names = tuple(positions)
@@ -345,12 +347,12 @@ def main(
         rows_of = lambda _: rows  # noqa: E731
 
     def make_motion(board: Board) -> Motion | Table | None:
-        assert board.robot is not None
+        assert board.posture.robot is not None
         if sweep:
-            return Sweep(board.ranges.values())
+            return Sweep(board.posture.ranges.values())
         if is_random:
-            return RandomPlaces(board.ranges.values(), seed)
-        return Table(rows_of(board.robot), loops=loop) if rows_of is not None else None
+            return RandomPlaces(board.posture.ranges.values(), seed)
+        return Table(rows_of(board.posture.robot), loops=loop) if rows_of is not None else None
 
     has_sliders = not any(chosen) and not sources and os.isatty(_STANDARD_INPUT)
     has_sliders = has_sliders and sys.stdout.isatty()

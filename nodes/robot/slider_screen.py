@@ -6,7 +6,7 @@ import sys
 from tfbus import Node
 from tfbus.command import KeyReader, RawTerminal
 
-from .board import Board
+from .board import Board, Posture
 from .sliders import Sliders
 
 # How often other programs' changes are shown.
@@ -22,7 +22,7 @@ def run_sliders(node: Node, terminal: RawTerminal, board: Board) -> None:
     try:
         screen.write(_HIDE_CURSOR)
         while node.ok:
-            screen.show(sliders, board.version)
+            screen.show(sliders, board.posture)
             data = terminal.read(_PAUSE_S)
             for key in keys.feed(data) if data else keys.flush():
                 if key in _QUIT:
@@ -39,10 +39,10 @@ class _Screen:
         self._drawn: list[str] = []
         self._state: object = None
 
-    def show(self, sliders: Sliders, version: int) -> None:
+    def show(self, sliders: Sliders, posture: Posture) -> None:
         """Draw what has changed."""
         size = shutil.get_terminal_size()
-        state = (version, sliders.chosen, size)
+        state = (posture, sliders.chosen, size)
         if state == self._state:
             return
         # The cursor stays below the last line, which takes one more.

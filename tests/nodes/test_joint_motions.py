@@ -92,7 +92,7 @@ def test_a_board_keeps_positions_within_limits() -> None:
     board = Board()
     board.take_robot(arm())
     assert board.set({"shoulder": 99.0, "nose": 1.0}) == ["nose"]
-    assert board.positions["shoulder"] == 3.0
+    assert board.posture.positions["shoulder"] == 3.0
 
 
 def test_a_board_keeps_positions_of_joints_that_stay() -> None:
@@ -101,4 +101,4 @@ def test_a_board_keeps_positions_of_joints_that_stay() -> None:
     board.take_robot(arm())
     board.set({"shoulder": 2.5})
     board.take_robot(Robot.from_text(ARM.replace('upper="3"', 'upper="2"')))
-    assert board.positions == {"shoulder": 2.0, "elbow": 1.0, "grip": pytest.approx(0.2)}
+    assert board.posture.positions == {"shoulder": 2.0, "elbow": 1.0, "grip": pytest.approx(0.2)}

@@ -259,6 +259,22 @@ class TestNewDescriptions:
         eventually(lambda: asker.sees("lower", "hook"))
         process.wait_for_line("Read .*arm.urdf again: arm: 6 links")
 
+    def test_one_that_the_prefix_makes_too_long_changes_nothing(self, bus: Bus, path: Path) -> None:
+        """A link whose frame is too long with the prefix refuses the file, by service and watch,
+        and nothing of it is published.
+        """
+        process = start(bus, path, "--watch", "--prefix", "p" * 100)
+        asker = Asker(bus)
+        prefix = "p" * 100
+        eventually(lambda: asker.sees(f"{prefix}lower", f"{prefix}tool"))
+        path.write_text(ARM.replace('"tool"', f'"{"t" * 200}"'))
+        process.wait_for_line("Kept the description as it was: link 'ttt")
+        with pytest.raises(ServiceError, match=r"link 'ttt.* with the prefix 'ppp"):
+            asker.node.create_client(Empty, "reload").call(Empty.Request())
+        path.write_text(ARM.replace('"tool"', '"hook"'))
+        eventually(lambda: asker.sees(f"{prefix}lower", f"{prefix}hook"))
+        assert not any("tttt" in each.urdf for each in asker.descriptions)
+
 
 def test_meshes_come_from_its_machine(bus: Bus, tmp_path: Path) -> None:
     """A viewer elsewhere reads a mesh by its name in the description."""

@@ -60,10 +60,10 @@ def test_a_table_gives_each_row_once() -> None:
     """Rows come at their times from the first, then the table has ended."""
     rows = [Row(5.0, {"a": 1.0}), Row(5.5, {"a": 2.0}), Row(6.0, {"a": 3.0})]
     table = Table(rows)
-    assert table.due(0.0) == rows[:1]
-    assert table.due(0.6) == rows[1:2]
+    assert table.due(0.0) == [(0.0, rows[0])]
+    assert table.due(0.6) == [(0.5, rows[1])]
     assert not table.has_ended
-    assert table.due(99.0) == rows[2:]
+    assert table.due(99.0) == [(1.0, rows[2])]
     assert table.has_ended and table.due(100.0) == []
 
 
@@ -71,9 +71,10 @@ def test_a_table_that_loops_begins_again_one_step_after_its_end() -> None:
     """The first row follows the last as the second follows the first."""
     rows = [Row(0.0, {}), Row(0.5, {"a": 1.0})]
     table = Table(rows, loops=True)
-    assert table.due(0.9) == rows
-    assert table.due(1.0) == rows[:1]
-    assert table.due(3.4) == [rows[1], rows[0], rows[1], rows[0]]
+    first, second = rows
+    assert table.due(0.9) == [(0.0, first), (0.5, second)]
+    assert table.due(1.0) == [(1.0, first)]
+    assert table.due(3.4) == [(1.5, second), (2.0, first), (2.5, second), (3.0, first)]
 
 
 def test_a_time_that_jumps_far_is_no_work() -> None:
@@ -82,9 +83,19 @@ def test_a_time_that_jumps_far_is_no_work() -> None:
     places = RandomPlaces(ranges.values(), seed=1)
     places.at(0.0)
     assert places.at(1e9).keys() == ranges.keys()
-    table = Table([Row(0.0, {}), Row(0.5, {})], loops=True)
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_a_table_goes_on_at_the_row_of_the_time_after_a_jump(loops: bool) -> None:
+    """Rows between are left out; the row that the positions are of then is given, and the next."""
+    rows = [Row(100.0 + count, {"a": float(count)}) for count in range(10_000)]
+    table = Table(rows, loops=loops)
     table.due(0.0)
-    assert len(table.due(1e9)) < 10
+    assert table.due(5000.5) == [(5000.0, rows[5000])]
+    assert table.due(5001.5) == [(5001.0, rows[5001])]
+    later = table.due(1_000_003.5)
+    assert later == ([(1_000_003.0, rows[3])] if loops else [(9999.0, rows[-1])])
+    assert table.has_ended != loops
 
 
 def test_a_board_keeps_positions_within_limits() -> None:

@@ -72,6 +72,9 @@ def _limits(joint: Joint) -> tuple[float, float]:
     if joint.soft_limits is not None and joint.soft_limits[0] < joint.soft_limits[1]:
         lower, upper = max(lower, joint.soft_limits[0]), min(upper, joint.soft_limits[1])
     unlimited = _UNLIMITED_M if joint.type == "prismatic" else math.pi
-    lower = -unlimited if lower == -math.inf else lower
-    upper = unlimited if upper == math.inf else upper
+    # Where one limit is finite, a range outside the usual one begins or ends at it.
+    least = -unlimited if upper > -unlimited else upper - 2.0 * unlimited
+    most = unlimited if lower < unlimited else lower + 2.0 * unlimited
+    lower = least if lower == -math.inf else lower
+    upper = most if upper == math.inf else upper
     return (lower, upper) if lower <= upper else (upper, lower)

@@ -25,6 +25,25 @@ def test_limits_are_the_narrower_of_two() -> None:
     assert not grip.turns
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "expected"),
+    [
+        ("5", "inf", (5.0, 5.0 + 2.0 * math.pi)),
+        ("-inf", "-5", (-5.0 - 2.0 * math.pi, -5.0)),
+        ("1", "inf", (1.0, math.pi)),
+        ("-inf", "inf", (-math.pi, math.pi)),
+    ],
+)
+def test_a_limit_that_is_finite_stays(
+    lower: str, upper: str, expected: tuple[float, float]
+) -> None:
+    """Where a joint has one finite limit, however far out, it goes from or to that one."""
+    text = ARM.replace('lower="-1" upper="3"', f'lower="{lower}" upper="{upper}"')
+    text = text.replace('soft_lower_limit="-0.5" soft_upper_limit="9"', "")
+    shoulder = ranges_of(Robot.from_text(text))["shoulder"]
+    assert (shoulder.lower, shoulder.upper) == pytest.approx(expected)
+
+
 def test_other_rests_stay_within_the_limits() -> None:
     """A rest of the user's counts, at most as far as the joint goes."""
     ranges = ranges_of(arm(), {"elbow": 1.5, "grip": 9.0})

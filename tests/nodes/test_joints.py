@@ -211,8 +211,8 @@ def test_a_recording_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
 
 
 def test_sliders_in_a_terminal(bus: Bus, path: Path, tmp_path: Path) -> None:
-    """In tmux the sliders show each joint; keys move them, what a target moves is shown, and q
-    gives the shell back.
+    """In tmux the sliders show each joint; keys move them, what a target moves is shown, the log
+    stays above them, and q gives the shell back.
     """
     needs.program("tmux")
     node, states = heard(bus)
@@ -239,9 +239,10 @@ def test_sliders_in_a_terminal(bus: Bus, path: Path, tmp_path: Path) -> None:
         eventually(moved)
         targets = node.create_publisher(JointState, "joint_targets")
         send_until(
-            lambda: targets.publish(JointState(0, ("shoulder",), (1.234,))),
+            lambda: targets.publish(JointState(0, ("shoulder", "nose"), (1.234, 0.0))),
             lambda: "shoulder    1.234 rad" in shown(),
         )
+        eventually(lambda: "Ignored names" in shown() and shown().count("arm: 3 joints") == 1)
         assert shown().count("elbow") == 1
         tmux("send-keys", "q")
         eventually(lambda: "left" in shown())

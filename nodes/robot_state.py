@@ -37,7 +37,7 @@ from .robot.description import DescriptionFile, xacro_arguments
 from .robot.joint_frames import JointFrames
 from .robot.mesh_service import serve_mesh
 
-# After this long, joints of which nothing has come are named.
+# After this long, the log names joints that no joint state has named.
 MISSING_AFTER_S = 5.0
 
 # How often the files are looked at; one that stays the same from one look to the next is read.
@@ -172,8 +172,8 @@ class RobotState:
         hint = did_you_mean(unknown[0], self.robot.joints) if len(unknown) == 1 else ""
         self._say_once(
             "unknown",
-            "Ignored %s of which the robot has no joint: %s%s",
-            counted(len(names), "name"),
+            "Ignored %s that the robot does not have: %s%s",
+            counted(len(names), "joint"),
             listed(names),
             hint,
         )

@@ -147,7 +147,7 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
             part in text
             for part in (
                 "the position of joint 'elbow' must be finite, not nan",
-                r"Ignored 1 name of which the robot has no joint: 'nose\x1b[31m'",
+                r"Ignored 1 joint that the robot does not have: 'nose\x1b[31m'",
                 "Ignored a JointState without positions",
             )
         )

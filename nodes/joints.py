@@ -32,7 +32,7 @@ from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .robot.board import Board
 from .robot.description import xacro_arguments
-from .robot.joint_tables import rows_of_csv, rows_of_recording
+from .robot.joint_tables import check_loop, rows_of_csv, rows_of_recording
 from .robot.motions import Motion, RandomPlaces, Row, Sweep, Table
 from .robot.slider_screen import run_sliders
 
@@ -88,7 +88,7 @@ class Joints:
         if isinstance(self._motion, Table) and not self._plays:
             self._plays = True
             self._node.create_timer(_TABLE_TICK_S, self._play)
-        joints, name = counted(len(self._board.ranges), "joint"), printable(robot.name, 60)
+        joints, name = counted(len(self._board.posture.ranges), "joint"), printable(robot.name, 60)
         if self._is_waiting:
             self._node.log.info("Publishing %s of %s", joints, name)
         else:
@@ -105,7 +105,7 @@ class Joints:
             self._say_once("table", "Ignored joint_targets: the joints move as the file says")
             return
         self._merge(targets)
-        self._held.update(name for name in targets.names if name in self._board.ranges)
+        self._held.update(name for name in targets.names if name in self._board.posture.ranges)
 
     def merge(self, state: JointState) -> None:
         """Take positions of another publisher."""
@@ -119,20 +119,23 @@ class Joints:
 
     def _tick(self) -> None:
         motion, board = self._motion, self._board
-        if board.robot is None or (isinstance(motion, Table) and not motion.has_ended):
+        if board.posture.robot is None or (isinstance(motion, Table) and not motion.has_ended):
             return
         now_ns = self._node.now_ns()
         if motion is not None and not isinstance(motion, Table):
             places = motion.at(self._seconds(now_ns))
             board.set({name: at for name, at in places.items() if name not in self._held})
-        self._publish(now_ns, dict(board.positions))
+        self._publish(now_ns, dict(board.posture.positions))
 
     def _play(self) -> None:
         table = self._motion
         if not isinstance(table, Table):
             return
-        for row in table.due(self._seconds(self._node.now_ns())):
-            self._publish_row(row, self._node.now_ns())
+        now_ns = self._node.now_ns()
+        elapsed_s = self._seconds(now_ns)
+        for seconds, row in table.due(elapsed_s):
+            # Several rows may be due at once: each has the stamp of its own time.
+            self._publish_row(row, now_ns - round((elapsed_s - seconds) * 1e9))
         if table.has_ended and "ended" not in self._said:
             self._said.add("ended")
             self._node.log.info("The last row is published; its positions stay")
@@ -144,26 +147,28 @@ class Joints:
         self._elapsed_ns = now_ns - self._began_ns
         return self._elapsed_ns / 1e9
 
-    def _publish_row(self, row: Row, now_ns: int) -> None:
-        known = {name: at for name, at in row.positions.items() if name in self._board.ranges}
+    def _publish_row(self, row: Row, stamp_ns: int) -> None:
+        known = {
+            name: at for name, at in row.positions.items() if name in self._board.posture.ranges
+        }
         self._board.set(known)
-        beyond = [name for name in known if self._board.positions[name] != known[name]]
+        beyond = [name for name in known if self._board.posture.positions[name] != known[name]]
         if beyond:
             self._say_once(
                 "limits", "Kept joints within their limits: %s", listed(list(map(repr, beyond)))
             )
-        self._publish(now_ns, dict(self._board.positions), row)
+        self._publish(stamp_ns, dict(self._board.posture.positions), row)
 
-    def _publish(self, now_ns: int, positions: dict[str, float], row: Row | None = None) -> None:
+    def _publish(self, stamp_ns: int, positions: dict[str, float], row: Row | None = None) -> None:
         names = tuple(positions)
         velocities: Mapping[str, float] = row.velocities if row else {}
         if self._with_velocities and not velocities:
-            velocities = self._velocities(now_ns, positions)
+            velocities = self._velocities(stamp_ns, positions)
         efforts: Mapping[str, float] = row.efforts if row else {}
-        self._last = now_ns, positions
+        self._last = stamp_ns, positions
         self._publisher.publish(
             JointState(
-                now_ns,
+                stamp_ns,
                 names,
                 tuple(positions.values()),
                 _in_order(names, velocities),
@@ -171,11 +176,11 @@ class Joints:
             )
         )
 
-    def _velocities(self, now_ns: int, positions: dict[str, float]) -> dict[str, float]:
-        if self._last is None or now_ns <= self._last[0]:
+    def _velocities(self, stamp_ns: int, positions: dict[str, float]) -> dict[str, float]:
+        if self._last is None or stamp_ns <= self._last[0]:
             return dict.fromkeys(positions, 0.0)
         before_ns, before = self._last
-        seconds = (now_ns - before_ns) / 1e9
+        seconds = (stamp_ns - before_ns) / 1e9
         return {name: (at - before.get(name, at)) / seconds for name, at in positions.items()}
 
     def _change_rate(self, rate: float) -> None:
@@ -339,18 +344,20 @@ def main(
     if path is not None:
         robot = Robot.from_urdf(path, package_path=package_path, xacro_args=arguments)
         _check_joints(robot, rests)
-    rows_of = _table(csv_path, bags, bag_topic, rate)
+    rows_of = _table(csv_path, bags, bag_topic, rate, loops=loop)
     if robot is not None and rows_of is not None:
         rows = rows_of(robot)  # before it joins the bus: a mistake in the file ends it
-        rows_of = lambda _: rows  # noqa: E731
+
+        def rows_of(_: Robot) -> list[Row]:
+            return rows
 
     def make_motion(board: Board) -> Motion | Table | None:
-        assert board.robot is not None
+        assert board.posture.robot is not None
         if sweep:
-            return Sweep(board.ranges.values())
+            return Sweep(board.posture.ranges.values())
         if is_random:
-            return RandomPlaces(board.ranges.values(), seed)
-        return Table(rows_of(board.robot), loops=loop) if rows_of is not None else None
+            return RandomPlaces(board.posture.ranges.values(), seed)
+        return Table(rows_of(board.posture.robot), loops=loop) if rows_of is not None else None
 
     has_sliders = not any(chosen) and not sources and os.isatty(_STANDARD_INPUT)
     has_sliders = has_sliders and sys.stdout.isatty()
@@ -377,13 +384,14 @@ def main(
 
 
 def _table(
-    csv_path: Path | None, bags: tuple[Path, ...], topic: str, rate: float
+    csv_path: Path | None, bags: tuple[Path, ...], topic: str, rate: float, *, loops: bool
 ) -> Callable[[Robot], list[Row]] | None:
     """What reads the rows to play, for a robot."""
+    check = check_loop if loops else list
     if csv_path is not None:
-        return lambda robot: rows_of_csv(csv_path, robot, rate)
+        return lambda robot: check(rows_of_csv(csv_path, robot, rate))
     if bags:
-        rows = rows_of_recording(bags, topic)
+        rows = check(rows_of_recording(bags, topic))
         return lambda robot: rows
     return None
 

@@ -26,10 +26,11 @@ from tfbus import (
     StaticTransformBroadcaster,
     SystemClock,
     TransformBroadcaster,
+    TransformStamped,
     UrdfError,
     node_options,
 )
-from tfbus.command import Declared, NodeCommand, frame_mistake
+from tfbus.command import Declared, NodeCommand
 from tfbus.messages import Empty, JointState, RobotDescription, RobotMesh, SetDescription
 from tfbus.wording import counted, did_you_mean, listed, printable
 
@@ -37,7 +38,7 @@ from .robot.description import DescriptionFile, xacro_arguments
 from .robot.joint_frames import JointFrames
 from .robot.mesh_service import serve_mesh
 
-# After this long, joints of which nothing has come are named.
+# After this long, the log names joints that no joint state has named.
 MISSING_AFTER_S = 5.0
 
 # How often the files are looked at; one that stays the same from one look to the next is read.
@@ -72,13 +73,12 @@ class RobotState:
         prefix = replace(PREFIX, default=declared[PREFIX]).on(node, on_change=self._rename)
         self._rate = replace(RATE, default=declared[RATE]).on(node)
         self._ignore_stamps = replace(IGNORE_STAMPS, default=declared[IGNORE_STAMPS]).on(node)
-        check_prefix(robot, prefix.value)
         self._frames = JointFrames(robot, prefix.value)
         self._source = source
         self._descriptions = node.create_publisher(RobotDescription, _DESCRIPTION, retained=True)
         self._statics = StaticTransformBroadcaster(node)
         self._broadcaster = TransformBroadcaster(node)
-        self._publish_description()
+        self._publish_description(self._frames.static(node.now_ns()))
         node.create_service(SetDescription, "set_description", self._set_description)
         node.create_service(RobotMesh, "robot_mesh", self._serve_mesh)
         self._states = node.create_subscription(JointState, "joint_states", self._on_joint_state)
@@ -89,15 +89,17 @@ class RobotState:
         return self._frames.robot
 
     def replace(self, robot: Robot, source: str) -> None:
-        """Publish another robot, and take the frames of the former out."""
+        """Publish another robot, and take the frames of the former out. Raises UrdfError where its
+        links are no frames with the prefix.
+        """
         self._change(JointFrames(robot, self._frames.prefix), source)
 
     # What it publishes
 
-    def _publish_description(self) -> None:
+    def _publish_description(self, static: list[TransformStamped]) -> None:
         frames = self._frames
         self._descriptions.publish(RobotDescription(frames.robot.text, frames.prefix, self._source))
-        self._statics.send_transform(frames.static(self._node.now_ns()))
+        self._statics.send_transform(static)
         self._said.clear()
         for warning in frames.robot.warnings:
             self._node.log.warning("%s", warning)
@@ -112,10 +114,12 @@ class RobotState:
         self._watch_missing()
 
     def _change(self, frames: JointFrames, source: str) -> None:
+        # Before anything is published: what cannot be sent must not take the place of the former.
+        transforms = frames.static(self._node.now_ns())
         former, self._frames = self._frames, frames
         self._source = source
-        self._publish_description()
-        static = {each.child_frame_id for each in frames.static(0)}
+        self._publish_description(transforms)
+        static = {each.child_frame_id for each in transforms}
         before = {each.child_frame_id for each in former.static(0)}
         if gone := before - static:
             self._statics.remove(*gone)
@@ -173,8 +177,8 @@ class RobotState:
         hint = did_you_mean(unknown[0], self.robot.joints) if len(unknown) == 1 else ""
         self._say_once(
             "unknown",
-            "Ignored %s of which the robot has no joint: %s%s",
-            counted(len(names), "name"),
+            "Ignored %s that the robot does not have: %s%s",
+            counted(len(names), "joint"),
             listed(names),
             hint,
         )
@@ -210,10 +214,9 @@ class RobotState:
     def _set_description(self, request: SetDescription.Request) -> SetDescription.Response:
         try:
             robot = Robot.from_text(request.urdf, name_of_source="the description")
-            check_prefix(robot, self._frames.prefix)
+            self.replace(robot, "set_description")
         except UrdfError as error:
             raise ServiceError(str(error)) from error
-        self.replace(robot, "set_description")
         self._node.log.info("Another description, by service: %s", summary(robot))
         return SetDescription.Response(robot.name, len(robot.links), len(robot.joints))
 
@@ -222,10 +225,10 @@ class RobotState:
 
     def _rename(self, prefix: str) -> None:
         try:
-            check_prefix(self.robot, prefix)
+            frames = JointFrames(self.robot, prefix)
         except UrdfError as error:
             raise ParameterError(str(error)) from error
-        self._change(JointFrames(self.robot, prefix), self._source)
+        self._change(frames, self._source)
 
 
 class FromFile:
@@ -259,16 +262,8 @@ class FromFile:
         robot = self._file.load()
         if robot.text == self._state.robot.text:
             return
-        check_prefix(robot, "")
         self._state.replace(robot, str(self._file.path))
         self._node.log.info("Read %s again: %s", self._file.path, summary(robot))
-
-
-def check_prefix(robot: Robot, prefix: str) -> None:
-    """Raise UrdfError where a link with this prefix is no frame."""
-    for link in robot.links:
-        if mistake := frame_mistake(f"{prefix}{link}"):
-            raise UrdfError(f"link {link!r} with the prefix {printable(prefix, 60)!r}: {mistake}")
 
 
 def summary(robot: Robot) -> str:

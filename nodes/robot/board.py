@@ -1,6 +1,8 @@
-"""The positions of a robot's joints that people and programs set: within limits, by any thread."""
+"""The positions of a robot's joints, within their limits; any thread may read and set them."""
 
+import threading
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from tfbus import Robot
 
@@ -8,50 +10,57 @@ from .motions import random_places
 from .ranges import Range, ranges_of
 
 
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A robot, and where its joints are; `ranges` and `positions` are in the robot's order."""
+
+    robot: Robot | None = None
+    ranges: Mapping[str, Range] = field(default_factory=dict)
+    positions: Mapping[str, float] = field(default_factory=dict)
+
+
 class Board:
     """One position for each joint; `rests` are positions of rest other than the robot's.
 
-    `ranges` and `positions` are by joint, in the robot's order. `version` grows with each change.
+    Each change replaces `posture` as a whole, so that its parts always fit each other.
     """
 
     def __init__(self, rests: Mapping[str, float] | None = None) -> None:
         self._rests = dict(rests or {})
-        self.robot: Robot | None = None
-        self.ranges: dict[str, Range] = {}
-        self.positions: dict[str, float] = {}
-        self.version = 0
+        self._changes = threading.Lock()
+        self.posture = Posture()
 
     def take_robot(self, robot: Robot) -> None:
         """Have the joints of this robot; those of the former that have the same name stay where
         they are.
         """
         ranges = ranges_of(robot, self._rests)
-        former = self.positions
-        self.positions = {
-            name: each.clamped(former.get(name, each.rest)) for name, each in ranges.items()
-        }
-        self.ranges = ranges
-        self.robot = robot
-        self.version += 1
+        with self._changes:
+            former = self.posture.positions
+            positions = {
+                name: each.clamped(former.get(name, each.rest)) for name, each in ranges.items()
+            }
+            self.posture = Posture(robot, ranges, positions)
 
     def set(self, positions: Mapping[str, float]) -> list[str]:
         """Move joints to these positions, or to their nearest limits. Returns the names that are of
         no joint.
         """
-        unknown = []
-        for name, position in positions.items():
-            each = self.ranges.get(name)
-            if each is None:
-                unknown.append(name)
-            else:
-                self.positions[name] = each.clamped(position)
-        self.version += 1
-        return unknown
+        with self._changes:
+            former = self.posture
+            ranges = former.ranges
+            moved = {
+                name: ranges[name].clamped(position)
+                for name, position in positions.items()
+                if name in ranges
+            }
+            self.posture = Posture(former.robot, ranges, {**former.positions, **moved})
+        return [name for name in positions if name not in ranges]
 
     def rest(self) -> None:
         """Move all joints to where they rest."""
-        self.set({name: each.rest for name, each in self.ranges.items()})
+        self.set({name: each.rest for name, each in self.posture.ranges.items()})
 
     def randomise(self) -> None:
         """Move all joints to random positions."""
-        self.set(random_places(self.ranges.values()))
+        self.set(random_places(self.posture.ranges.values()))

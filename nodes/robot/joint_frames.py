@@ -4,8 +4,10 @@ missing or not known.
 
 from collections.abc import Sequence
 
-from tfbus import Robot, TransformStamped
+from tfbus import Robot, TransformStamped, UrdfError
+from tfbus.command import frame_mistake
 from tfbus.messages import JointState
+from tfbus.wording import printable
 
 # A stamp that is older than the last of its joints by more than this is of a time that began again.
 _RESTARTED_NS = 1_000_000_000
@@ -16,10 +18,16 @@ class JointFrames:
 
     `came` are the joints that joint states have named so far, `unknown` names in them that the
     robot does not have, at most a thousand. `restarts` counts how often stamps went back by more
-    than a second.
+    than a second. Raises UrdfError where a link with the prefix is no frame.
     """
 
     def __init__(self, robot: Robot, prefix: str = "") -> None:
+        for link in robot.links:
+            if mistake := frame_mistake(f"{prefix}{link}"):
+                raise UrdfError(
+                    f"link '{printable(link, 60)}' with the prefix '{printable(prefix, 60)}': "
+                    f"{mistake}"
+                )
         self.robot = robot
         self.prefix = prefix
         self.came: set[str] = set()

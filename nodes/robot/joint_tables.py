@@ -9,13 +9,16 @@ from tfbus import Recording, Robot, TfbusError
 from tfbus.messages import JointState
 from tfbus.wording import counted, did_you_mean, listed, printable
 
-from .motions import Row
+from .motions import Row, Table
 
 # Columns with the time: in seconds, and in nanoseconds.
 _SECONDS = ("time", "t", "time_s", "seconds", "stamp", "timestamp")
 _NANOSECONDS = ("stamp_ns", "time_ns", "timestamp_ns", "ns")
 
 _MOST_ROWS = 5_000_000
+
+# Rows that come faster than this, as a loop for ever, leave no time for anything else.
+_MOST_HZ = 10_000.0
 
 
 class TableError(TfbusError):
@@ -129,6 +132,16 @@ def rows_of_recording(paths: Sequence[Path], topic: str) -> list[Row]:
         ) from error
     if not rows:
         raise TableError(f"topic {topic!r} of the recording has no messages")
+    return rows
+
+
+def check_loop(rows: list[Row]) -> list[Row]:
+    """The rows, which a loop repeats for ever. Raises TableError where they come too fast."""
+    if len(rows) / Table(rows).lasts_s > 1.001 * _MOST_HZ:
+        raise TableError(
+            f"{counted(len(rows), 'row')} in {Table(rows).lasts_s:.3g} s cannot be looped: "
+            f"{_MOST_HZ:,.0f} rows a second are the most"
+        )
     return rows
 
 

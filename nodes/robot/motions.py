@@ -5,14 +5,18 @@ A motion gives the positions at a time in seconds since it began.
 
 import math
 import random
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from .ranges import Range
 
-# A simulated time that is set jumps further: what lies between is left out.
+# Where the clock jumps further, as when simulated time is set, motions leave out what lies between.
 _LONGEST_JUMP_S = 600.0
+
+# The same for tables, of which each row is a message.
+_LONGEST_JUMP_OF_ROWS_S = 10.0
 
 
 class Motion(Protocol):
@@ -94,7 +98,7 @@ def random_places(ranges: Iterable[Range], source: random.Random | None = None) 
 
 @dataclass(frozen=True)
 class Row:
-    """One joint state of a table, `seconds` after its first."""
+    """One joint state of a table; `seconds` count from any time."""
 
     seconds: float
     positions: Mapping[str, float]
@@ -105,7 +109,8 @@ class Row:
 class Table:
     """The rows of a file or recording, one after the other, in order of time.
 
-    With `loops` it begins again after its end, else the last row stays.
+    With `loops` it begins again after its end, else the last row stays. After a jump of the clock
+    by more than 10 s it goes on at the row of that time.
     """
 
     def __init__(self, rows: Sequence[Row], *, loops: bool = False) -> None:
@@ -126,19 +131,26 @@ class Table:
         """Whether the last row was given, and it does not begin again."""
         return not self._loops and self._next >= len(self._rows)
 
-    def due(self, seconds: float) -> list[Row]:
-        """The rows up to a time since it began that were not given yet."""
-        found = []
-        late_s = seconds - self._time_of_next() if self._loops else 0.0
-        if late_s > _LONGEST_JUMP_S:
-            self._round += int(late_s / self.lasts_s)
-        while not self.has_ended and self._time_of_next() <= seconds:
-            found.append(self._rows[self._next])
+    def due(self, seconds: float) -> list[tuple[float, Row]]:
+        """The rows up to a time since it began that were not given yet, each after its own time."""
+        found: list[tuple[float, Row]] = []
+        if not self.has_ended and seconds > self._time_of_next() + _LONGEST_JUMP_OF_ROWS_S:
+            self._skip_to(seconds)
+        while not self.has_ended and (time := self._time_of_next()) <= seconds:
+            found.append((time, self._rows[self._next]))
             self._next += 1
             if self._loops and self._next == len(self._rows):
                 self._next = 0
                 self._round += 1
         return found
+
+    def _skip_to(self, seconds: float) -> None:
+        if self._loops:
+            self._round, seconds = int(seconds // self.lasts_s), seconds % self.lasts_s
+        later = bisect_right(
+            self._rows, self._rows[0].seconds + seconds, key=lambda row: row.seconds
+        )
+        self._next = max(0, later - 1)
 
     def _time_of_next(self) -> float:
         row = self._rows[self._next]

@@ -6,7 +6,7 @@ import sys
 from tfbus import Node
 from tfbus.command import KeyReader, RawTerminal
 
-from .board import Board
+from .board import Board, Posture
 from .sliders import Sliders
 
 # How often other programs' changes are shown.
@@ -22,34 +22,40 @@ def run_sliders(node: Node, terminal: RawTerminal, board: Board) -> None:
     try:
         screen.write(_HIDE_CURSOR)
         while node.ok:
-            screen.show(sliders, board.version)
+            screen.show(sliders, board.posture)
             data = terminal.read(_PAUSE_S)
             for key in keys.feed(data) if data else keys.flush():
                 if key in _QUIT:
                     return
                 sliders.press(key)
     finally:
-        screen.write(_SHOW_CURSOR)
+        screen.leave()
 
 
 class _Screen:
-    """Draws the lines over those before."""
+    """Draws the lines over those before; the cursor stays at the first.
+
+    What the log writes takes their place, and they are drawn below it.
+    """
 
     def __init__(self) -> None:
-        self._drawn: list[str] = []
+        self._drawn = 0
         self._state: object = None
 
-    def show(self, sliders: Sliders, version: int) -> None:
+    def show(self, sliders: Sliders, posture: Posture) -> None:
         """Draw what has changed."""
         size = shutil.get_terminal_size()
-        state = (version, sliders.chosen, size)
+        state = (posture, sliders.chosen, size)
         if state == self._state:
             return
-        # The cursor stays below the last line, which takes one more.
+        # The line below the last takes one more.
         lines = sliders.lines(size.columns, size.lines - 1)
-        up = f"\x1b[{len(self._drawn)}A" if self._drawn else ""
-        self.write(f"{up}\r\x1b[J" + "".join(f"{line}\n" for line in lines))
-        self._drawn, self._state = lines, state
+        self._drawn, self._state = len(lines), state
+        self.write("\r\x1b[J" + "".join(f"{line}\n" for line in lines) + f"\x1b[{self._drawn}A")
+
+    def leave(self) -> None:
+        """Put the cursor below the lines, and show it."""
+        self.write("\n" * self._drawn + _SHOW_CURSOR)
 
     @staticmethod
     def write(text: str) -> None:

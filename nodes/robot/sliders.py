@@ -27,19 +27,19 @@ class Sliders:
     @property
     def chosen(self) -> str:
         """The joint that keys move; "" where there is none."""
-        names = list(self._board.ranges)
-        return names[min(self._chosen, len(names) - 1)] if names else ""
+        return self._chosen_of(list(self._board.posture.ranges))
 
     def press(self, key: str) -> None:
         """Do what a key is for; others are ignored."""
-        board, chosen = self._board, self.chosen
+        board, posture = self._board, self._board.posture
+        chosen = self._chosen_of(list(posture.ranges))
         if not chosen:
             return
-        each = board.ranges[chosen]
+        each = posture.ranges[chosen]
         if key in _STEPS:
-            board.set({chosen: board.positions[chosen] + _STEPS[key] * each.width})
+            board.set({chosen: posture.positions[chosen] + _STEPS[key] * each.width})
         elif key in ("up", "down"):
-            count = len(board.ranges)
+            count = len(posture.ranges)
             self._chosen = (min(self._chosen, count - 1) + (1 if key == "down" else -1)) % count
         elif key == "0":
             board.set({chosen: each.rest})
@@ -50,27 +50,30 @@ class Sliders:
 
     def lines(self, width: int, height: int) -> list[str]:
         """The screen, at most `height` lines of at most `width` columns."""
-        board = self._board
-        if board.robot is None:
+        posture = self._board.posture
+        if posture.robot is None:
             return [cut("Waiting for a robot on topic robot_description", width)]
-        names = list(board.ranges)
-        title = f"{printable(board.robot.name, 40)}: {counted(len(names), 'joint')}"
+        names = list(posture.ranges)
+        title = f"{printable(posture.robot.name, 40)}: {counted(len(names), 'joint')}"
         above = [f"{_BOLD}{cut(title, width)}{_END}", f"{_FAINT}{cut(_HELP, width)}{_END}"]
         room = max(1, height - len(above))
         if len(names) > room:
             room = max(1, room - 1)
         chosen = min(self._chosen, max(len(names) - 1, 0))
         self._top = max(chosen - room + 1, min(self._top, chosen, max(0, len(names) - room)))
-        shown = names[self._top : self._top + room]
+        shown, marked = names[self._top : self._top + room], self._chosen_of(names)
         longest = min(_LONGEST_NAME, max(map(columns, map(printable, names)), default=0))
         rows = [
-            _row(board.ranges[name], board.positions[name], name == self.chosen, longest, width)
+            _row(posture.ranges[name], posture.positions[name], name == marked, longest, width)
             for name in shown
         ]
         if len(shown) < len(names):
             first, last = self._top + 1, self._top + len(shown)
             rows.append(f"{_FAINT}{cut(f'  {first} to {last} of {len(names)}', width)}{_END}")
         return above + rows
+
+    def _chosen_of(self, names: list[str]) -> str:
+        return names[min(self._chosen, len(names) - 1)] if names else ""
 
 
 def _row(each: Range, position: float, is_chosen: bool, longest: int, width: int) -> str:

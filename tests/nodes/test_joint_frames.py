@@ -3,7 +3,7 @@
 import pytest
 
 from tests.nodes.robots import ARM, arm
-from tfbus import InvalidArgumentException, Robot
+from tfbus import InvalidArgumentException, Robot, UrdfError
 from tfbus.messages import JointState
 from tfbus.nodes.robot.joint_frames import JointFrames
 
@@ -36,6 +36,13 @@ def test_a_mimic_that_is_given_has_its_own_position() -> None:
     given = JointState(0, ("grip", "grip_right"), (0.2, 0.7))
     taken = {each.child_frame_id: each for each in JointFrames(arm()).take(given, S)}
     assert taken["right"].transform.xyz == pytest.approx((0, 0.7, 0))
+
+
+def test_a_prefix_makes_frames_of_all_links() -> None:
+    """Links that are too long with the prefix are refused, whichever of their joints are fixed."""
+    assert JointFrames(arm(), "p" * 200).static(S)
+    with pytest.raises(UrdfError, match="link 'base' with the prefix 'ppp"):
+        JointFrames(arm(), "p" * 252)
 
 
 def test_fixed_joints_are_the_static_ones() -> None:

@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -143,6 +144,37 @@ def test_a_table_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
     assert positions(states[-1]) == {"shoulder": 0.0, "elbow": 0.3, "grip": 0.3}
 
 
+def test_rows_have_the_stamps_of_their_times(bus: Bus, path: Path, tmp_path: Path) -> None:
+    """Of a table at 1 kHz several rows are due at once; their stamps are 1 ms apart all the same,
+    and so are the velocities right.
+    """
+    table = tmp_path / "moves.csv"
+    rows = "".join(f"{count / 1000},{count / 1000}\n" for count in range(400))
+    table.write_text(f"time,elbow\n{rows}")
+    _, states = heard(bus)
+    process = bus.start("joints", str(path), "--csv", str(table), "--loop", "--velocities")
+    process.wait_for_line("Publishing 3 joints of arm")
+    eventually(lambda: len(states) > 300)
+    pairs = [
+        (one, other)
+        for one, other in pairwise(list(states))
+        if 0 < positions(other)["elbow"] - positions(one)["elbow"] < 0.0015
+    ]
+    assert len(pairs) > 100
+    for one, other in pairs:
+        assert other.stamp_ns - one.stamp_ns == pytest.approx(1_000_000, abs=1000)
+        assert other.velocities[1] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_loop_that_is_too_fast_is_refused(bus: Bus, path: Path, tmp_path: Path) -> None:
+    """Two rows 1 ns apart would be 500 million messages a second."""
+    table = tmp_path / "moves.csv"
+    table.write_text("ns,elbow\n0,0\n1,1\n")
+    done = bus.run("joints", str(path), "--csv", str(table), "--loop")
+    assert done.returncode == 1
+    assert "2 rows in 2e-09 s cannot be looped: 10,000 rows a second" in done.stderr
+
+
 def test_a_table_of_another_robot_ends_it(bus: Bus, tmp_path: Path) -> None:
     """Where the robot comes from the bus, a table that is not of it ends the process with 1."""
     table = tmp_path / "moves.csv"
@@ -179,8 +211,8 @@ def test_a_recording_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
 
 
 def test_sliders_in_a_terminal(bus: Bus, path: Path, tmp_path: Path) -> None:
-    """In tmux the sliders show each joint; keys move them, what a target moves is shown, and q
-    gives the shell back.
+    """In tmux the sliders show each joint; keys move them, what a target moves is shown, the log
+    stays above them, and q gives the shell back.
     """
     needs.program("tmux")
     node, states = heard(bus)
@@ -207,9 +239,10 @@ def test_sliders_in_a_terminal(bus: Bus, path: Path, tmp_path: Path) -> None:
         eventually(moved)
         targets = node.create_publisher(JointState, "joint_targets")
         send_until(
-            lambda: targets.publish(JointState(0, ("shoulder",), (1.234,))),
+            lambda: targets.publish(JointState(0, ("shoulder", "nose"), (1.234, 0.0))),
             lambda: "shoulder    1.234 rad" in shown(),
         )
+        eventually(lambda: "Ignored names" in shown() and shown().count("arm: 3 joints") == 1)
         assert shown().count("elbow") == 1
         tmux("send-keys", "q")
         eventually(lambda: "left" in shown())

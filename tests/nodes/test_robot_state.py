@@ -149,7 +149,7 @@ def test_messages_that_are_no_joint_states_are_dropped(bus: Bus, path: Path) -> 
             part in text
             for part in (
                 "the position of joint 'elbow' must be finite, not nan",
-                r"Ignored 1 name of which the robot has no joint: 'nose\x1b[31m'",
+                r"Ignored 1 joint that the robot does not have: 'nose\x1b[31m'",
                 "Ignored a JointState without positions",
                 "Ignored a JointState: joint 'grip_right' mimics 'grip' to a position that is not",
             )
@@ -261,6 +261,22 @@ class TestNewDescriptions:
         path.write_text(ARM.replace('"tool"', '"hook"'))
         eventually(lambda: asker.sees("lower", "hook"))
         process.wait_for_line("Read .*arm.urdf again: arm: 6 links")
+
+    def test_one_that_the_prefix_makes_too_long_changes_nothing(self, bus: Bus, path: Path) -> None:
+        """A link whose frame is too long with the prefix refuses the file, by service and watch,
+        and nothing of it is published.
+        """
+        process = start(bus, path, "--watch", "--prefix", "p" * 100)
+        asker = Asker(bus)
+        prefix = "p" * 100
+        eventually(lambda: asker.sees(f"{prefix}lower", f"{prefix}tool"))
+        path.write_text(ARM.replace('"tool"', f'"{"t" * 200}"'))
+        process.wait_for_line("Kept the description as it was: link 'ttt")
+        with pytest.raises(ServiceError, match=r"link 'ttt.* with the prefix 'ppp"):
+            asker.node.create_client(Empty, "reload").call(Empty.Request())
+        path.write_text(ARM.replace('"tool"', '"hook"'))
+        eventually(lambda: asker.sees(f"{prefix}lower", f"{prefix}hook"))
+        assert not any("tttt" in each.urdf for each in asker.descriptions)
 
 
 def test_meshes_come_from_its_machine(bus: Bus, tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """The sliders of joints as text: what they show, and what keys do."""
 
 import re
+import sys
+import threading
 
 import pytest
 
@@ -50,12 +52,12 @@ def test_keys_move_the_chosen_joint(board: Board) -> None:
     sliders.press("down")
     assert sliders.chosen == "grip"
     sliders.press("right")
-    assert board.positions["grip"] == pytest.approx(0.204)
+    assert board.posture.positions["grip"] == pytest.approx(0.204)
     sliders.press("[")
-    assert board.positions["grip"] == pytest.approx(0.2036)
+    assert board.posture.positions["grip"] == pytest.approx(0.2036)
     for _ in range(60):
         sliders.press("left")
-    assert board.positions["grip"] == 0.1
+    assert board.posture.positions["grip"] == 0.1
 
 
 def test_the_choice_goes_round(board: Board) -> None:
@@ -70,13 +72,13 @@ def test_the_choice_goes_round(board: Board) -> None:
 def test_keys_for_all(board: Board) -> None:
     """r moves all joints, 0 puts the chosen one to rest, and z all."""
     sliders = Sliders(board)
-    rest = dict(board.positions)
+    rest = dict(board.posture.positions)
     sliders.press("r")
-    assert all(board.positions[name] != rest[name] for name in FREE)
+    assert all(board.posture.positions[name] != rest[name] for name in FREE)
     sliders.press("0")
-    assert board.positions["shoulder"] == 0.0 and board.positions["elbow"] != 0.0
+    assert board.posture.positions["shoulder"] == 0.0 and board.posture.positions["elbow"] != 0.0
     sliders.press("z")
-    assert board.positions == rest
+    assert board.posture.positions == rest
 
 
 @pytest.mark.parametrize("width", [20, 40, 80, 200])
@@ -118,4 +120,27 @@ def test_another_robot_has_its_own_joints(board: Board) -> None:
             )
         )
     )
-    assert sliders.chosen in board.ranges
+    assert sliders.chosen in board.posture.ranges
+
+
+def test_another_robot_may_come_from_another_thread(board: Board) -> None:
+    """While descriptions come on the node's thread, each screen and each key is of one robot."""
+    sliders = Sliders(board)
+    robots = arm(), Robot.from_text(ARM.replace('"elbow"', '"knee"'))
+
+    def come() -> None:
+        for count in range(2000):
+            board.take_robot(robots[count % 2])
+
+    node = threading.Thread(target=come)
+    often = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        node.start()
+        while node.is_alive():
+            assert len(sliders.lines(80, 24)) == 5
+            sliders.press("right")
+            sliders.press("down")
+    finally:
+        node.join()
+        sys.setswitchinterval(often)

@@ -3,12 +3,13 @@ the textures and materials beside them.
 """
 
 import posixpath
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from tfbus import Robot, ServiceError
 from tfbus.messages import RobotMesh
-from tfbus.wording import printable
+from tfbus.wording import counted, listed, printable
 
 MOST_BYTES = 100_000_000
 PART_BYTES = 1_000_000
@@ -25,8 +26,10 @@ def serve_mesh(robot: Robot, request: RobotMesh.Request) -> RobotMesh.Response:
     """
     shown = printable(request.mesh, 120)
     file = _file_of(robot, request.mesh)
-    if file is None:
+    if file is None and request.mesh not in _meshes(robot):
         raise ServiceError(f"the description of {robot.name!r} names no mesh '{shown}'")
+    if file is None or not file.exists():
+        raise ServiceError(f"robot_state does not find mesh '{shown}'{_remedy([request.mesh])}")
     try:
         with file.open("rb") as opened:
             size = opened.seek(0, 2)
@@ -40,6 +43,23 @@ def serve_mesh(robot: Robot, request: RobotMesh.Request) -> RobotMesh.Response:
     except OSError as error:
         raise ServiceError(f"mesh '{shown}' cannot be read: {error.strerror}") from error
     return RobotMesh.Response(data, size, f"{changed_ns:x}-{size:x}")
+
+
+def what_is_missing(robot: Robot) -> str:
+    """A sentence on the meshes of which there is no file, "" if all are there."""
+    missing = [name for name, file in _meshes(robot).items() if file is None or not file.is_file()]
+    if not missing:
+        return ""
+    names = listed([f"'{printable(name, 120)}'" for name in missing])
+    return f"Did not find {counted(len(missing), 'mesh file')}: {names}{_remedy(missing)}"
+
+
+def _remedy(names: Sequence[str]) -> str:
+    packages = sorted({package for name in names if (package := _package(name))})
+    if not packages:
+        return ""
+    quoted = listed([f"'{printable(package, 60)}'" for package in packages])
+    return f"; start robot_state with --package-path and the folder with {quoted}"
 
 
 def _file_of(robot: Robot, name: str) -> Path | None:

@@ -45,9 +45,17 @@ _TABLE_TICK_S = 0.005
 _SAY_AFTER_S = 2.0
 
 RATE = Declared("rate", 30.0, "Messages a second.", minimum=0.01, maximum=10_000.0)
+ZEROS = Declared("zeros.JOINT", 0.0, "Where a joint rests, in rad or m, as --set.")
 
 # The parameter `zeros.elbow` is where joint elbow rests, as in joint_state_publisher.
 _ZEROS = "zeros."
+
+# What does the same as a parameter of joint_state_publisher that is none here.
+_IN_ROS = {
+    "source_list": "give each topic by --source",
+    "delta": "--sweep moves the joints, at the speeds of the URDF",
+    "use_gui": "in a terminal the joints have sliders, as on the page of tfbus view",
+}
 
 # Makes the motion of the joints of a board.
 MakeMotion = Callable[[Board], Motion | Table | None]
@@ -102,7 +110,7 @@ class Joints:
     def follow(self, targets: JointState) -> None:
         """Move joints to where a target says; a motion leaves them there from now on."""
         if isinstance(self._motion, Table):
-            self._say_once("table", "Ignored joint_targets: the joints move as the file says")
+            self.say_once("table", "Ignored joint_targets: the joints move as the file says")
             return
         self._merge(targets)
         self._held.update(name for name in targets.names if name in self._board.posture.ranges)
@@ -115,7 +123,7 @@ class Joints:
         unknown = self._board.set(dict(zip(state.names, state.positions, strict=False)))
         if unknown:
             names = listed([f"'{printable(name, 60)}'" for name in unknown])
-            self._say_once("unknown", "Ignored names that are of no free joint: %s", names)
+            self.say_once("unknown", "Ignored names that are of no free joint: %s", names)
 
     def _tick(self) -> None:
         motion, board = self._motion, self._board
@@ -154,7 +162,7 @@ class Joints:
         self._board.set(known)
         beyond = [name for name in known if self._board.posture.positions[name] != known[name]]
         if beyond:
-            self._say_once(
+            self.say_once(
                 "limits", "Kept joints within their limits: %s", listed(list(map(repr, beyond)))
             )
         self._publish(stamp_ns, dict(self._board.posture.positions), row)
@@ -187,7 +195,8 @@ class Joints:
         self._timer.cancel()
         self._timer = self._node.create_timer(1.0 / rate, self._tick)
 
-    def _say_once(self, kind: str, text: str, *values: object) -> None:
+    def say_once(self, kind: str, text: str, *values: object) -> None:
+        """Log a warning, unless one of this kind was logged."""
         if kind not in self._said:
             self._said.add(kind)
             self._node.log.warning(text, *values)
@@ -204,9 +213,13 @@ class _Described:
     `failure` is why it cannot, and has shut the node down.
     """
 
-    def __init__(self, node: Node, joints: Joints) -> None:
+    def __init__(
+        self, node: Node, begin: Callable[[Robot], None], rests: Mapping[str, float]
+    ) -> None:
         self._node = node
-        self._joints = joints
+        self._begin = begin
+        self._rests = rests
+        self._has_begun = False
         self._urdf = ""
         self.failure: TfbusError | None = None
         node.create_subscription(RobotDescription, "robot_description", self._take, retained=True)
@@ -230,16 +243,21 @@ class _Described:
             self._node.log.warning("Ignored a description: %s", error)
             return
         try:
-            self._joints.begin(robot)
+            if mistake := _mistake_in(self._rests, robot):
+                if not self._has_begun:
+                    raise TfbusError(mistake)
+                self._node.log.warning("%s", mistake)
+            self._begin(robot)
+            self._has_begun = True
         except TfbusError as error:
-            # A table that is not of this robot.
+            # A table, or positions of rest, that are not of this robot.
             self.failure = error
             self._node.shutdown()
 
 
 @click.command(
     cls=NodeCommand,
-    declared=(RATE,),
+    declared=(RATE, ZEROS),
     epilog="Examples: tfbus joints arm.urdf; tfbus joints --sweep; tfbus joints --csv waves.csv",
 )
 @click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path), required=False)
@@ -339,11 +357,13 @@ def main(
         arguments = xacro_arguments(more_arguments)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
+    settings, of_ros = _without_ros_parameters(settings)
     settings, rests = _rests(settings, given)
     robot = None
     if path is not None:
         robot = Robot.from_urdf(path, package_path=package_path, xacro_args=arguments)
-        _check_joints(robot, rests)
+        if mistake := _mistake_in(rests, robot):
+            raise click.UsageError(mistake)
     rows_of = _table(csv_path, bags, bag_topic, rate, loops=loop)
     if robot is not None and rows_of is not None:
         rows = rows_of(robot)  # before it joins the bus: a mistake in the file ends it
@@ -368,12 +388,28 @@ def main(
         node.create_subscription(JointState, "joint_targets", joints.follow)
         for topic in sources:
             node.create_subscription(JointState, topic, joints.merge)
+        for name in of_ros:
+            node.log.warning(
+                "Ignored parameter %s of joint_state_publisher: %s", name, _IN_ROS[name]
+            )
+
+        def begin(robot: Robot) -> None:
+            joints.begin(robot)
+            for name, each in board.ranges.items():
+                if name in rests and rests[name] != each.rest:
+                    joints.say_once(
+                        f"rest of {name}",
+                        "Position %g of joint %r is not within its limits, %g to %g: it rests at "
+                        "%g",
+                        *(rests[name], name, each.lower, each.upper, each.rest),
+                    )
+
         described = None
         if robot is not None:
-            joints.begin(robot)
+            begin(robot)
         else:
             joints.wait_for_robot()
-            described = _Described(node, joints)
+            described = _Described(node, begin, rests)
         if terminal is None:
             node.spin()
         else:
@@ -420,13 +456,25 @@ def _rests(settings: NodeSettings, given: tuple[str, ...]) -> tuple[NodeSettings
     return replace(settings, parameters=parameters), rests
 
 
-def _check_joints(robot: Robot, rests: Mapping[str, float]) -> None:
+def _without_ros_parameters(settings: NodeSettings) -> tuple[NodeSettings, list[str]]:
+    """The settings without parameters that only joint_state_publisher has, and their names."""
+    found = [name for name in _IN_ROS if name in settings.parameters]
+    others = {name: each for name, each in settings.parameters.items() if name not in found}
+    return replace(settings, parameters=others), found
+
+
+def _mistake_in(rests: Mapping[str, float], robot: Robot) -> str:
+    """Which position of rest is of no free joint of the robot, "" if all are."""
+    known = [joint.name for joint in robot.free_joints]
     for name in rests:
-        if name not in {joint.name for joint in robot.free_joints}:
-            known = [joint.name for joint in robot.free_joints]
-            raise click.UsageError(
-                f"the robot has no free joint '{printable(name, 60)}'{did_you_mean(name, known)}"
-            )
+        if name not in known:
+            shown = printable(name, 60)
+            joint = robot.joints.get(name)
+            if joint is None:
+                return f"the robot has no free joint '{shown}'{did_you_mean(name, known)}"
+            how = "mimics another" if joint.mimic else "is fixed"
+            return f"joint '{shown}' {how}, so it cannot be set{did_you_mean(name, known)}"
+    return ""
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from tfbus.wording import counted, did_you_mean, listed, printable
 
 from .robot.description import DescriptionFile, xacro_arguments
 from .robot.joint_frames import JointFrames
-from .robot.mesh_service import serve_mesh
+from .robot.mesh_service import serve_mesh, what_is_missing
 
 # After this long, the log names joints that no joint state has named.
 MISSING_AFTER_S = 5.0
@@ -103,6 +103,8 @@ class RobotState:
         self._said.clear()
         for warning in frames.robot.warnings:
             self._node.log.warning("%s", warning)
+        if missing := what_is_missing(frames.robot):
+            self._node.log.warning("%s", missing)
         if frames.unsupported:
             self._node.log.warning(
                 "The position of %s %s is no single number, which a JointState has for each joint: "
@@ -273,6 +275,12 @@ def summary(robot: Robot) -> str:
     return f"{printable(robot.name, 60)}: {links}, {joints}, {moving} of them moving"
 
 
+def _refuse_publish_frequency(ctx: click.Context, param: click.Parameter, text: str | None) -> None:
+    # The parameter has this name; as an option it would be a second one of --rate.
+    if text is not None:
+        raise click.UsageError(f"no such option: --publish-frequency; write --rate {text}")
+
+
 @click.command(
     cls=NodeCommand,
     declared=(RATE, IGNORE_STAMPS, PREFIX),
@@ -288,6 +296,13 @@ def summary(robot: Robot) -> str:
     default=0.0,
     metavar="HZ",
     help="Publish a joint at most this often (default: with each joint state).",
+)
+@click.option(
+    "--publish-frequency",
+    hidden=True,
+    expose_value=False,
+    callback=_refuse_publish_frequency,
+    metavar="HZ",
 )
 @click.option("--ignore-timestamp", is_flag=True, help="Publish joint states whatever their stamp.")
 @click.option("--watch", is_flag=True, help="Read the file again when it changes.")
@@ -334,6 +349,11 @@ def main(
             raise click.UsageError("name the file of the robot: tfbus robot_state arm.urdf")
         if watch:
             raise click.UsageError("--watch needs a file")
+        if text.strip() and "<" not in text:
+            raise click.UsageError(
+                "robot_description is the text of a URDF, not the name of its file: write "
+                f"tfbus robot_state {printable(text.strip(), 200)}"
+            )
         robot = Robot.from_text(
             text, folder=Path(), package_path=package_path, name_of_source="robot_description"
         )

@@ -6,6 +6,7 @@ Try it: tfbus launch turtle view:=true
 import signal
 import socket
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,7 @@ from tfbus.command import (
     bag_options,
     install_command,
     listening_options,
+    own_name,
 )
 from tfbus.view import ViewSettings, holds_settings, load_settings
 
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 # Until a browser has it, the address is logged again: other output of a launch pushes it away.
 REMIND_EVERY_S = 20.0
 REMINDERS = 10
+
+_NAME = "view"
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -122,7 +126,7 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 )
 @bag_options("at", "begin", "end")
 @fleet_options
-@node_options("view")
+@node_options(_NAME)
 def main(
     settings: NodeSettings,
     fleet: "Fleet | None",
@@ -174,6 +178,9 @@ def main(
             _finish(shot)
             click.echo(f"Wrote {screenshot}")
         return
+    if shot and settings.name == _NAME:
+        # Beside a page that is open it is another one.
+        settings = replace(settings, name=own_name(_NAME))
     with _join(settings) as node:
         buffer = Buffer(history_s)
         with TransformListener(buffer, node, fleet=fleet) as listener:

@@ -187,6 +187,45 @@ def test_a_table_of_another_robot_ends_it(bus: Bus, tmp_path: Path) -> None:
     assert process.wait() == 1
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("elbw=0.5", "the robot has no free joint 'elbw'; did you mean 'elbow'"),
+        ("mount=0.1", "joint 'mount' is fixed, so it cannot be set"),
+        ("grip_right=0.1", "joint 'grip_right' mimics another, so it cannot be set"),
+    ],
+)
+def test_a_joint_that_cannot_be_set_ends_it(bus: Bus, path: Path, given: str, said: str) -> None:
+    """Also where the robot comes from the bus, with 1."""
+    done = bus.run("joints", str(path), "--set", given)
+    assert (done.returncode, said in " ".join(done.stderr.split())) == (2, True)
+    node = bus.node("other")
+    process = bus.start("joints", "--set", given)
+    publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
+    publisher.publish(RobotDescription(ARM))
+    process.wait_for_line(f"Error: {said}")
+    assert process.wait() == 1
+
+
+def test_a_position_of_rest_beyond_the_limits_is_named(bus: Bus) -> None:
+    """The joint rests at its limit."""
+    node, states = heard(bus)
+    process = bus.start("joints", "--set", "grip=5")
+    publisher = node.create_publisher(RobotDescription, "robot_description", retained=True)
+    publisher.publish(RobotDescription(ARM))
+    process.wait_for_line(
+        "Position 5 of joint 'grip' is not within its limits, 0.1 to 0.3: it rests at 0.3"
+    )
+    assert positions(eventually(lambda: states)[-1])["grip"] == 0.3
+
+
+def test_parameters_of_ros_that_it_has_not_are_answered(bus: Bus, path: Path) -> None:
+    """With what does the same; `zeros.JOINT` is among the parameters of the help."""
+    process = bus.start("joints", str(path), "--ros-args", "-p", "source_list:=[a]")
+    process.wait_for_line("parameter source_list of joint_state_publisher: give each topic by --so")
+    assert "zeros.JOINT" in bus.run("joints", "--help").stdout
+
+
 def test_a_recording_is_played(bus: Bus, path: Path, tmp_path: Path) -> None:
     """The joint states of a recording come again, with the time of now, velocities and efforts."""
     needs.module("mcap")

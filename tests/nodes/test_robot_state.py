@@ -296,6 +296,20 @@ def test_meshes_come_from_its_machine(bus: Bus, tmp_path: Path) -> None:
         client.call(RobotMesh.Request("meshes/b.stl"))
 
 
+def test_meshes_that_are_not_there_are_named_at_the_start(bus: Bus, tmp_path: Path) -> None:
+    """With what to do, also in the answer to those who ask for one."""
+    path = tmp_path / "arm.urdf"
+    mesh = "package://gone/meshes/arm.stl"
+    look = f"<visual><geometry><mesh filename='{mesh}'/></geometry></visual>"
+    path.write_text(f"<robot name='arm'><link name='base'>{look}{look}</link></robot>")
+    process = start(bus, path)
+    remedy = "; start robot_state with --package-path and the folder with 'gone'"
+    process.wait_for_line(f"Did not find 1 mesh file: '{mesh}'{remedy}")
+    client = bus.node("asker").create_client(RobotMesh, "robot_mesh")
+    with pytest.raises(ServiceError, match=f"does not find mesh '{mesh}'{remedy}"):
+        client.call(RobotMesh.Request(mesh, 0), timeout_s=20.0)
+
+
 def test_robots_in_namespaces_are_apart(bus: Bus, path: Path) -> None:
     """Two robots, each in its namespace, have their own states, frames and descriptions."""
     for name in ("one", "two"):
@@ -317,6 +331,8 @@ def test_robots_in_namespaces_are_apart(bus: Bus, path: Path) -> None:
         (["PATH", "--rate", "-1"], 2, "must be at least 0, not -1"),
         (["PATH", "__ns:=r"], 2, "write --namespace r"),
         (["--watch", "--param", "robot_description=<robot/>"], 2, "--watch needs a file"),
+        (["--param", "robot_description=g.urdf"], 2, "write tfbus robot_state g.urdf"),
+        (["PATH", "--publish-frequency", "10"], 2, "write --rate 10"),
         (["--param", "robot_description=<robot name='r'"], 1, "robot_description:1: not XML"),
     ],
 )

@@ -197,6 +197,11 @@ def test_a_mistake_has_its_line_and_its_name(text: str, said: str) -> None:
             "<text>:3: joint 'j': no <limit>; it is not limited",
         ),
         (
+            "<robot name='r'>\n<link name='a'><visual><geometry><sphere radius='1'/></geometry>"
+            "<material name='gren'/></visual></link></robot>",
+            "<text>:2: visual of link 'a': no <material> defines 'gren'; it has no colour",
+        ),
+        (
             visual("<plane/>"),
             "<text>:2: visual of link 'a': <plane> is none of box, cylinder, sphere and mesh; it "
             "is left out",

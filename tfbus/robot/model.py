@@ -8,7 +8,7 @@ from math import inf, isfinite, pi
 from pathlib import Path
 
 from tfbus.geometry.transform import Transform
-from tfbus.robot.mesh_files import file_beside
+from tfbus.robot.mesh_files import file_beside, parts_of
 
 Vector = tuple[float, float, float]
 
@@ -56,6 +56,11 @@ class Mesh:
     name: str
     file: Path | None
     scale: Vector = (1.0, 1.0, 1.0)
+
+    @property
+    def package(self) -> str:
+        """The package in its name, "" where it has none."""
+        return parts_of(self.name)[0]
 
     def beside(self, name: str) -> Path | None:
         """The file of a material, picture or buffer by its name, written as that of the mesh is.

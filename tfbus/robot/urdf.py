@@ -64,7 +64,7 @@ class _Reader:
                 f"not a URDF: its root element is <{printable(robot.tag, 40)}>, not <robot>"
             )
         self._refuse_xacro()
-        self._materials = {each.get("name"): each for each in robot.find_all("material")}
+        self._materials = _materials(robot)
         links: dict[str, Link] = {}
         for element in robot.find_all("link"):
             name = _new_name(element, links)
@@ -117,8 +117,11 @@ class _Reader:
         """The colour, opacity and texture of a material, which may be a name of a robot's."""
         if material is None:
             return None, 1.0, ""
-        if not material.children:
-            material = self._materials.get(material.get("name"), material)
+        name = material.get("name")
+        if not material.children and name in self._materials:
+            material = self._materials[name]
+        elif not material.children and name:
+            self._warn(material, f"{where}: no <material> defines {_shown(name)}; it has no colour")
         texture = material.find("texture")
         image = "" if texture is None else texture.get("filename")
         color = material.find("color")
@@ -218,6 +221,17 @@ class _Reader:
             )
             lower, upper = -inf, inf
         return JointLimits(lower, upper, velocity, effort)
+
+
+def _materials(robot: Element) -> dict[str, Element]:
+    """The materials by name: the robot's, then those that a visual defines, as in urdfdom."""
+    found = {each.get("name"): each for each in robot.find_all("material")}
+    for link in robot.find_all("link"):
+        for visual in link.find_all("visual"):
+            for each in visual.find_all("material"):
+                if each.children:
+                    found.setdefault(each.get("name"), each)
+    return found
 
 
 def _new_name(element: Element, known: Mapping[str, object]) -> str:

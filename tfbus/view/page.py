@@ -102,6 +102,7 @@ class Page:
         replay: Replay | None = None,
     ) -> None:
         self._node = node
+        self._log_once = LogOnce(node.log)
         self._live_buffer = buffer
         self._replay = replay
         self._listener = listener
@@ -186,11 +187,20 @@ class Page:
         while self._node.wait(max(0.0, due_s - time.monotonic()), clock=SYSTEM_CLOCK):
             due_s = max(due_s + period_s, time.monotonic())
             if not self._is_held:
-                self.step()
+                self._try_step()
 
     def hold(self) -> None:
         """Leave the page as it is from now on."""
         self._is_held = True
+
+    def _try_step(self) -> None:
+        # As of a callback: what cannot be drawn once may be so the next time.
+        try:
+            self.step()
+        except Exception as error:
+            kind = type(error), str(error)
+            self._log_once.exception(kind, "Could not bring the page up to date")
+            self._refresh_at_s = time.monotonic() + _REFRESH_UNWATCHED_S
 
     def step(self) -> None:
         """Look at the frames if that is due, and draw them if a browser watches."""

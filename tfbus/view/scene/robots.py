@@ -57,6 +57,7 @@ class RobotScenes:
         is_new = list(found) != list(self._scenes)
         if is_new:
             self._replace(found)
+            self._log_mistakes()
         if is_new or settings is not self._settings:
             self._settings = settings
             for robot, scene in self._scenes.items():
@@ -79,11 +80,14 @@ class RobotScenes:
         """Draw meshes that have come; whether there were any."""
         taken = any([scene.take_meshes(_MESHES_A_STEP) for scene in self._scenes.values()])
         if taken:
-            for mistake in self.mistakes():
-                if mistake not in self._logged and len(self._logged) < 1000:
-                    self._logged.add(mistake)
-                    self._log.warning("%s", mistake)
+            self._log_mistakes()
         return taken
+
+    def _log_mistakes(self) -> None:
+        for mistake in self._lacking():
+            if mistake not in self._logged and len(self._logged) < 1000:
+                self._logged.add(mistake)
+                self._log.warning("%s", mistake)
 
     def draw(self, placed: Placed, frames: Frames) -> None:
         """Move the robots to where their frames are."""
@@ -158,8 +162,10 @@ class RobotScenes:
 
     def mistakes(self) -> list[str]:
         """What cannot be shown, in sentences that can be printed."""
-        lacking = [printable(each, 400) for each in all_mistakes(self._scenes.values())]
-        return [*self.source.mistakes(), *lacking]
+        return [*self.source.mistakes(), *self._lacking()]
+
+    def _lacking(self) -> list[str]:
+        return [printable(each, 400) for each in all_mistakes(self._scenes.values())]
 
     def points(self, placed: Placed, frames: Frames) -> Floats:
         """Points (N, 3) in the fixed frame that robots which are shown lie between."""

@@ -93,6 +93,22 @@ def _stamp_at(frames: RecordedFrames, at_ns: int) -> int:
     return frames.now_ns()
 
 
+def why_no_pose(frames: RecordedFrames, target: str, source: str) -> str:
+    """Why there is no pose at the very moment of the frames, as `tfbus echo --at` says it; "" where
+    there is one.
+    """
+    at_ns = frames.at_ns
+    try:
+        with _explained(frames):
+            _at(frames, target, source, frames.now_ns())
+    except TfbusError as error:
+        return str(error)
+    finally:
+        if frames.at_ns != at_ns:
+            frames.seek(at_ns)
+    return ""
+
+
 def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
     first: FutureExtrapolationException | None = None
     for later_s in _LATER_S:
@@ -126,9 +142,11 @@ class _explained:
         if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
         if isinstance(error, ExtrapolationException):
-            raise TfbusError(
-                _ADVICE.sub(lambda found: _MOMENTS[found[1]], after_waiting(error))
-            ) from error
+            text = _ADVICE.sub(lambda found: _MOMENTS[found[1]], after_waiting(error))
+            gone = self._frames.said_gone(error.authority)
+            if gone and isinstance(error, FutureExtrapolationException):
+                text = text.replace(_MOMENTS["the latest"], f": {gone}; give an earlier --at")
+            raise TfbusError(text) from error
 
 
 def recorded_transforms(

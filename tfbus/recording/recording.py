@@ -28,6 +28,7 @@ from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
 from tfbus.recording.selection import ALL, Selection, is_of_transforms
 from tfbus.runtime.closing import Closing
+from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
 from tfbus.wording import did_you_mean, near_names
@@ -371,6 +372,12 @@ class Recording(Closing):
         reason: TransformException | None = None
         for span in self._pieces(target_frame, source_frame, first_ns, last_ns):
             try:
+                if span.buffer.latest_common_time(target_frame, source_frame) is None:
+                    raise InvalidArgumentException(
+                        f"{target_frame!r} -> {source_frame!r} is static, without samples: "
+                        "lookup_transforms(target_frame, source_frame, stamps_ns) has it at stamps "
+                        "of your choice"
+                    )
                 part = span.buffer.trajectory(target_frame, source_frame, sampling=sampling)
             except InvalidArgumentException:
                 raise
@@ -439,6 +446,7 @@ class Recording(Closing):
         it begins.
 
         It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
+        Its clock stands at the end of the span, so that ages (`max_age_s`) are those of then.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
         frames whose publisher was gone at the end are marked so. In a pause of the recorder
         lookups raise ExtrapolationException.
@@ -452,8 +460,14 @@ class Recording(Closing):
                     filled.take(item)
             for item in self._reader.items(from_ns, to_ns, selection):
                 filled.take(item)
-        filled.buffer.expect_no_more()
-        return filled.buffer
+        buffer.expect_no_more()
+        if "clock" not in arguments:
+            now_ns = self.end_ns if to_ns is None else min(to_ns, self.end_ns)
+            stamps = [each.newest_ns for each in buffer.all_frames() if each.newest_ns is not None]
+            if stamps and other_clock(now_ns, max(stamps)):
+                now_ns = max(stamps)  # a simulated time
+            buffer.clock = lambda: now_ns
+        return buffer
 
     # How it finds them
 

@@ -402,3 +402,20 @@ def test_a_trajectory_of_a_static_pair_names_what_gives_one(bag: tfbus.Recording
     """There are no samples to go by."""
     with pytest.raises(tfbus.InvalidArgumentException, match=r"'fast' -> 'laser' is .*stamps_ns"):
         bag.trajectory("fast", "laser")
+
+
+def test_a_stamp_that_counts_from_the_beginning_is_answered(bag: tfbus.Recording) -> None:
+    """Nothing in a recording can be given another clock."""
+    with pytest.raises(tfbus.ExtrapolationException, match=r"recording\.start_ns \+") as found:
+        bag.lookup_transform("slow", "fast", 5)
+    assert "--sim-time" not in str(found.value)
+
+
+def test_a_closed_recording_answers_nothing(tmp_path: Path) -> None:
+    """Nor what it looked up before."""
+    with tfbus.Recording(written(tmp_path / "a.mcap", robot(5))) as recording:
+        recording.lookup_transform("slow", "fast", T0 + S)
+        recording.lookup_transform("slow", "fast")
+    for stamp_ns in (T0 + S, T0 + 3 * S, None):
+        with pytest.raises(tfbus.InvalidArgumentException, match=r"a\.mcap is closed"):
+            recording.lookup_transform("slow", "fast", stamp_ns)

@@ -31,7 +31,7 @@ from tfbus.runtime.closing import Closing
 from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
-from tfbus.wording import did_you_mean, near_names
+from tfbus.wording import did_you_mean, near_names, printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -104,13 +104,15 @@ class Recording(Closing):
     def _begin(self, reader: RecordingReader) -> None:
         self._reader = reader
         self._lock = threading.RLock()
+        self._is_closed = False
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
         self._last: Buffer | None = None
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files. Lookups raise InvalidArgumentException from then on."""
         with self._lock:
+            self._is_closed = True
             self._reader.close()
 
     def __repr__(self) -> str:
@@ -471,8 +473,15 @@ class Recording(Closing):
 
     # How it finds them
 
+    def _check_open(self) -> None:
+        """Raise InvalidArgumentException where it is closed, also for what is held in memory."""
+        if self._is_closed:
+            name = printable(str(self.paths[0]))
+            raise InvalidArgumentException(f"{name} is closed: read it within its `with`")
+
     def _samples(self) -> Samples:
         with self._lock:
+            self._check_open()
             if self._known is None:
                 self._known = Samples(self._reader)
             return self._known
@@ -504,6 +513,7 @@ class Recording(Closing):
     def _end(self) -> Buffer:
         """The last samples of all frames."""
         with self._lock:
+            self._check_open()
             if self._last is None:
                 self._last = self._samples().end()
             return self._last
@@ -523,10 +533,25 @@ class Recording(Closing):
         try:
             yield
         except ExtrapolationException as error:
+            self._tell_of_other_clock(error)
             known = self._samples().range_of(error.child_frame_id, span.keys)
             if known is not None:
                 error.oldest_ns, error.newest_ns = known
             raise
+
+    def _tell_of_other_clock(self, error: ExtrapolationException) -> None:
+        """Have the error for a stamp that is years away say what stamps are in a recording, where
+        no publisher can be given another clock.
+        """
+        if error.requested_ns is None or error.newest_ns is None:
+            return
+        advice = other_clock(error.requested_ns, error.newest_ns)
+        if advice and advice in str(error):
+            first_ns = self._samples().first_ns or 0
+            better = f"stamps are nanoseconds since 1970, here from {first_ns} on"
+            if not other_clock(self.start_ns, first_ns):
+                better += "; recording.start_ns + 5 * 10**9 is 5 s after its beginning"
+            error.args = (str(error).replace(advice, better),)
 
     def _pieces(
         self,

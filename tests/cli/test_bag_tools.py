@@ -66,6 +66,66 @@ def test_why_explains_the_latest_lookup_of_a_moment(path: Path) -> None:
     assert unknown.exit_code == 1 and "did you mean 'laser'" in unknown.output
 
 
+def test_why_and_echo_say_that_the_publisher_was_gone(path: Path) -> None:
+    """At a moment after its end there is no pose, and both say since when, with exit code 1."""
+    for tool in ("why", "echo"):
+        done = run(tool, "world", "arm", "--bag", path, "--at", "+15s")
+        text = " ".join(done.output.split())
+        assert done.exit_code == 1
+        assert "its publisher /arm was gone from +8.0 s on; give an earlier --at" in text
+    assert "there is an answer" in run("why", "world", "arm", "--bag", path, "--at", "+5s").output
+
+
+def test_a_static_pair_is_exported_at_a_rate(path: Path, tmp_path: Path) -> None:
+    """It has no samples of its own: without a rate the error says which options give some."""
+    out = tmp_path / "laser.tum"
+    bare = run("bag", "export", path, "base", "laser", "-o", out)
+    assert bare.exit_code == 2 and "--rate" in bare.output and "--samples-of" in bare.output
+    done = run("bag", "export", path, "base", "laser", "-o", out, "--rate", "10")
+    assert done.exit_code == 0, done.output
+    assert len(out.read_text().splitlines()) == 201  # with its header
+
+
+@pytest.mark.parametrize("name", ["drive.db3", "drive.bag", "folder"])
+@pytest.mark.parametrize(
+    "tool",
+    [
+        ("bag", "info"),
+        ("bag", "play"),
+        ("echo", "world", "arm", "--bag"),
+        ("bag", "export", "-o", "out.csv"),
+    ],
+)
+def test_recordings_of_ros_are_to_be_imported(
+    tmp_path: Path, name: str, tool: tuple[str, ...]
+) -> None:
+    """A file, or a folder as rosbag2 makes it: the error has the command."""
+    given = tmp_path / name
+    file = given / "drive_0.db3" if name == "folder" else given
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(b"SQLite format 3\0" * 10)
+    done = run(*tool, given)
+    assert done.exit_code == 1
+    assert f"tfbus bag import {given} -o" in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["--wait-for-all-acked", "--read-ahead-queue-size", "--message-order", "--services", "--burst"],
+)
+def test_options_of_ros_that_play_has_not_are_answered(path: Path, option: str) -> None:
+    """With what to do, or why it is not needed."""
+    done = run("bag", "play", path, option)
+    assert done.exit_code == 2 and f"there is no option {option}: " in done.output
+
+
+def test_no_recording_is_written_in_another_format(tmp_path: Path) -> None:
+    """A name of a file of rosbag2 is answered, as is another serialization."""
+    done = run("bag", "record", "-f", "cdr", "-s", "mcap", "-o", tmp_path / "x.db3")
+    assert done.exit_code == 2 and "that ends with .mcap" in " ".join(done.output.split())
+    assert run("bag", "record", "-f", "json", "-o", tmp_path / "x").exit_code == 2
+
+
 def test_echo_prints_a_block_for_each_sample(path: Path) -> None:
     """In all formats and styles; with --at one."""
     csv = run("echo", "world", "laser", "--bag", path, "--format", "csv").output.splitlines()

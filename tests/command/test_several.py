@@ -32,6 +32,13 @@ def test_all_words_up_to_the_next_option_are_values(line: str, printed: str) -> 
     assert CliRunner().invoke(command, line.split()).output.strip() == printed
 
 
+@pytest.mark.parametrize("line", ["--topics -o x", "-t --size 5", "--topics"])
+def test_an_option_is_no_value(line: str) -> None:
+    """Otherwise the name of an option would be one of a topic, which never comes."""
+    done = CliRunner().invoke(command, line.split())
+    assert done.exit_code == 2 and "Error" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("text", "size"), [("500MB", 500_000_000), ("2 GB", 2_000_000_000), ("7", 7), ("1kB", 1000)]
 )

@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 import pytest
 
-from tfbus.command.types import NodeName, OutputFile, ParameterName
+from tfbus.bus.settings import NodeSettings
+from tfbus.command.types import LogLevel, NodeName, OutputFile, ParameterName
 
 
 @pytest.mark.parametrize(
@@ -52,3 +53,12 @@ def test_a_name_that_no_parameter_has_is_a_usage_error(name: str) -> None:
     with pytest.raises(click.UsageError, match="cannot be the name of a parameter") as caught:
         ParameterName().convert(name, None, None)
     assert str(caught.value.message).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("text", "level"), [("warn", "warning"), ("WARN", "warning"), ("debug", "debug")]
+)
+def test_a_log_level_has_the_name_that_ros_gives_it_too(text: str, level: str) -> None:
+    """On a command line, and in settings, so in the environment."""
+    assert LogLevel().convert(text, None, None) == level
+    assert NodeSettings("n", log_level=text).log_level == level

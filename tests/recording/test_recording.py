@@ -387,3 +387,35 @@ def test_a_static_set_of_a_new_epoch_voids_what_was_sent_before_it(tmp_path: Pat
         buffer = bag.buffer()
     assert buffer.can_transform("base", "laser")
     assert not buffer.can_transform("map", "base")
+
+
+def test_ages_in_a_buffer_are_those_at_its_end(bag: tfbus.Recording) -> None:
+    """By the clock of today each sample is stale; there is no publisher to start."""
+    buffer = bag.buffer()
+    assert buffer.lookup_transform("slow", "fast", max_age_s=1.0).stamp_ns <= bag.end_ns
+    buffer.mark_gone(["fast"], True, buffer.frame("fast").authority)
+    with pytest.raises(tfbus.StaleException, match=r"its publisher is gone$"):
+        buffer.lookup_transform("slow", "fast", living=True)
+
+
+def test_a_trajectory_of_a_static_pair_names_what_gives_one(bag: tfbus.Recording) -> None:
+    """There are no samples to go by."""
+    with pytest.raises(tfbus.InvalidArgumentException, match=r"'fast' -> 'laser' is .*stamps_ns"):
+        bag.trajectory("fast", "laser")
+
+
+def test_a_stamp_that_counts_from_the_beginning_is_answered(bag: tfbus.Recording) -> None:
+    """Nothing in a recording can be given another clock."""
+    with pytest.raises(tfbus.ExtrapolationException, match=r"recording\.start_ns \+") as found:
+        bag.lookup_transform("slow", "fast", 5)
+    assert "--sim-time" not in str(found.value)
+
+
+def test_a_closed_recording_answers_nothing(tmp_path: Path) -> None:
+    """Nor what it looked up before."""
+    with tfbus.Recording(written(tmp_path / "a.mcap", robot(5))) as recording:
+        recording.lookup_transform("slow", "fast", T0 + S)
+        recording.lookup_transform("slow", "fast")
+    for stamp_ns in (T0 + S, T0 + 3 * S, None):
+        with pytest.raises(tfbus.InvalidArgumentException, match=r"a\.mcap is closed"):
+            recording.lookup_transform("slow", "fast", stamp_ns)

@@ -9,10 +9,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from tfbus.errors import InvalidArgumentException
 from tfbus.recording.items import Item
 from tfbus.recording.writer import RecordingWriter
+from tfbus.wording import printable
 
 ENDING = ".mcap"
+
+# Of recordings in other formats; any other text after a point is a part of the name.
+_OF_OTHERS = (".db3", ".bag", ".sqlite3")
 
 # What is left free on a disk: the end of a file, its summary, needs room too.
 _LEFT_FREE_BYTES = 16_000_000
@@ -42,13 +47,18 @@ def default_name() -> str:
 
 def path_of_recording(given: str | None) -> Path:
     """The first file of a recording: `run`, `run.mcap`, or a folder, in which it has the default
-    name.
+    name. Raises InvalidArgumentException for the ending of another format.
     """
     if not given:
         return Path(default_name())
     path = Path(given)
     if is_folder(given):
         return path / default_name()
+    if path.suffix in _OF_OTHERS:
+        raise InvalidArgumentException(
+            f"'{printable(given)}': recordings are written as {ENDING} files: give a name "
+            f"that ends with {ENDING}, or without an ending"
+        )
     return path if path.suffix == ENDING else path.with_name(f"{path.name}{ENDING}")
 
 

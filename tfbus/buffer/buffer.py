@@ -743,7 +743,8 @@ class Buffer:
             held = edges[0].held() if edges else None
         if held is None:
             raise InvalidArgumentException(
-                f"{' -> '.join(map(repr, names))} is static: give the stamps_ns of the trajectory"
+                f"{' -> '.join(map(repr, reversed(names)))} is static: give the stamps_ns of the "
+                "trajectory"
             )
         poses, known = self.lookup_known_transforms(
             target_frame, source_frame, held.stamps_ns, sampling=sampling

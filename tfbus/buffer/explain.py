@@ -131,8 +131,10 @@ def without_advice(sentence: str) -> str:
 
 
 def without_waiting(error: TransformException) -> TransformException:
-    """The error, for a buffer that gets no more data: it does not advise to wait."""
-    error.args = (after_waiting(error),)
+    """The error, for a buffer that gets no more data: it does not advise to wait, nor to start a
+    publisher that was gone.
+    """
+    error.args = (after_waiting(error).removesuffix("; start it again"),)
     if isinstance(error, ExtrapolationException):
         error.retry_after_s = None
     return error

@@ -20,11 +20,19 @@ LOG_LEVELS = ("debug", "info", "warning", "error")
 MODES = ("peer", "client", "router")
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "ws", "serial", "unixpipe", "unixsock-stream", "vsock")
 
+_LEVELS_OF_ROS = {"warn": "warning", "fatal": "error"}
+
 _TRUE = ("1", "true", "yes", "on")
 _FALSE = ("", "0", "false", "no", "off")
 
 # A port, then Zenoh's own additions: tcp/[::]:7447#iface=eth0
 _PORT = re.compile(r":\d{1,5}([?#].*)?$")
+
+
+def log_level_of(text: str) -> str:
+    """The level that a text names, also as ROS writes it: `WARN`, `fatal`."""
+    level = str(text).lower()  # a wrong type is no level
+    return _LEVELS_OF_ROS.get(level, level)
 
 
 def _from_environment(name: str) -> str:
@@ -96,6 +104,7 @@ class NodeSettings:
         for name in (*self.remappings, *self.remappings.values()):
             resolve(name, self.name, self.namespace)
         _check_choice("mode", self.mode, ("", *MODES))
+        set_field(self, "log_level", log_level_of(self.log_level))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):
             _check_endpoint(endpoint)

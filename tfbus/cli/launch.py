@@ -10,11 +10,11 @@ from typing import Any
 
 import click
 
-from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
+from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.launch_names import chosen_file, complete_argument, complete_file
 from tfbus.cli.output import paint, print_lines
-from tfbus.command.types import NOT_NEGATIVE
+from tfbus.command.types import NOT_NEGATIVE, LogLevel
 from tfbus.errors import TfbusError
 from tfbus.launch.errors import LaunchArgumentError
 from tfbus.launch.read.arguments import show_arguments
@@ -62,9 +62,7 @@ from tfbus.launch.run.supervisor import Presence
     metavar="DIR",
     help="The identity of all nodes on a closed bus, unless the file names it (tfbus keys).",
 )
-@click.option(
-    "--log-level", type=click.Choice(LOG_LEVELS), help="The log level of all nodes (default info)."
-)
+@click.option("--log-level", type=LogLevel(), help="The log level of all nodes (default info).")
 @click.option("--sim-time", is_flag=True, help="Make all nodes take the time from the topic clock.")
 @click.option(
     "--for",

@@ -50,7 +50,7 @@ def command(
     """Explain, edge by edge, why SOURCE cannot be seen from TARGET, and what to do.
 
     It asks publishers for their history, so --at may be in the past. Exits with 1 if the lookup
-    fails. With --bag it explains the latest lookup at that moment of the recording.
+    fails. With --bag it explains the lookup at that moment of the recording, by default the latest.
     """
     if bags:
         _explain_recorded(settings, fleet, target, source, BagChoice(bags, moment), as_json)
@@ -87,7 +87,9 @@ def _explain_recorded(
     from tfbus.frames.recorded_why import explain_recorded
 
     with frames_at(bag, settings, fleet) as heard:
-        explanation = explain_recorded(heard, target, source, bag.written)
+        explanation = explain_recorded(
+            heard, target, source, bag.written, at_moment=bag.at is not None
+        )
         if not as_json:
             print_lines(moment_lines(bag, heard))
         _print(explanation, heard.now_ns(), as_json)

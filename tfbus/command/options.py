@@ -8,8 +8,9 @@ from typing import Any, TypeVar, cast
 
 import click
 
-from tfbus.bus.settings import LOG_LEVELS, MODES, NodeSettings
+from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.command.ros_args import RosArgs
+from tfbus.command.types import LogLevel
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.wording import printable
 
@@ -223,7 +224,7 @@ _BUS_OPTIONS = {
         help="Join a closed bus by the identity in DIR (tfbus keys).",
     ),
     "log_level": click.option(
-        "--log-level", type=click.Choice(LOG_LEVELS), help="The lowest level to log (default info)."
+        "--log-level", type=LogLevel(), help="The lowest level to log (default info)."
     ),
 }
 _FLEET_OPTIONS = (

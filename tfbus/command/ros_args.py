@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from tfbus.bus.settings import log_level_of
 from tfbus.wording import printable
 
 _BEGIN, _END = "--ros-args", "--"
@@ -27,7 +28,6 @@ _OPTIONS = {
 _FLAGS_WITHOUT_MEANING = re.compile(
     r"--(enable|disable)-(rosout-logs|stdout-logs|external-lib-logs)"
 )
-_LEVELS = {"warn": "warning", "fatal": "error"}
 _ASSIGNMENT = re.compile(r"([A-Za-z_~/][\w./~:-]*?)(:?=)(.*)", re.DOTALL)
 
 
@@ -104,8 +104,7 @@ def _value_of(option: str, rest: Iterator[str]) -> str:
 
 def _level(text: str) -> str:
     """The level in `WARN`, and in `node:=warn`."""
-    level = text.rpartition(":=")[2].lower()
-    return _LEVELS.get(level, level)
+    return log_level_of(text.rpartition(":=")[2])
 
 
 def _check_assignment(arg: str, before: str, has_arguments: bool, takes_assignments: bool) -> None:

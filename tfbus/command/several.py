@@ -4,10 +4,13 @@ from typing import Any
 
 import click
 
+from tfbus.wording import printable
+
 
 class Several(click.Option):
     """An option with `multiple=True` whose values may follow one another: `--topics a b`, as well
-    as `--topics a --topics b`. The next word that begins with `-` ends them.
+    as `--topics a --topics b`. The next word that begins with `-` ends them; where it is the first,
+    it is a usage error.
     """
 
     def add_to_parser(self, parser: Any, ctx: click.Context) -> None:
@@ -23,6 +26,13 @@ class Several(click.Option):
 
     def _taking_several(self, process: Any) -> Any:
         def take(value: Any, state: Any) -> None:
+            if value.startswith("-"):
+                name = max(self.opts, key=len)
+                raise click.BadOptionUsage(
+                    name,
+                    f"option '{name}' needs at least one value, and {printable(value, 60)!r} is an "
+                    "option",
+                )
             process(value, state)
             while state.rargs and self.takes(state.rargs[0]):
                 process(state.rargs.pop(0), state)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import LOG_LEVELS, NodeSettings, log_level_of
 from tfbus.command.moment import Moment, parse_moment
 from tfbus.errors import InvalidNameError, TfbusError
 from tfbus.names import mistake_in
@@ -246,6 +246,19 @@ class Size(click.ParamType[int]):
                 f"must be at least {size_text(self._least)}, not {size_text(size)}", param, ctx
             )
         return size
+
+
+class LogLevel(click.Choice[str]):
+    """One of LOG_LEVELS, also by the name that ROS gives it: `warn`."""
+
+    def __init__(self) -> None:
+        super().__init__(LOG_LEVELS)
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """The level; a usage error for any other text."""
+        return super().convert(log_level_of(str(value)), param, ctx)
 
 
 class OutputFile(click.Path):

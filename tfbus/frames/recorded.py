@@ -29,6 +29,7 @@ from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.transforms import TransformMessage, TransformReader
+from tfbus.wording import printable
 
 if TYPE_CHECKING:
     from tfbus.recording.reader import RecordingReader
@@ -324,6 +325,16 @@ class RecordedFrames:
         """When the publisher of a stream was lost, as a log time; None where it is there."""
         known = self._streams.get(stream)
         return None if known is None else known.gone_ns
+
+    def said_gone(self, stream: str) -> str:
+        """A clause that says since when the publisher of a stream was gone, "" where it is not."""
+        gone_ns = self.gone_ns(stream)
+        if gone_ns is None:
+            return ""
+        described = self._streams[stream].state.description
+        name = stream if described is None else described.node
+        from_s = (gone_ns - self._source.start_ns) / S
+        return f"its publisher {printable(name)} was gone from +{from_s:.1f} s on"
 
     def said(self, pause: Pause) -> str:
         """A clause that says why nothing came, and when."""

@@ -88,6 +88,22 @@ def _stamp_at(frames: RecordedFrames, at_ns: int) -> int:
     return frames.now_ns()
 
 
+def why_no_pose(frames: RecordedFrames, target: str, source: str) -> str:
+    """Why there is no pose at the very moment of the frames, as `tfbus echo --at` says it; "" where
+    there is one.
+    """
+    at_ns = frames.at_ns
+    try:
+        with _explained(frames):
+            _at(frames, target, source, frames.now_ns())
+    except TfbusError as error:
+        return str(error)
+    finally:
+        if frames.at_ns != at_ns:
+            frames.seek(at_ns)
+    return ""
+
+
 def _at(frames: RecordedFrames, target: str, source: str, stamp_ns: int) -> TransformStamped:
     first: FutureExtrapolationException | None = None
     for later_s in _LATER_S:
@@ -121,9 +137,15 @@ class _explained:
         if isinstance(error, LookupException) and (hint := self._frames.hint(error.frame)):
             raise TfbusError(f"no frame of that name at that time: {hint}") from error
         if isinstance(error, ExtrapolationException):
+            gone = self._frames.said_gone(error.authority)
+            is_after = gone and isinstance(error, FutureExtrapolationException)
             raise TfbusError(
                 after_waiting_with(
-                    error, later="give a later --at", latest="give an earlier --at, or none"
+                    error,
+                    later="give a later --at",
+                    latest=f"{gone}; give an earlier --at"
+                    if is_after
+                    else "give an earlier --at, or none",
                 )
             ) from error
 

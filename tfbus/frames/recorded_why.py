@@ -6,6 +6,7 @@ from dataclasses import replace
 from tfbus.buffer.explain import without_advice
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.recorded import RecordedFrames, S
+from tfbus.frames.recorded_poses import why_no_pose
 from tfbus.frames.snapshot import Problem, ProblemKind, who
 from tfbus.frames.why import Advice, Explanation, explain
 from tfbus.listen.info import StreamInfo
@@ -19,13 +20,22 @@ _REMEDIES: dict[ProblemKind, str] = {
 
 
 def explain_recorded(
-    frames: RecordedFrames, target: str, source: str, files: Sequence[str]
+    frames: RecordedFrames,
+    target: str,
+    source: str,
+    files: Sequence[str],
+    *,
+    at_moment: bool = False,
 ) -> Explanation:
     """Explain the latest lookup at the moment of the frames; `files` are those of the recording, as
-    on a command line.
+    on a command line. With `at_moment` there is an answer only where there is one at the very
+    moment, as `tfbus echo --at` asks for it; of a pause the last before it counts.
     """
     advice = _InRecording(frames, files)
     found = explain(frames.tree(), frames.buffer, target, source, advice=advice)
+    if at_moment and found.answer is not None and frames.pause is None:
+        failure = why_no_pose(frames, target, source)
+        found = replace(found, answer=None if failure else found.answer, failure=failure)
     known = frames.buffer.frames()
     hints = [frames.hint(each) for each in (target, source) if each not in known]
     pause = (

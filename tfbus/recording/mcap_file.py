@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import zlib
 from collections import Counter
 from collections.abc import Callable
@@ -53,7 +54,23 @@ _MOST_RECORD_BYTES = 512 * 2**20
 # Messages that stand in the file without a chunk are read in pieces of this size.
 _BARE_PIECE_BYTES = 2**20
 
+# Files of rosbag and rosbag2 end so.
+_OF_ROS = (".bag", ".db3")
+
 _FOOTER_SIZE = PREFIX.size + FOOTER_FIELDS.size + len(MAGIC)
+
+
+def how_to_import(path: Path) -> str:
+    """What to do with a recording of ROS in another format, a file or a folder of them; "" for
+    another path.
+    """
+    of_ros = path.suffix in _OF_ROS
+    if path.is_dir():
+        of_ros = any(each.suffix in _OF_ROS for each in path.iterdir())
+    if not of_ros:
+        return ""
+    name = printable(shlex.quote(str(path)))
+    return f"it is one of ROS; write one of it: tfbus bag import {name} -o NAME.mcap"
 
 
 class McapFile:
@@ -185,9 +202,8 @@ class McapFile:
         if not begin:
             raise DecodeError(f"{self._name} is not a recording: it is an empty file, of 0 bytes")
         if begin != MAGIC:
-            raise DecodeError(
-                f"{self._name} is not a recording: it does not begin as MCAP files do"
-            )
+            why = "it does not begin as MCAP files do"
+            raise DecodeError(f"{self._name} is not a recording: {how_to_import(self.path) or why}")
         self._read_header()
         try:
             self._read_summary()

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from tfbus.errors import DecodeError
+from tfbus.recording.mcap_file import how_to_import
 from tfbus.wording import printable
 
 SUFFIX = ".mcap"
@@ -25,5 +26,7 @@ def _files_at(path: Path) -> list[Path]:
         return [path]
     files = sorted(each for each in path.iterdir() if each.suffix == SUFFIX and each.is_file())
     if not files:
-        raise DecodeError(f"{printable(str(path))} is a folder without {SUFFIX} files")
+        import_it = how_to_import(path)
+        advice = f": {import_it}" if import_it else ""
+        raise DecodeError(f"{printable(str(path))} is a folder without {SUFFIX} files{advice}")
     return files

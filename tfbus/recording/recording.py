@@ -28,9 +28,10 @@ from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
 from tfbus.recording.samples import FIRST_NS, LAST_NS, Samples, Span, only, poses_of
 from tfbus.recording.selection import ALL, Selection, is_of_transforms
 from tfbus.runtime.closing import Closing
+from tfbus.runtime.stamp_units import other_clock
 from tfbus.trajectory.trajectory import Trajectory
 from tfbus.wire.codec import from_map
-from tfbus.wording import did_you_mean, near_names
+from tfbus.wording import did_you_mean, near_names, printable
 
 if TYPE_CHECKING:
     import numpy as np
@@ -103,13 +104,15 @@ class Recording(Closing):
     def _begin(self, reader: RecordingReader) -> None:
         self._reader = reader
         self._lock = threading.RLock()
+        self._is_closed = False
         self._known: Samples | None = None
         self._spans: OrderedDict[tuple[int, bool], Span] = OrderedDict()
         self._last: Buffer | None = None
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files. Lookups raise InvalidArgumentException from then on."""
         with self._lock:
+            self._is_closed = True
             self._reader.close()
 
     def __repr__(self) -> str:
@@ -371,6 +374,12 @@ class Recording(Closing):
         reason: TransformException | None = None
         for span in self._pieces(target_frame, source_frame, first_ns, last_ns):
             try:
+                if span.buffer.latest_common_time(target_frame, source_frame) is None:
+                    raise InvalidArgumentException(
+                        f"{target_frame!r} -> {source_frame!r} is static, without samples: "
+                        "lookup_transforms(target_frame, source_frame, stamps_ns) has it at stamps "
+                        "of your choice"
+                    )
                 part = span.buffer.trajectory(target_frame, source_frame, sampling=sampling)
             except InvalidArgumentException:
                 raise
@@ -439,6 +448,7 @@ class Recording(Closing):
         it begins.
 
         It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
+        Its clock stands at the end of the span, so that ages (`max_age_s`) are those of then.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
         frames whose publisher was gone at the end are marked so. In a pause of the recorder
         lookups raise ExtrapolationException.
@@ -452,13 +462,26 @@ class Recording(Closing):
                     filled.take(item)
             for item in self._reader.items(from_ns, to_ns, selection):
                 filled.take(item)
-        filled.buffer.expect_no_more()
-        return filled.buffer
+        buffer.expect_no_more()
+        if "clock" not in arguments:
+            now_ns = self.end_ns if to_ns is None else min(to_ns, self.end_ns)
+            stamps = [each.newest_ns for each in buffer.all_frames() if each.newest_ns is not None]
+            if stamps and other_clock(now_ns, max(stamps)):
+                now_ns = max(stamps)  # a simulated time
+            buffer.clock = lambda: now_ns
+        return buffer
 
     # How it finds them
 
+    def _check_open(self) -> None:
+        """Raise InvalidArgumentException where it is closed, also for what is held in memory."""
+        if self._is_closed:
+            name = printable(str(self.paths[0]))
+            raise InvalidArgumentException(f"{name} is closed: read it within its `with`")
+
     def _samples(self) -> Samples:
         with self._lock:
+            self._check_open()
             if self._known is None:
                 self._known = Samples(self._reader)
             return self._known
@@ -490,6 +513,7 @@ class Recording(Closing):
     def _end(self) -> Buffer:
         """The last samples of all frames."""
         with self._lock:
+            self._check_open()
             if self._last is None:
                 self._last = self._samples().end()
             return self._last
@@ -509,10 +533,25 @@ class Recording(Closing):
         try:
             yield
         except ExtrapolationException as error:
+            self._tell_of_other_clock(error)
             known = self._samples().range_of(error.child_frame_id, span.keys)
             if known is not None:
                 error.oldest_ns, error.newest_ns = known
             raise
+
+    def _tell_of_other_clock(self, error: ExtrapolationException) -> None:
+        """Have the error for a stamp that is years away say what stamps are in a recording, where
+        no publisher can be given another clock.
+        """
+        if error.requested_ns is None or error.newest_ns is None:
+            return
+        advice = other_clock(error.requested_ns, error.newest_ns)
+        if advice and advice in str(error):
+            first_ns = self._samples().first_ns or 0
+            better = f"stamps are nanoseconds since 1970, here from {first_ns} on"
+            if not other_clock(self.start_ns, first_ns):
+                better += "; recording.start_ns + 5 * 10**9 is 5 s after its beginning"
+            error.args = (str(error).replace(advice, better),)
 
     def _pieces(
         self,

@@ -149,6 +149,10 @@ def _stamps_of(
     def at_rate(
         recording: "Recording", first_ns: int | None, last_ns: int | None
     ) -> "NDArray[np.int64]":
+        if recording.latest_common_time(target, source) is None:  # static: it is there all the time
+            begin_ns = recording.start_ns if first_ns is None else first_ns
+            end_ns = recording.end_ns if last_ns is None else last_ns
+            return stamps_at_rate(begin_ns, end_ns, rate_hz)
         stamps_ns = recording.trajectory(target, source, first_ns, last_ns).stamps_ns
         if not len(stamps_ns):
             return stamps_ns
@@ -169,8 +173,16 @@ def _pair(
 
     recording = Recording.of_reader(bag.reader)
     first_ns, last_ns = None, None
+    is_static = recording.latest_common_time(*pair) is None
+    if is_static and stamps_of is None:
+        raise click.UsageError(
+            f"'{pair[1]}' is static in '{pair[0]}', without samples: give --rate HZ, or "
+            "--samples-of FRAME for poses at those of another frame"
+        )
     if bag.choice.begin is not None or bag.choice.end is not None:
         first_ns, last_ns = stamps_received(bag.reader, *bag.span)
+        if first_ns is None and is_static:
+            first_ns, last_ns = bag.span
         if first_ns is None:
             raise click.UsageError(f"no dynamic transform came in that span{_paused(bag)}")
     if stamps_of is None:

@@ -12,6 +12,7 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
+from tfbus.cli.bag.selecting import Regex
 from tfbus.cli.bag.sources import (
     SeveralNames,
     names_of,
@@ -59,6 +60,7 @@ from tfbus.wording import did_you_mean, printable
 @click.option(
     "-e",
     "--regex",
+    type=Regex(),
     default="",
     metavar="REGEX",
     help="Keep topics and streams in whose names this is found.",
@@ -67,6 +69,7 @@ from tfbus.wording import did_you_mean, printable
     "-x",
     "--exclude",
     "--exclude-regex",
+    type=Regex(),
     default="",
     metavar="REGEX",
     help="Drop topics and streams in whose names this is found.",

@@ -13,6 +13,7 @@ from tfbus.cli.bag.new_file import (
     output_option,
     write_recording,
 )
+from tfbus.cli.bag.selecting import Regex
 from tfbus.cli.bag.sources import SeveralNames, names_of, selected
 from tfbus.cli.output import say, warn
 from tfbus.errors import InvalidNameError, TfbusError
@@ -50,12 +51,18 @@ _NAMED = 12
     help="Of topics import only these.",
 )
 @click.option(
-    "-e", "--regex", default="", metavar="REGEX", help="Import topics and streams that match."
+    "-e",
+    "--regex",
+    type=Regex(),
+    default="",
+    metavar="REGEX",
+    help="Import topics and streams that match.",
 )
 @click.option(
     "-x",
     "--exclude",
     "--exclude-regex",
+    type=Regex(),
     default="",
     metavar="REGEX",
     help="Leave out topics and streams that match.",

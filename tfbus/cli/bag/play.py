@@ -14,8 +14,10 @@ import click
 
 from tfbus.bag.player import FASTEST, SLOWEST, AtEnd
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.ros_options import OF_PLAY
 from tfbus.cli.bag.selecting import Asked, selecting
 from tfbus.cli.output import is_terminal
+from tfbus.cli.verbs import Answering
 from tfbus.command.moment import Moment
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import open_recording, wall
@@ -45,7 +47,7 @@ _LOOK_BACK_S = 2.0
 _SWITCH_INTERVAL_S = 0.0001
 
 
-class _Play(click.Command):
+class _Play(Answering):
     """`--clock` may have a number after it, and need not."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -85,6 +87,7 @@ class _Plan:
 @click.command(
     "play",
     cls=_Play,
+    hints=OF_PLAY,
     epilog="Examples: tfbus bag play run.mcap; tfbus bag play run.mcap --start 60 --rate 2 --loop; "
     "tfbus bag play run.mcap --clock",
 )
@@ -117,6 +120,8 @@ class _Plan:
 @click.option(
     "--until",
     "--playback-until-sec",
+    "--playback-until-nsec",
+    "until",
     type=MomentType(),
     metavar="TIME",
     help="End at this moment, written as that of --start.",
@@ -170,6 +175,7 @@ class _Plan:
     metavar="SECONDS",
     help="Wait before it starts.",
 )
+@click.option("-s", "--storage", type=click.Choice(("mcap",)), hidden=True, expose_value=False)
 @click.option("-q", "--quiet", "is_quiet", is_flag=True, help="Show no progress.")
 @click.option(
     "--disable-keyboard-controls", "no_keys", is_flag=True, help="Take no keys in a terminal."

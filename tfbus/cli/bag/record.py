@@ -122,7 +122,15 @@ _LEAST_CACHE_BYTES = 1_000_000
     metavar="KEY=VALUE...",
     help="Note these in the file, which bag info shows.",
 )
-@click.option("-s", "--storage", type=click.Choice(("mcap",)), hidden=True)
+@click.option("-s", "--storage", type=click.Choice(("mcap",)), hidden=True, expose_value=False)
+@click.option(
+    "-f",
+    "--serialization-format",
+    type=click.Choice(("cdr",)),
+    hidden=True,
+    expose_value=False,
+    help="Messages are in CDR.",
+)
 @click.option(
     "--node-name",
     "--name",
@@ -148,7 +156,6 @@ def command(
     starts_paused: bool,
     no_keys: bool,
     custom_data: tuple[str, ...],
-    storage: str | None,
     node_name: str | None,
 ) -> None:
     """Record the bus into an MCAP file: transforms, topics, and who was there.

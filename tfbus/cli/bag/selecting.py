@@ -63,7 +63,14 @@ class Regex(click.ParamType[str]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
-        """The expression; a usage error for a text that is none."""
+        """The expression; a usage error for a text that is none, or an option."""
+        if str(value).startswith("-"):
+            self.fail(
+                f"{str(value)!r} is an option; an expression that begins with '-' is written "
+                "with '[-]'",
+                param,
+                ctx,
+            )
         try:
             re.compile(str(value))
         except re.error as error:

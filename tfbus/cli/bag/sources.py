@@ -40,8 +40,13 @@ class SeveralNames(Several):
 
 
 def names_of(given: tuple[str, ...]) -> tuple[str, ...]:
-    """The names that an option was given: one by one, or with commas."""
-    return tuple(name.strip() for text in given for name in text.split(",") if name.strip())
+    """The names that an option was given: one by one, or with commas. Raises click.UsageError where
+    there is only the option, which would otherwise mean all.
+    """
+    names = tuple(name.strip() for text in given for name in text.split(",") if name.strip())
+    if given and not names:
+        raise click.UsageError("an option for names has an empty text: give a name, or omit it")
+    return names
 
 
 def selected(

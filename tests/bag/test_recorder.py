@@ -139,6 +139,15 @@ class TestAll:
         assert numbers(run.items()) == [0]
         assert run.recorder.counts.lost == {"refused": 1}
 
+    def test_a_static_that_the_file_cannot_hold_ends_no_split(self, run: Run) -> None:
+        """The next file begins without it, and the recording goes on."""
+        run.queue.put(STATIC, payload([at(1.0, "mast", stamp_ns=3 * 10**18)]))
+        eventually(lambda: run.recorder.counts.lost == {"refused": 1})
+        run.recorder.split()
+        run.send()
+        assert numbers(run.items()) == [0]
+        assert (run.recorder.failure, run.recorder.counts.lost) == ("", {"refused": 1})
+
     def test_what_was_dropped_becomes_an_event(self, tmp_path: Path) -> None:
         """The recording itself says how many messages it lacks."""
         run = Run(tmp_path)
@@ -205,9 +214,9 @@ class TestSplits:
         run.queue.put(ROBOT, encode_map({"urdf": "<one/>"}))
         run.queue.put(ROBOT, encode_map({"urdf": "<two/>"}))
         eventually(lambda: run.recorder.received == 2)
-        path = run.recorder.split()
+        run.recorder.split()
         run.items()
-        [item] = read(path)
+        [item] = read(run.parts.paths[-1])
         assert isinstance(item, TopicItem)
         assert item.retained and item.values == {"urdf": "<two/>"}
         with RecordingReader(*run.parts.paths) as whole:
@@ -295,6 +304,20 @@ class TestSnapshots:
         assert numbers(items) == [1]
         assert kinds(items) == ["stream"]
         assert [item.rows.count for item in items if getattr(item, "static", False)] == [1]
+
+    def test_one_leaves_out_what_the_file_cannot_hold(self, tmp_path: Path) -> None:
+        """A static that came before the last seconds is counted then, and the recorder lives."""
+        run = Run(tmp_path, snapshots=self.snapshots(1.0))
+        clock_ns = time.time_ns()
+        run.queue._clock_ns = lambda: clock_ns - 60 * S
+        run.queue.put(STATIC, payload([at(2.0, "mast", stamp_ns=3 * 10**18)]))
+        run.queue._clock_ns = lambda: clock_ns
+        run.send()
+        eventually(lambda: run.recorder.received == 2)
+        run.recorder.split_later()
+        run.recorder.close()
+        assert numbers(run.items()) == [0]
+        assert (run.recorder.failure, run.recorder.counts.lost) == ("", {"refused": 1})
 
     def test_memory_is_limited(self, tmp_path: Path) -> None:
         """Beyond it the oldest messages go."""

@@ -136,7 +136,9 @@ class Recorder:
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(parts, splits, self._read, self._select, self._write)
+            self._keeping = files = InFiles(
+                parts, splits, self._read, self._select, self._write, self._refuse
+            )
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
@@ -146,6 +148,7 @@ class Recorder:
                 self._read,
                 self._select,
                 self._write,
+                self._refuse,
             )
         # Not a daemon: the process ends when the file is whole.
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -271,13 +274,17 @@ class Recorder:
     def _select(self, item: Item) -> Item | None:
         return item if self._selection is None else self._selection.taken_of(item)
 
-    def _write(self, item: Item) -> None:
+    def _write(self, item: Item) -> bool:
         try:
             self._parts.write(item)
         except InvalidArgumentException as error:
-            self._lose(REFUSED, item, error)
-        else:
-            self.counts.add(item)
+            self._refuse(item, error)
+            return False
+        self.counts.add(item)
+        return True
+
+    def _refuse(self, item: Item, error: InvalidArgumentException) -> None:
+        self._lose(REFUSED, item, error)
 
     def _lose(self, how: str, what: object, error: TfbusError) -> None:
         self.counts.lost[how] += 1

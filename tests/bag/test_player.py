@@ -60,9 +60,9 @@ class Heard:
 class Playing:
     """A player that runs in a thread."""
 
-    def __init__(self, tape: Any, **given: Any) -> None:
+    def __init__(self, tape: Any, stage: Heard | None = None, **given: Any) -> None:
         self.player = Player(tape, **given)
-        self.stage = Heard()
+        self.stage = stage or Heard()
         self._run = InAThread(lambda: self.player.run(self.stage))
 
     def result(self) -> Any:
@@ -192,6 +192,23 @@ def test_a_second_seek_back_is_one_too(
     run.player.seek(40 * S)
     eventually(lambda: len(run.stage.begins) == 3)
     assert run.stage.begins[1][1:] == (40 * S, True)
+
+
+def test_a_seek_back_stays_one_with_another_rate(quick: list[Playing]) -> None:
+    """A rate that is set before the seek has begun does not change where it was."""
+
+    class Sought(Heard):
+        def take(self, item: Item, pace: Pace) -> None:
+            super().take(item, pace)
+            if self.taken == [*range(9)]:
+                run.player.seek(2 * S)
+                run.player.set_rate(2.0)
+
+    run = Playing(numbered(100), stage=Sought(), paused=True)
+    quick.append(run)
+    run.player.step(9)
+    eventually(lambda: len(run.stage.begins) == 2)
+    assert run.stage.begins[1][1:] == (2 * S, True)
 
 
 def test_a_seek_begins_with_what_is_in_force(quick: list[Playing]) -> None:

@@ -189,6 +189,25 @@ class TestAll:
         assert any(isinstance(each, TransformItem) and each.static for each in items)
         assert not run.recorder.counts.lost
 
+    def test_a_message_while_it_resumes_makes_no_gap(
+        self, run: Run, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """What the pause left out is not missing, whatever comes at that moment."""
+        run.send()
+        run.recorder.pause()
+        run.send(5)
+        put = run.queue.put
+
+        def put_late(source: Any, data: Any) -> Any:
+            if source is EVENTS:
+                put(DYNAMIC, payload([at()], seq=6))
+            return put(source, data)
+
+        monkeypatch.setattr(run.queue, "put", put_late)
+        run.recorder.resume()
+        run.items()
+        assert run.recorder.counts.lost == {}
+
 
 class TestSplits:
     def test_a_new_file_begins_with_what_is_in_force(self, run: Run) -> None:

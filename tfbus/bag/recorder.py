@@ -180,8 +180,9 @@ class Recorder:
     def resume(self) -> None:
         """Record everything again. Twice is fine."""
         if self._queue.is_paused:
-            self._queue.is_paused = False
+            # First: after it the numbers of messages begin anywhere.
             self._queue.put(EVENTS, EventItem(0, "resumed"))
+            self._queue.is_paused = False
 
     def split(self) -> WrittenPart:
         """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
@@ -242,7 +243,7 @@ class Recorder:
         if dropped:
             self.counts.lost[HISTORY] = dropped
             self._log.warning(
-                "Dropped %s that publishers held from before: there is no more room for them",
+                "Dropped %s that publishers held from before: the memory for them is full",
                 counted(dropped, "message"),
             )
 
@@ -313,6 +314,8 @@ class Recorder:
         missing = self._missed.count - dropped["transforms"]
         if missing > 0:
             self.counts.lost[MISSING] = missing
+        else:
+            self.counts.lost.pop(MISSING, None)
         news = dropped - self._dropped_noted
         if not news:
             return

@@ -141,9 +141,8 @@ class Capture:
         if source is None:
             return
         digest = blake2b(payload, digest_size=16).digest()
-        if self._last_statics.get(key) != digest:
+        if self._last_statics.get(key) != digest and self._queue.put(source, payload):
             self._last_statics[key] = digest
-            self._queue.put(source, payload)
 
     def _meet(self, key: str, static: bool) -> TransformSource | None:
         name = stream_of(key)

@@ -47,7 +47,7 @@ class Capture:
 
     It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
     all namespaces below. Streams and nodes become events as they come, change and go. Topics are
-    those of which nodes say that they publish or receive them, and those that the selection names.
+    those that nodes publish or receive, and those that the selection names.
     `on_stream(state)` is called after each change of a stream that is taken.
     """
 

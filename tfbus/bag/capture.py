@@ -257,7 +257,11 @@ class Capture:
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        put = partial(self._queue.put, TopicSource(name, self.types, retained=retained))
+        source = TopicSource(name, self.types, retained=retained)
+
+        def put(payload: bytes) -> None:
+            self._queue.put(source, payload)
+
         try:
             topic = check_no_transforms(relative(topic, self._node.namespace))
             self._topics[name] = self._node.create_raw_subscription(

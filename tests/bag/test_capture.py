@@ -54,6 +54,19 @@ class TestKeys:
         capture.close()
 
 
+class TestStatics:
+    def test_one_that_found_no_room_is_taken_when_it_comes_again(self, bus: Bus) -> None:
+        """And then not a second time."""
+        queue = RawQueue(0)
+        capture = Capture(bus.node("recorder"), queue, Selection(topics=("tf_static",)))
+        capture._on_static("tf_static/sim", b"x")
+        queue._most_bytes = 1_000
+        for _ in range(2):
+            capture._on_static("tf_static/sim", b"x")
+        assert [raw.payload for raw in queue.take(0) if raw.source.kind == "statics"] == [b"x"]
+        capture.close()
+
+
 class NoNodes:
     """A session that nobody answers, and whose tokens come as the test says."""
 

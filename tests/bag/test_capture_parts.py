@@ -137,6 +137,15 @@ class TestMissed:
             missed.add(of, of.item(0, payload([at()], epoch, seq)))
         assert missed.count == 3
 
+    def test_what_comes_late_is_not_missed(self) -> None:
+        """Numbers in another order, or twice, are no gap."""
+        missed, of = MissedMessages(), source()
+        counts = []
+        for seq in (1, 2, 5, 3, 3, 4, 6):
+            missed.add(of, of.item(0, payload([at()], 1, seq)))
+            counts.append(missed.count)
+        assert counts == [0, 0, 2, 1, 1, 0, 0]
+
     def test_what_a_pause_left_out_is_not_missed(self) -> None:
         """After a pause the numbers begin anywhere."""
         missed, of = MissedMessages(), source()

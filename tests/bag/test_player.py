@@ -1,7 +1,6 @@
 """The player: every item at its time, at any rate, paused, stepped and sought."""
 
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -36,7 +35,6 @@ class Heard:
 
     def __init__(self) -> None:
         self.taken: list[int] = []
-        self.at_s: list[float] = []
         self.due_ns: list[int] = []
         self.begins: list[tuple[list[Item], int, bool]] = []
         self.news: list[Progress] = []
@@ -46,9 +44,8 @@ class Heard:
         self.begins.append(([*state], pace.log_ns, is_back))
 
     def take(self, item: Item, pace: Pace) -> None:
-        """Note the number in the item, and when it came."""
+        """Note the number in the item, and when it was due."""
         assert isinstance(item, TopicItem)
-        self.at_s.append(time.monotonic())
         self.due_ns.append(pace.real_at(item.log_ns))
         self.taken.append(item.values["value"])
 
@@ -60,9 +57,9 @@ class Heard:
 class Playing:
     """A player that runs in a thread."""
 
-    def __init__(self, tape: Any, **given: Any) -> None:
+    def __init__(self, tape: Any, stage: Heard | None = None, **given: Any) -> None:
         self.player = Player(tape, **given)
-        self.stage = Heard()
+        self.stage = stage or Heard()
         self._run = InAThread(lambda: self.player.run(self.stage))
 
     def result(self) -> Any:
@@ -89,22 +86,44 @@ def quick() -> Iterator[list[Playing]]:
         run.result()
 
 
-def test_items_come_no_earlier_than_their_time() -> None:
+class Sleepless(threading.Condition):
+    """Passes the time of a clock at once, instead of waiting for it."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait in truth only for what is to be notified."""
+        if timeout is None:
+            return super().wait()
+        self._clock.now_ns += round(timeout * 1e9)
+        return False
+
+
+def times_of(tape: Tape, **given: Any) -> list[int]:
+    """When each item came, by a clock that starts at 0."""
+    clock = Clock()
+    came_ns: list[int] = []
+
+    class Timed(Heard):
+        def take(self, item: Item, pace: Pace) -> None:
+            came_ns.append(clock.now_ns)
+
+    player = Player(tape, real_ns=clock, wall_ns=clock, **given)
+    player._changed = Sleepless(clock)
+    player.run(Timed())
+    return came_ns
+
+
+def test_items_come_at_their_time() -> None:
     """Each item comes when its time has passed, counted from the first."""
-    began_s = time.monotonic()
-    run = Playing(numbered(4, 30 * MS))
-    assert run.result() is None
-    assert run.taken == [0, 1, 2, 3]
-    assert time.monotonic() - began_s >= 0.09
+    assert times_of(numbered(4, 30 * MS)) == [0, 30 * MS, 60 * MS, 90 * MS]
 
 
 def test_a_rate_shortens_the_time() -> None:
-    """At rate 100 ten seconds of the recording take no ten seconds."""
-    began_s = time.monotonic()
-    run = Playing(numbered(11), rate=100.0)
-    run.result()
-    assert run.taken == [*range(11)]
-    assert 0.1 <= time.monotonic() - began_s < 10.0
+    """At rate 100 ten seconds of the recording take 0.1 s."""
+    assert times_of(numbered(11), rate=100.0) == [number * 10 * MS for number in range(11)]
 
 
 def test_nothing_comes_while_it_is_paused(quick: list[Playing]) -> None:
@@ -192,6 +211,23 @@ def test_a_second_seek_back_is_one_too(
     run.player.seek(40 * S)
     eventually(lambda: len(run.stage.begins) == 3)
     assert run.stage.begins[1][1:] == (40 * S, True)
+
+
+def test_a_seek_back_stays_one_with_another_rate(quick: list[Playing]) -> None:
+    """A rate that is set before the seek has begun does not change where it was."""
+
+    class Sought(Heard):
+        def take(self, item: Item, pace: Pace) -> None:
+            super().take(item, pace)
+            if self.taken == [*range(9)]:
+                run.player.seek(2 * S)
+                run.player.set_rate(2.0)
+
+    run = Playing(numbered(100), stage=Sought(), paused=True)
+    quick.append(run)
+    run.player.step(9)
+    eventually(lambda: len(run.stage.begins) == 2)
+    assert run.stage.begins[1][1:] == (2 * S, True)
 
 
 def test_a_seek_begins_with_what_is_in_force(quick: list[Playing]) -> None:

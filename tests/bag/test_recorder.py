@@ -139,6 +139,15 @@ class TestAll:
         assert numbers(run.items()) == [0]
         assert run.recorder.counts.lost == {"refused": 1}
 
+    def test_a_static_that_the_file_cannot_hold_ends_no_split(self, run: Run) -> None:
+        """The next file begins without it, and the recording goes on."""
+        run.queue.put(STATIC, payload([at(1.0, "mast", stamp_ns=3 * 10**18)]))
+        eventually(lambda: run.recorder.counts.lost == {"refused": 1})
+        run.recorder.split()
+        run.send()
+        assert numbers(run.items()) == [0]
+        assert (run.recorder.failure, run.recorder.counts.lost) == ("", {"refused": 1})
+
     def test_what_was_dropped_becomes_an_event(self, tmp_path: Path) -> None:
         """The recording itself says how many messages it lacks."""
         run = Run(tmp_path)
@@ -179,6 +188,25 @@ class TestAll:
         assert kinds(items) == ["paused", "resumed"]
         assert any(isinstance(each, TransformItem) and each.static for each in items)
         assert not run.recorder.counts.lost
+
+    def test_a_message_while_it_resumes_makes_no_gap(
+        self, run: Run, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """What the pause left out is not missing, whatever comes at that moment."""
+        run.send()
+        run.recorder.pause()
+        run.send(5)
+        put = run.queue.put
+
+        def put_late(source: Any, data: Any) -> Any:
+            if source is EVENTS:
+                put(DYNAMIC, payload([at()], seq=6))
+            return put(source, data)
+
+        monkeypatch.setattr(run.queue, "put", put_late)
+        run.recorder.resume()
+        run.items()
+        assert run.recorder.counts.lost == {}
 
 
 class TestSplits:
@@ -295,6 +323,20 @@ class TestSnapshots:
         assert numbers(items) == [1]
         assert kinds(items) == ["stream"]
         assert [item.rows.count for item in items if getattr(item, "static", False)] == [1]
+
+    def test_one_leaves_out_what_the_file_cannot_hold(self, tmp_path: Path) -> None:
+        """A static that came before the last seconds is counted then, and the recorder lives."""
+        run = Run(tmp_path, snapshots=self.snapshots(1.0))
+        clock_ns = time.time_ns()
+        run.queue._clock_ns = lambda: clock_ns - 60 * S
+        run.queue.put(STATIC, payload([at(2.0, "mast", stamp_ns=3 * 10**18)]))
+        run.queue._clock_ns = lambda: clock_ns
+        run.send()
+        eventually(lambda: run.recorder.received == 2)
+        run.recorder.split_later()
+        run.recorder.close()
+        assert numbers(run.items()) == [0]
+        assert (run.recorder.failure, run.recorder.counts.lost) == ("", {"refused": 1})
 
     def test_memory_is_limited(self, tmp_path: Path) -> None:
         """Beyond it the oldest messages go."""

@@ -47,7 +47,7 @@ class Capture:
 
     It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
     all namespaces below. Streams and nodes become events as they come, change and go. Topics are
-    those of which nodes say that they publish or receive them, and those that the selection names.
+    those that nodes publish or receive, and those that the selection names.
     `on_stream(state)` is called after each change of a stream that is taken.
     """
 
@@ -141,9 +141,8 @@ class Capture:
         if source is None:
             return
         digest = blake2b(payload, digest_size=16).digest()
-        if self._last_statics.get(key) != digest:
+        if self._last_statics.get(key) != digest and self._queue.put(source, payload):
             self._last_statics[key] = digest
-            self._queue.put(source, payload)
 
     def _meet(self, key: str, static: bool) -> TransformSource | None:
         name = stream_of(key)
@@ -258,7 +257,11 @@ class Capture:
                 "topics", "Did not record topic %r: there are more than %d", name, _MOST_TOPICS
             )
             return
-        put = partial(self._queue.put, TopicSource(name, self.types, retained=retained))
+        source = TopicSource(name, self.types, retained=retained)
+
+        def put(payload: bytes) -> None:
+            self._queue.put(source, payload)
+
         try:
             topic = check_no_transforms(relative(topic, self._node.namespace))
             self._topics[name] = self._node.create_raw_subscription(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tfbus.bag.missed import MissedMessages
-from tfbus.bag.parts_written import PartsWritten
+from tfbus.bag.parts_written import PartsWritten, Refuse
 from tfbus.bag.raw_queue import Raw
 from tfbus.errors import TfbusError
 from tfbus.recording.items import EventItem, Item
@@ -17,8 +17,8 @@ from tfbus.recording.state import BusState
 Read = Callable[[Raw], Item | None]
 # The part of an item that is recorded; None where that is nothing.
 Select = Callable[[Item], Item | None]
-# Writes an item, and counts it.
-Write = Callable[[Item], None]
+# Writes an item, and counts it; False where the file refuses it.
+Write = Callable[[Item], bool]
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,20 @@ class InFiles:
     """Writes all messages, into one file after the other."""
 
     def __init__(
-        self, parts: PartsWritten, splits: Splits, read: Read, select: Select, write: Write
+        self,
+        parts: PartsWritten,
+        splits: Splits,
+        read: Read,
+        select: Select,
+        write: Write,
+        refuse: Refuse,
     ) -> None:
         self._parts = parts
         self._splits = splits
         self._read = read
         self._select = select
         self._write = write
+        self._refuse = refuse
         self._state = BusState()
         self._began_ns: int | None = None
         self._began_bytes = 0
@@ -70,15 +77,15 @@ class InFiles:
             return None
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
-        self._write(item)
-        if raw.source.is_essential:
+        # What a file has refused the next one would refuse too.
+        if self._write(item) and raw.source.is_essential:
             self._state.take(item)
         return item if isinstance(item, EventItem) else None
 
     def split(self, log_ns: int) -> Path:
         """Go on in a new file, which begins with what is in force."""
         self._began_ns = log_ns
-        path = self._parts.open(self._state.items(log_ns))
+        path = self._parts.open(self._state.items(log_ns), self._refuse)
         self._began_bytes = self._parts.part_bytes
         return path
 
@@ -107,6 +114,7 @@ class LastSeconds:
         read: Read,
         select: Select,
         write: Write,
+        refuse: Refuse,
     ) -> None:
         self._parts = parts
         self._last_ns = int(last_s * 1e9)
@@ -114,6 +122,7 @@ class LastSeconds:
         self._read = read
         self._select = select
         self._write = write
+        self._refuse = refuse
         self._state = BusState()
         self._kept: deque[Raw] = deque()
         self.bytes = 0
@@ -142,11 +151,10 @@ class LastSeconds:
         """
         if not self._kept:
             raise TfbusError("nothing has come since the last snapshot")
-        path = self._parts.open(self._state.items(self._kept[0].log_ns))
+        path = self._parts.open(self._state.items(self._kept[0].log_ns), self._refuse)
         for raw in self._kept:
             item = self._item(raw)
-            if item is not None:
-                self._write(item)
+            if item is not None and self._write(item):
                 self._note(raw, item)
         self._kept.clear()
         self.bytes = 0

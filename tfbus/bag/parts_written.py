@@ -26,6 +26,9 @@ _LEFT_FREE_PART = 1 / 10
 # Writes the file of this path.
 OpenWriter = Callable[[Path], RecordingWriter]
 
+# Takes an item that a file cannot hold, and why.
+Refuse = Callable[[Item, InvalidArgumentException], None]
+
 
 @dataclass(frozen=True)
 class WrittenPart:
@@ -127,8 +130,10 @@ class PartsWritten:
         usage = shutil.disk_usage(self._first.parent)
         return max(0, usage.free - int(min(_LEFT_FREE_BYTES, usage.total * _LEFT_FREE_PART)))
 
-    def open(self, items: Iterable[Item] = ()) -> Path:
-        """Open the next file, that begins with these items; its path."""
+    def open(self, items: Iterable[Item] = (), refuse: Refuse = lambda item, error: None) -> Path:
+        """Open the next file, that begins with these items; its path. Those that it cannot hold go
+        to `refuse`.
+        """
         self.close()
         while True:
             path = next(self._names)
@@ -139,7 +144,10 @@ class PartsWritten:
         self.paths.append(path)
         _sync(path.parent)
         for item in items:
-            self.write(item)
+            try:
+                self.write(item)
+            except InvalidArgumentException as error:
+                refuse(item, error)
         self._delete_oldest()
         # From now on it is a recording, if a short one.
         self._writer.flush()

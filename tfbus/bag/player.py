@@ -176,7 +176,7 @@ class Player:
         Raises InvalidArgumentException where it is not between 0.001 and 10,000.
         """
         with self._changed:
-            self._anchor(self._position_ns(), _checked(rate))
+            self._anchor(self._played_ns(), _checked(rate))
             self._tell()
 
     def seek(self, log_ns: int) -> None:
@@ -248,8 +248,7 @@ class Player:
                     return None
                 if self._seek_ns is not None:
                     next_ns, self._seek_ns = self._seek_ns, None
-                    # Without the seek the position is what was played; another may come at once.
-                    is_back = next_ns < self._position_ns() or self._is_at_end
+                    is_back = next_ns < self._played_ns() or self._is_at_end
                     self._is_at_end = False
                     return next_ns, is_back
                 is_news, self._pace_is_news = self._pace_is_news, False
@@ -319,8 +318,10 @@ class Player:
     # With the lock held
 
     def _position_ns(self) -> int:
-        if self._seek_ns is not None:
-            return self._seek_ns
+        return self._played_ns() if self._seek_ns is None else self._seek_ns
+
+    def _played_ns(self) -> int:
+        """How far it has played, whatever seek is to come."""
         if self._is_paused:
             return self._pace.log_ns
         return max(min(self._pace.log_at(self._real_ns()), self._reached_ns), self._pace.log_ns)
@@ -333,9 +334,7 @@ class Player:
     def _set_paused(self, is_paused: bool) -> None:
         if is_paused is self._is_paused:
             return
-        seek_ns, self._seek_ns = self._seek_ns, None
-        self._anchor(self._position_ns())
-        self._seek_ns = seek_ns
+        self._anchor(self._played_ns())
         self._is_paused = is_paused
         self._steps = 0
         self._tell()

@@ -72,23 +72,24 @@ class RawQueue:
         self._bytes = self._taken_bytes = 0
         self._wakes = threading.Event()
 
-    def put(self, source: Source, payload: Any) -> None:
-        """Note that a message has come now. While the queue is paused only essential ones are
-        taken.
+    def put(self, source: Source, payload: Any) -> bool:
+        """Note that a message has come now; whether it was taken. While the queue is paused only
+        essential ones are.
         """
         is_essential = source.is_essential
         if self.is_paused and not is_essential:
-            return
+            return False
         size = _size(payload)
         with self._lock:
             taken = self._bytes + size
             if taken + self._taken_bytes > self._most_bytes * (2 if is_essential else 1):
                 self.dropped[source.kind] += 1
-                return
+                return False
             self._bytes = taken
             self._waiting.append(Raw(self._clock_ns(), source, payload))
         if taken > self._most_bytes * _MUCH:
             self._wakes.set()
+        return True
 
     def wake(self) -> None:
         """End the wait of `take`."""

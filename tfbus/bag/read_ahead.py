@@ -71,7 +71,7 @@ class ReadAhead:
         return self._ready[0] if self._ready else None
 
     def take(self) -> Item:
-        """The next item, of which `first` has said that there is one."""
+        """The next item; `first` must have returned one."""
         item = self._ready.popleft()
         with self._has_room:
             self._bytes -= _size(item)

@@ -136,7 +136,9 @@ class Recorder:
         self._keeping: Keeping
         if snapshots is None:
             parts.open()
-            self._keeping = files = InFiles(parts, splits, self._read, self._select, self._write)
+            self._keeping = files = InFiles(
+                parts, splits, self._read, self._select, self._write, self._refuse
+            )
             self._missed = files.missed
         else:
             self._keeping = self.window = LastSeconds(
@@ -146,6 +148,7 @@ class Recorder:
                 self._read,
                 self._select,
                 self._write,
+                self._refuse,
             )
         # Not a daemon: the process ends when the file is whole.
         self._thread = threading.Thread(target=self._run, name="recorder")
@@ -177,8 +180,9 @@ class Recorder:
     def resume(self) -> None:
         """Record everything again. Twice is fine."""
         if self._queue.is_paused:
-            self._queue.is_paused = False
+            # First: after it the numbers of messages begin anywhere.
             self._queue.put(EVENTS, EventItem(0, "resumed"))
+            self._queue.is_paused = False
 
     def split(self) -> WrittenPart:
         """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
@@ -239,7 +243,7 @@ class Recorder:
         if dropped:
             self.counts.lost[HISTORY] = dropped
             self._log.warning(
-                "Dropped %s that publishers held from before: there is no more room for them",
+                "Dropped %s that publishers held from before: the memory for them is full",
                 counted(dropped, "message"),
             )
 
@@ -271,13 +275,17 @@ class Recorder:
     def _select(self, item: Item) -> Item | None:
         return item if self._selection is None else self._selection.taken_of(item)
 
-    def _write(self, item: Item) -> None:
+    def _write(self, item: Item) -> bool:
         try:
             self._parts.write(item)
         except InvalidArgumentException as error:
-            self._lose(REFUSED, item, error)
-        else:
-            self.counts.add(item)
+            self._refuse(item, error)
+            return False
+        self.counts.add(item)
+        return True
+
+    def _refuse(self, item: Item, error: InvalidArgumentException) -> None:
+        self._lose(REFUSED, item, error)
 
     def _lose(self, how: str, what: object, error: TfbusError) -> None:
         self.counts.lost[how] += 1
@@ -306,6 +314,8 @@ class Recorder:
         missing = self._missed.count - dropped["transforms"]
         if missing > 0:
             self.counts.lost[MISSING] = missing
+        else:
+            self.counts.lost.pop(MISSING, None)
         news = dropped - self._dropped_noted
         if not news:
             return

@@ -40,8 +40,8 @@ class Replay:
     `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
     at another rate than 1 the times between them are scaled too. Those of joint states, which
     become transforms, are moved as well; other messages of topics stay as they are. With `clock_hz`
-    it publishes the time of the recording for nodes with simulated time, so many times a second;
-    `progress` is then that of the player.
+    it publishes the time of the recording at this rate, for nodes with simulated time; `progress`
+    is then that of the player.
 
     Raises InvalidNameError where two streams would get the same name.
     """

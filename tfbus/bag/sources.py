@@ -26,7 +26,7 @@ class Names:
 
 
 class TransformSource:
-    """The transforms of one key of a stream, of which `described` has the descriptions."""
+    """The transforms of one key of a stream; `described` has the descriptions of streams."""
 
     def __init__(
         self,
@@ -68,8 +68,8 @@ class TransformSource:
 
 
 class TopicSource:
-    """The messages of one topic, of which `types` has the names of their types. Retained ones stay
-    in force, and so begin each file.
+    """The messages of one topic; `types` has the type names of topics. Retained ones stay in force,
+    and so begin each file.
     """
 
     kind = "topics"

@@ -162,7 +162,8 @@ def command(
 
     Everything is recorded, unless topics, streams, frames or a regular expression say what. Names
     are relative to the namespace. The file is never one that exists. What has come is on the disk
-    within a second, so a crash loses no more. Ctrl-C ends the recording.
+    within a second, so a crash loses at most that second; with --history, what comes before the
+    publishers have answered (at most 6 s) is written after that. Ctrl-C ends the recording.
 
     In a terminal the space key pauses, s begins a new file (or writes the snapshot), q ends. The
     services recorder/pause, resume, split, snapshot and stop do the same.
@@ -184,7 +185,7 @@ def command(
             "without --snapshot"
         )
     try:
-        import mcap.writer  # noqa: F401
+        import mcap.writer  # noqa: F401 - only whether it is installed
     except ImportError as error:
         raise TfbusError(
             f"recordings need mcap, which is not installed: {install_command('bag')}"

@@ -395,7 +395,7 @@ def main(
 
         def begin(robot: Robot) -> None:
             joints.begin(robot)
-            for name, each in board.ranges.items():
+            for name, each in board.posture.ranges.items():
                 if name in rests and rests[name] != each.rest:
                     joints.say_once(
                         f"rest of {name}",

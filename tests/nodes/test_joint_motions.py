@@ -28,9 +28,9 @@ def test_limits_are_the_narrower_of_two() -> None:
 @pytest.mark.parametrize(
     ("lower", "upper", "expected"),
     [
-        ("5", "inf", (5.0, 5.0 + 2.0 * math.pi)),
-        ("-inf", "-5", (-5.0 - 2.0 * math.pi, -5.0)),
-        ("1", "inf", (1.0, math.pi)),
+        ("5", "inf", (5.0, 5.0 + math.pi)),
+        ("-inf", "-5", (-5.0 - math.pi, -5.0)),
+        ("1", "inf", (1.0, 1.0 + math.pi)),
         ("-inf", "inf", (-math.pi, math.pi)),
     ],
 )

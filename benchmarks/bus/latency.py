@@ -41,6 +41,20 @@ def measure(messages: int, runs: int) -> tuple[Latency, Latency]:
     return latency_of(taken["ours"]), latency_of(taken["bare"])
 
 
+def latency_at(at: Place, messages: int) -> Latency:
+    """Of tfbus at one place, by itself."""
+    with Process(at, "latency:listen_ours", at.listening()) as listener:
+        listener.hear()
+        sender = Process(at, "latency:send_ours", at.connecting(), messages=messages, size=_size())
+        with sender:
+            sender.hear()
+            sender.tell(str(time.monotonic() + 0.5))
+            sent = dict(sender.hear())
+            listener.tell()
+            came: Times = listener.hear()
+    return latency_of([(at_ns - sent[number]) / 1e3 for number, at_ns in came[_WARM_UP:]])
+
+
 def _once(places: dict[str, Place], messages: int) -> dict[str, list[float]]:
     size = _size()
     listeners = {

@@ -23,11 +23,12 @@ def measure(runs: int) -> dict[str, float]:
     for _ in range(runs):
         for kind in _KINDS:
             with place() as at:
-                taken[kind].append(_once(at, kind))
+                taken[kind].append(cpu_of_a_message(at, kind))
     return {kind: median(some) for kind, some in taken.items()}
 
 
-def _once(at: Place, kind: str) -> float:
+def cpu_of_a_message(at: Place, kind: str = "ours") -> float:
+    """Seconds of CPU of the listener for a message."""
     listener = Process(at, f"paced:listen_{kind}", at.listening())
     with listener, Process(at, "paced:send", at.connecting()):
         report = listener.hear()

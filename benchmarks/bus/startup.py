@@ -29,16 +29,25 @@ def measure(runs: int, *, scouting: bool, bare: bool = False) -> dict[str, float
     endpoint given. With `bare` of a process without tfbus.
     """
     function = "startup:receive_bare" if bare else "startup:look_up"
-    taken: list[dict[str, float]] = []
     with place() as at:
         env = _scouting(at) if scouting else at.connecting()
-        with Process(at, "startup:publish", env if scouting else at.listening()) as publisher:
-            publisher.hear()
-            for _ in range(runs):
-                started_ns = time.time_ns()
-                with Process(at, function, env) as process:
-                    report = process.hear()
-                taken.append(_phases(started_ns, report))
+        return measure_at(at, runs, function, env, env if scouting else at.listening())
+
+
+def measure_at(
+    at: Place, runs: int, function: str, env: dict[str, str], others: dict[str, str]
+) -> dict[str, float]:
+    """As `measure`, of a function of this module in an environment, beside the publisher in that of
+    `others`.
+    """
+    taken: list[dict[str, float]] = []
+    with Process(at, "startup:publish", others) as publisher:
+        publisher.hear()
+        for _ in range(runs):
+            started_ns = time.time_ns()
+            with Process(at, function, env) as process:
+                report = process.hear()
+            taken.append(_phases(started_ns, report))
     return {phase: median(one[phase] for one in taken) for phase in taken[0]}
 
 

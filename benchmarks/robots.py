@@ -30,7 +30,7 @@ MARK = "<!-- the robots -->"
 # Limbs, and the joints of each, of which every third is fixed.
 ROBOTS = {"an arm": (1, 10), "a humanoid": (5, 15)}
 MANY = 10_000
-# The peers have no call for many: so many calls are measured, and 10,000 take as many times longer.
+# The peers have no call for many: some hundred calls are measured, and 10,000 reckoned from them.
 LOOPED = 100
 
 _PART = """\

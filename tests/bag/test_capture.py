@@ -68,7 +68,7 @@ class TestStatics:
 
 
 class NoNodes:
-    """A session that nobody answers, and whose tokens come as the test says."""
+    """A session without answers, and whose tokens come as the test says."""
 
     id = "own"
     settings = SimpleNamespace(namespace="")

@@ -433,7 +433,7 @@ class TestFailures:
 
 class TestMemory:
     def test_what_waits_for_its_description_counts(self, tmp_path: Path) -> None:
-        """However long messages wait, the queue takes no more of them than it has room for."""
+        """However long messages wait, the queue takes only those that it has room for."""
         run = Run(tmp_path, past=a_past(is_complete=lambda: closing.is_set()))
         closing = threading.Event()
         run.queue._most_bytes = 5_000

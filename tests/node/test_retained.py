@@ -10,7 +10,7 @@ ONE, TWO = RobotDescription("<one/>"), RobotDescription("<two/>")
 
 
 def test_late_subscribers_get_the_last_message(bus: Bus) -> None:
-    """Whoever joins later gets the last message, and then each new one."""
+    """A late joiner gets the last message, and then each new one."""
     publisher = bus.node("sender").create_publisher(RobotDescription, "robot", retained=True)
     publisher.publish(ONE)
     publisher.publish(TWO)

@@ -92,7 +92,7 @@ def test_a_file_that_is_gone_says_so(robot: Robot) -> None:
 
 
 def test_a_change_has_another_version(robot: Robot, tmp_path: Path) -> None:
-    """A mesh that is written anew between two parts is noticed."""
+    """A mesh that is written again between two parts is noticed."""
     before = serve_mesh(robot, RobotMesh.Request(HAND)).version
     (tmp_path / "arm/meshes/hand.dae").write_bytes(b"another")
     assert serve_mesh(robot, RobotMesh.Request(HAND)).version != before

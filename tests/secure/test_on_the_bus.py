@@ -29,7 +29,7 @@ needs.module("cryptography")
 from tests.closed_bus import ClosedBus  # noqa: E402
 from tfbus.secure.rights import Identity  # noqa: E402
 
-# What only the arm, or nobody, may send.
+# What only the arm may send, or no identity.
 OF_OTHERS = [
     "robot7/tf/arm",
     "robot7/tf/arm/hand",

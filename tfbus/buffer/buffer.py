@@ -322,8 +322,8 @@ class Buffer:
         return self._store.expect_past(authority)
 
     def expect_no_more(self) -> None:
-        """Note that no more data will come, as for a buffer of a file: errors no longer advise to
-        wait.
+        """Note that no further data will come, as for a buffer of a file: errors then advise no
+        waiting.
         """
         self._store.is_ended = True
 

@@ -131,7 +131,7 @@ def without_advice(sentence: str) -> str:
 
 
 def without_waiting(error: TransformException) -> TransformException:
-    """The error, for a buffer that gets no more data: it does not advise to wait, nor to start a
+    """The error, for a buffer that gets no further data: it does not advise to wait, nor to start a
     publisher that was gone.
     """
     error.args = (after_waiting(error).removesuffix("; start it again"),)

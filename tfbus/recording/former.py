@@ -1,4 +1,4 @@
-"""Finds the last item before a moment of a recording, by reading no more than is needed."""
+"""Finds the last item before a moment of a recording, by reading only what is needed."""
 
 from collections.abc import Callable, Iterator
 from typing import Protocol

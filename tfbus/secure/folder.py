@@ -19,7 +19,7 @@ NAME_FILE = "identity.yaml"
 
 FILES = (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, NAME_FILE, RIGHTS_FILE)
 
-# Whoever else may read a private key can take the identity.
+# Any other user who may read a private key can take the identity.
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 

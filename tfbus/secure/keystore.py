@@ -46,7 +46,7 @@ class Listed:
 class Keystore:
     """The folder of a certificate authority, with a folder for each identity in it.
 
-    Whoever has the folder `authority` in it can make any identity.
+    The folder `authority` in it is enough to make any identity.
     """
 
     path: Path

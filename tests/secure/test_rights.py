@@ -90,7 +90,20 @@ def test_the_frames_of_a_stream_are_those_of_its_publisher() -> None:
     assert rights.frames_of_stream("arm", "robot7") == ("arm/*",)
     assert rights.frames_of_stream("boss", "") is None
     assert rights.frames_of_stream("unknown", "") is None  # as the admin's
-    assert Rights({"arm": arm}).frames_of_stream("unknown", "") == ()
+
+
+def test_a_stream_of_later_rights_comes_through_and_a_revoked_one_does_not() -> None:
+    """What is not in these rights was let in by a router with later ones; the stream of a reader,
+    or of an identity that was revoked, may have no frame.
+    """
+    gone = Identity("gone", "publisher", revoked="2026-11-22")
+    laptop = Identity("laptop", "reader")
+    rights = Rights({each.name: each for each in (gone, laptop)})
+    assert rights.frames_of_stream("later", "robot7") is None
+    assert rights.may_be_of("/robot7/later", "later", "robot7")
+    for stream in ("gone", "laptop"):
+        assert rights.frames_of_stream(stream, "robot7") == ()
+        assert not rights.may_be_of(f"/robot7/{stream}", stream, "robot7")
 
 
 def test_an_identity_that_is_not_there_is_named_with_the_nearest() -> None:

@@ -1,7 +1,7 @@
 """What each identity may do, in the words of the project."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tfbus.errors import SettingsError
 from tfbus.secure.patterns import check_pattern, matches
@@ -208,7 +208,13 @@ class Rights:
         return bool(valid) and all(each.hosts for each in valid)
 
     def frames_of_stream(self, stream: str, namespace: str) -> tuple[str, ...] | None:
-        """The child frames that may come on a stream, by those who may publish it; None for all."""
+        """The child frames that may come on a stream, by those who may publish it; None for all.
+
+        A stream that no identity can have by these rights has come through a router with later
+        ones, which enforces them.
+        """
+        if not self._is_known(stream, namespace):
+            return None
         patterns: list[str] = []
         for identity in self._publishers_of(stream, namespace):
             own = identity.may("frames")
@@ -218,10 +224,20 @@ class Rights:
         return tuple(patterns)
 
     def may_be_of(self, node: str, stream: str, namespace: str) -> bool:
-        """Whether one identity may both publish a stream and run a node of this full name."""
-        return any(
+        """Whether one identity may both publish a stream and run a node of this full name; so may
+        those of a stream that is not known here, as in `frames_of_stream`.
+        """
+        return not self._is_known(stream, namespace) or any(
             not identity.mistake_in("nodes", node)
             for identity in self._publishers_of(stream, namespace)
+        )
+
+    def _is_known(self, stream: str, namespace: str) -> bool:
+        """Whether an identity, revoked or not, has or had nodes of a stream's name."""
+        name = escape(stream)
+        return any(
+            not replace(identity, revoked="").mistake_in("nodes", name, namespace)
+            for identity in self.identities.values()
         )
 
     def _publishers_of(self, stream: str, namespace: str) -> list[Identity]:

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,6 +104,8 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
         return config
     # Zenoh reads 1 MB of JSON, the rules of 200 identities, in 0.6 s; as YAML, which JSON is too,
     # in 0.1 s. That only from a file.
+    import tempfile  # which only large rules need
+
     whole = json.dumps({**json.loads(str(config)), "access_control": control})
     with tempfile.TemporaryDirectory(prefix="tfbus") as folder:
         path = Path(folder) / "zenoh.yaml"

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import zenoh
 
@@ -85,6 +85,7 @@ class Session:
         self.id = str(self.zenoh.zid())
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
+        _end_at_a_signal_once_main_has_ended()
 
     def _open(self, config: zenoh.Config, patience_s: float) -> zenoh.Session:
         """Zenoh's session; retried here, since Ctrl-C does not interrupt Zenoh's own retry."""
@@ -177,11 +178,7 @@ class Session:
         # Zenoh's threads that return into an interpreter that shuts down abort the process. A
         # child of a fork has none of them, and nothing to close.
         if not forks.is_lost():
-            # From here on a signal ends the process at once, without a traceback.
-            with suppress(ValueError):  # this interpreter has no signals
-                for number in (signal.SIGINT, signal.SIGTERM):
-                    if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                        signal.signal(number, signal.SIG_DFL)
+            _end_at_a_signal()
             self.close()
 
     def _errors(self, doing: str) -> AbstractContextManager[None]:
@@ -413,6 +410,24 @@ class Session:
             if time.monotonic() >= deadline:
                 break
         watch.close()
+
+
+def _end_at_a_signal() -> None:
+    """From here on a signal ends the process at once, without a traceback."""
+    with suppress(ValueError):  # this interpreter has no signals
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                signal.signal(number, signal.SIG_DFL)
+
+
+@cache
+def _end_at_a_signal_once_main_has_ended() -> None:
+    # Python waits for threads before it calls what atexit has; a KeyboardInterrupt meanwhile would
+    # print a traceback. Its own thread pools end by this function of threading's, too.
+    register: Callable[[Callable[[], None]], object]
+    register = getattr(threading, "_register_atexit", atexit.register)
+    with suppress(RuntimeError):  # main has ended already
+        register(_end_at_a_signal)
 
 
 def _priority(urgent: bool) -> zenoh.Priority:

@@ -14,7 +14,7 @@ from benchmarks.bus import latency, paced, startup
 from benchmarks.bus.place import Place, place
 
 MESSAGES = 2_000
-RUNS = 5
+RUNS = 3
 MANY = 200
 
 

@@ -2,8 +2,9 @@
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -13,6 +14,7 @@ from tfbus.bag import capture as capture_module
 from tfbus.bag.capture import Capture
 from tfbus.bag.node_roster import NodeRoster
 from tfbus.bag.raw_queue import RawQueue
+from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo
 from tfbus.recording.selection import Selection
 
@@ -77,6 +79,10 @@ class NoNodes:
         self.asked = 0
         self.on_token: Callable[[str, bool], None]
 
+    def has_asked_since(self, before: int) -> bool:
+        """Whether a further question was asked."""
+        return self.asked > before
+
     def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Any:
         """Keep what tokens are given to."""
         self.on_token = callback
@@ -92,12 +98,12 @@ class TestNodes:
     def test_tokens_that_come_and_go_make_one_look_wait(self) -> None:
         """However often, the looks do not pile up, and the last state counts."""
         session = NoNodes()
-        roster = NodeRoster(session, lambda *_: None, log=logging.getLogger("test"))  # type: ignore[arg-type]
+        roster = NodeRoster(cast(Session, session), lambda *_: None, log=logging.getLogger("test"))
         for number in range(300):
             asked = session.asked
             session.on_token("@tfbus/node/sim", True)
             if number < 5:
-                eventually(lambda before=asked: session.asked > before)  # type: ignore[misc]
+                eventually(partial(session.has_asked_since, asked))
             session.on_token("@tfbus/node/sim", False)
             eventually(lambda: not roster._news)
         assert len(roster._executor._due) <= 10

@@ -5,6 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,10 @@ class Run:
         for _ in range(count):
             self.queue.put(DYNAMIC, payload([at(self.seq)], seq=self.seq))
             self.seq += 1
+
+    def has_received(self, count: int) -> bool:
+        """Whether it received this number of messages."""
+        return self.recorder.received == count
 
     def items(self) -> list[Item]:
         """What the files hold, once the recorder has ended."""
@@ -370,7 +375,7 @@ class TestSnapshots:
         run = Run(tmp_path, snapshots=self.snapshots(), most_files=2)
         for count in range(1, 5):
             run.send()
-            eventually(lambda count=count: run.recorder.received == count)  # type: ignore[misc]
+            eventually(partial(run.has_received, count))
             run.recorder.split()
         assert numbers(run.items()) == [2, 3]
         assert sorted(tmp_path.iterdir()) == run.parts.paths
@@ -465,8 +470,9 @@ class TestMemory:
 
 def a_past(is_complete: Callable[[], bool]) -> Past:
     """One that asks nothing."""
-    past = Past(Any, Any, 1_500)  # type: ignore[arg-type]
-    past.is_complete = is_complete  # type: ignore[method-assign]
+    nothing: Any = None  # no session and no streams
+    past: Any = Past(nothing, nothing, 1_500)
+    past.is_complete = is_complete
     return past
 
 

@@ -4,6 +4,7 @@ import json
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -56,7 +57,8 @@ def stranger(bus: Bus) -> Iterator[Bus]:
         query.close()
 
     def parameter(query: Query) -> None:
-        query.answer(query.key.replace("*", "p"), encode_map(described["parameters"][0]))  # type: ignore[index]
+        [hostile] = cast(list[dict[str, Any]], described["parameters"])
+        query.answer(query.key.replace("*", "p"), encode_map(hostile))
         query.close()
 
     def refuse(query: Query) -> None:

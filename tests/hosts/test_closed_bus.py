@@ -17,8 +17,8 @@ pytestmark = pytest.mark.skipif(bool(REASON), reason=REASON or "-")
 
 needs.module("cryptography")
 
-from tfbus.secure.keystore import Keystore  # noqa: E402
-from tfbus.secure.rights import Identity  # noqa: E402
+from tfbus.secure.keystore import Keystore  # noqa: E402 - needs it
+from tfbus.secure.rights import Identity  # noqa: E402 - needs it
 
 PORT = 7447
 

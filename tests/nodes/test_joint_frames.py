@@ -1,5 +1,7 @@
 """Joint states become transforms: which, when, and of which joints."""
 
+from typing import Any
+
 import pytest
 
 from tests.nodes.robots import ARM, arm
@@ -15,8 +17,8 @@ def state(*names: str, position: float = 0.5) -> JointState:
     return JointState(0, names, tuple(position for _ in names))
 
 
-def children(frames: JointFrames, given: JointState, stamp_ns: int, **how: object) -> list[str]:
-    taken = frames.take(given, stamp_ns, **how)  # type: ignore[arg-type]
+def children(frames: JointFrames, given: JointState, stamp_ns: int, **how: Any) -> list[str]:
+    taken = frames.take(given, stamp_ns, **how)
     assert {each.stamp_ns for each in taken} <= {stamp_ns}
     return [each.child_frame_id for each in taken]
 

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -51,10 +52,10 @@ def test_other_rests_stay_within_the_limits() -> None:
 
 
 @pytest.mark.parametrize("make", [Sweep, lambda ranges: RandomPlaces(ranges, seed=3)])
-def test_motions_keep_to_limits_and_speeds(make: object) -> None:
+def test_motions_keep_to_limits_and_speeds(make: Any) -> None:
     """Whatever moves by itself begins at rest, stays within limits, and is not faster than said."""
     ranges = ranges_of(arm())
-    motion: Motion = make(list(ranges.values()))  # type: ignore[operator]
+    motion: Motion = make(list(ranges.values()))
     step = 0.01
     places = [motion.at(count * step) for count in range(3000)]
     for name, each in ranges.items():

@@ -15,9 +15,9 @@ from tfbus.cli import main
 
 needs.module("cryptography")
 
-from tfbus.secure.folder import open_folder  # noqa: E402
-from tfbus.secure.keystore import Keystore, write_private  # noqa: E402
-from tfbus.secure.rights import Identity  # noqa: E402
+from tfbus.secure.folder import open_folder  # noqa: E402 - needs it
+from tfbus.secure.keystore import Keystore, write_private  # noqa: E402 - needs it
+from tfbus.secure.rights import Identity  # noqa: E402 - needs it
 
 
 @pytest.fixture

@@ -26,8 +26,8 @@ from tfbus.messages import Pose
 
 needs.module("cryptography")
 
-from tests.closed_bus import ClosedBus  # noqa: E402
-from tfbus.secure.rights import Identity  # noqa: E402
+from tests.closed_bus import ClosedBus  # noqa: E402 - needs it
+from tfbus.secure.rights import Identity  # noqa: E402 - needs it
 
 # What only the arm may send, or no identity.
 OF_OTHERS = [

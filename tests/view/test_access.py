@@ -8,8 +8,8 @@ from tfbus.secure.token import Token
 pytest.importorskip("viser", reason="needs viser: the extra view")
 needs.module("cryptography")
 
-from tfbus.secure.server_tls import made_tls  # noqa: E402
-from tfbus.view.access import Access, Answer  # noqa: E402
+from tfbus.secure.server_tls import made_tls  # noqa: E402 - needs it
+from tfbus.view.access import Access, Answer  # noqa: E402 - needs it
 
 TLS = made_tls("127.0.0.1")
 

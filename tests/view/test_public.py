@@ -20,9 +20,9 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 pytest.importorskip("websockets", reason="needs websockets: pip install websockets")
 needs.module("cryptography")
 
-import viser  # noqa: E402
-from websockets.exceptions import InvalidStatus  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+import viser  # noqa: E402 - needs it
+from websockets.exceptions import InvalidStatus  # noqa: E402 - needs it
+from websockets.sync.client import connect  # noqa: E402 - needs it
 
 ELSEWHERE = """<!doctype html><p id="said">waiting</p><script>
 const socket = new WebSocket('{address}', 'viser-v{version}');

@@ -1,15 +1,16 @@
 """What is closed at the end of a `with`."""
 
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
 
-class Closing:
+class Closing(ABC):
     """Something with a method `close`, which a `with` calls at its end."""
 
+    @abstractmethod
     def close(self) -> None:
         """Close it."""
-        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self

@@ -206,7 +206,7 @@ class RobotsOnBus:
         self, origin: str, described: RobotDescription, sender: str
     ) -> tuple[str, str] | None:
         """Where the robot was that its publisher now describes with another prefix. Two of one
-        session are told apart by where they are from.
+        session differ by where they are from.
         """
         if not (described.source and sender):
             return None

@@ -33,7 +33,7 @@ class ShownRobot:
 
     @property
     def title(self) -> str:
-        """How it is told from others."""
+        """What tells it from other robots."""
         return "/".join(filter(None, (self.origin, self.prefix.strip("/_"), self.robot.name)))
 
     @cached_property

@@ -29,7 +29,7 @@ STOREYS = [
     {"frames"},
     {"bag"},
     {"monitor"},
-    {"doctor", "foxglove", "launch", "top", "view"},
+    {"bridge", "compat", "doctor", "foxglove", "launch", "top", "view"},
     {"cli"},
     {"__main__"},
 ]

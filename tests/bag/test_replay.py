@@ -94,6 +94,16 @@ def gone(s: float, stream: RecordedStream = SIM) -> EventItem:
     return EventItem(BEGAN_NS + round(s * S), "stream gone", stream.name)
 
 
+class NotedReplay(Replay):
+    """A replay that says whether it has begun: what is in force at the beginning is sent."""
+
+    has_begun = False
+
+    def begin(self, *given: Any, **more: Any) -> None:
+        super().begin(*given, **more)
+        self.has_begun = True
+
+
 class Played:
     """A recording of these items that is played on the bus, to this listener among others; paused
     at first, so that the test says how far.
@@ -128,7 +138,7 @@ class Played:
             look_back_s=look_back_s,
             **chosen,
         )
-        self.replay = Replay(
+        self.replay = NotedReplay(
             self.node, self._reader, lambda: self.player.progress, **chosen, **given
         )
         self._run = InAThread(lambda: self.player.run(self.replay))
@@ -150,6 +160,7 @@ class Played:
         A robot sends others soon; what is paused sends none.
         """
         streams = self.replay._streams.values()
+        eventually(lambda: self.replay.has_begun)
         eventually(lambda: all(each.heard for each in streams))
         eventually(lambda: all(self._is_known(each) for each in streams if each.is_there))
 
@@ -672,6 +683,7 @@ def test_after_a_seek_a_recorded_clock_shows_what_it_showed_there(
     items.sort(key=lambda item: item.log_ns)
     run = played(items, stamps="recorded", clock_hz=40.0, lasting=["clock"])
     eventually(lambda: follower.now_ns() == 5 * S)
+    eventually(lambda: clocks)
     run.player.seek(BEGAN_NS + 85 * S // 10)
     eventually(lambda: follower.now_ns() == 13 * S)
     run.player.seek(BEGAN_NS + 3 * S)

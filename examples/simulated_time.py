@@ -23,10 +23,9 @@ def main() -> None:
         node.create_timer(2.5, lambda: ticks.append(node.now_ns() / 1e9))
         for step in range(1, 101):
             clock.publish(Clock(stamp_ns=step * STEP_NS))
-            # Real time, so that the follower comes along: a simulation would take some here.
-            simulator.wait(0.002, clock=SystemClock())
-        while node.now_ns() < 100 * STEP_NS:
-            simulator.wait(0.002, clock=SystemClock())
+            # The next step begins once the follower has come along, and its timer has run.
+            while node.now_ns() < step * STEP_NS or len(ticks) < step // 25:
+                simulator.wait(0.001, clock=SystemClock())
         print("simulated seconds:", node.now_ns() / 1e9)
     print("ticks of the timer:", ticks)
 

@@ -53,8 +53,13 @@ def receiver(bus: Bus) -> Node:
 
 
 @pytest.fixture
-def buffer(receiver: Node) -> Iterator[Buffer]:
+def listener(receiver: Node) -> Iterator[TransformListener]:
+    """The receiver's listener."""
+    with TransformListener(Buffer(), receiver) as listener:
+        yield listener
+
+
+@pytest.fixture
+def buffer(listener: TransformListener) -> Buffer:
     """The buffer of the receiver's listener."""
-    buffer = Buffer()
-    with TransformListener(buffer, receiver):
-        yield buffer
+    return listener.buffer

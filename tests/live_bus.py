@@ -30,7 +30,7 @@ from tfbus.bus.session import Session
 
 T = TypeVar("T")
 
-DEADLINE_S = 20.0
+DEADLINE_S = 40.0
 
 # Where the tests run in the background their children would inherit that these are ignored.
 if getsignal(SIGINT) == SIG_IGN:

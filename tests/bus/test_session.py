@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.live_bus import Bus, eventually
-from tfbus import BusError, NodeSettings
+from tfbus import BusError, Node, NodeSettings
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_config import zenoh_config
@@ -87,6 +87,18 @@ def test_a_session_that_does_not_close_in_time_is_logged(
     session.close()
     real.close()
     assert caplog.messages == ["Session did not close cleanly: close operation timed out!"]
+
+
+def test_tokens_end_even_where_a_link_stays(bus: Bus, receiver: Node) -> None:
+    """Where Zenoh leaves a link open that began while it closed, no token is alive on it."""
+    settings = NodeSettings("sim", config=str(bus.quick_config), connect=(bus.endpoint,))
+    session: Any = Session(settings, logging.getLogger("sim"))
+    session.token("there")
+    eventually(lambda: receiver.session.living("there"))
+    real, session.zenoh = session.zenoh, SimpleNamespace(close=lambda: None)
+    session.close()
+    eventually(lambda: not receiver.session.living("there"))
+    real.close()
 
 
 def test_queries_beyond_the_limit_of_long_answers_are_refused(bus: Bus) -> None:

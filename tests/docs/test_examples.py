@@ -1,7 +1,6 @@
 """Each file of examples/ does what its first lines say."""
 
 import ast
-import json
 import sys
 from pathlib import Path
 
@@ -123,6 +122,4 @@ def test_simulated_time_drives_a_timer(bus: Bus) -> None:
     """simulated_time.py lets ten simulated seconds pass, in which a timer ticks four times."""
     seconds, ticks = run(bus, "simulated_time.py")
     assert seconds == "simulated seconds: 10.0"
-    # A callback on a busy machine runs a little after its time.
-    due, ran = (2.5, 5.0, 7.5, 10.0), json.loads(ticks.removeprefix("ticks of the timer: "))
-    assert len(ran) == 4 and all(at <= when < at + 2.5 for at, when in zip(due, ran, strict=True))
+    assert ticks == "ticks of the timer: [2.5, 5.0, 7.5, 10.0]"

@@ -26,6 +26,20 @@ class Declaration:
             self._declared.undeclare()
 
 
+class Token(Declaration):
+    """A liveliness token; it is in `tokens`, those of its session, until it ends."""
+
+    def __init__(self, declared: zenoh.LivelinessToken, tokens: set["Token"]):
+        super().__init__(declared)
+        self._tokens = tokens
+        tokens.add(self)
+
+    def close(self) -> None:
+        """End it; twice is fine. In a forked child it does nothing."""
+        super().close()
+        self._tokens.discard(self)
+
+
 class _MatchWatch:
     """Knows at any time whether a declaration has a counterpart."""
 

@@ -21,6 +21,7 @@ from tfbus.bus.handles import (
     HeardWatch,
     PublishersWithin,
     ServedWatch,
+    Token,
 )
 from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.settings import NodeSettings
@@ -74,6 +75,7 @@ class Session:
         self._log = log
         self._closed = False
         self._ending: list[Callable[[], None]] = []
+        self._tokens: set[Token] = set()
         self._outside: Session | None = None
         self._outside_lock = threading.Lock()
         self._answering = Workers("answers", threads=_LONG_ANSWERS, waiting=_LONG_ANSWERS_WAITING)
@@ -124,6 +126,10 @@ class Session:
             atexit.unregister(self._end_with_process)
             for end in list(self._ending):
                 end()
+            # Zenoh may open a link while it closes, where it learns of a peer just then. That link
+            # stays until the process ends, and its far end would take our tokens for alive.
+            for token in tuple(self._tokens):
+                token.close()
             try:
                 self.zenoh.close()
             except zenoh.ZError as error:
@@ -344,7 +350,7 @@ class Session:
     def token(self, key: str) -> Declaration:
         """Declare that `key` is alive for as long as this session is."""
         with self._errors(f"declare {key}"):
-            return Declaration(self.zenoh.liveliness().declare_token(key))
+            return Token(self.zenoh.liveliness().declare_token(key), self._tokens)
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""

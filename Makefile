@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types sanitize docs docs-api bench clean
+.PHONY: demo test check types sanitize docs pictures docs-api bench clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
@@ -28,6 +28,10 @@ sanitize: $(VENV)/dev.stamp
 # The site, in build/site/html; a broken link fails.
 docs: $(VENV)/dev.stamp
 	$(BIN)/python docs/site.py
+
+# docs/images, from the running programs; needs Chromium.
+pictures: $(VENV)/dev.stamp
+	$(BIN)/python -m docs.pictures $(ARGS)
 
 # docs/reference/api.md and commands.md, from the docstrings and from the commands.
 docs-api: $(VENV)/dev.stamp

@@ -1,11 +1,11 @@
-# demo, test, check, sanitize, docs-api, bench: each sets up what it needs, in .venv (bench: .venv-bench).
+# demo, test, check, sanitize, docs, bench: each sets up what it needs, in .venv (bench: .venv-bench).
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types sanitize docs-api bench clean
+.PHONY: demo test check types sanitize docs pictures docs-api bench clean
 
 demo: $(VENV)/demo.stamp
 	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
@@ -25,9 +25,18 @@ types: $(VENV)/dev.stamp
 sanitize: $(VENV)/dev.stamp
 	$(BIN)/python tests/sanitized.py $(ARGS)
 
-# docs/reference/api.md, from the docstrings.
+# The site, in build/site/html; a broken link fails.
+docs: $(VENV)/dev.stamp
+	$(BIN)/python docs/site.py
+
+# docs/images, from the running programs; needs Chromium.
+pictures: $(VENV)/dev.stamp
+	$(BIN)/python -m docs.pictures $(ARGS)
+
+# docs/reference/api.md and commands.md, from the docstrings and from the commands.
 docs-api: $(VENV)/dev.stamp
-	$(BIN)/python docs/api.py
+	$(BIN)/python -m docs.api
+	$(BIN)/python -m docs.commands
 
 # The peers have an environment of their own, of the newest Python there is: schiebung wants 3.12.
 bench: $(VENV)-bench/bench.stamp

@@ -104,7 +104,7 @@ def _public() -> set[object]:
 
 
 def _item(member: Member) -> str:
-    text = "\n".join(f"  {line}".rstrip() for line in member.text.splitlines())
+    text = "\n".join(f"    {line}".rstrip() for line in member.text.splitlines())
     return f"- `{member.signature}`\n" + (f"\n{text}\n" if text else "")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import tfbus
 import tfbus.messages
-from docs import api
+from docs import api, commands
 from tests.builders import SAMPLE
 from tests.docs.pages import ROOT
 
@@ -22,6 +22,11 @@ REFERENCE = ROOT / "docs" / "reference"
 def test_the_api_page_is_up_to_date() -> None:
     """docs/reference/api.md is what `make docs-api` writes."""
     assert (REFERENCE / "api.md").read_text() == api.page(), "run `make docs-api`"
+
+
+def test_the_page_of_commands_is_up_to_date() -> None:
+    """docs/reference/commands.md is what `make docs-api` writes."""
+    assert (REFERENCE / "commands.md").read_text() == commands.page(), "run `make docs-api`"
 
 
 @pytest.mark.parametrize("name", tfbus.__all__)

@@ -4,6 +4,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
@@ -103,7 +104,10 @@ class TestZenoh:
         def found(session: Session) -> bool:
             with RosWatch(node.settings) as watch:
                 around = watch.around(session)
-            is_all = around.nodes.get(3) == {"/talker", "/robot1/talker"} and around.bridges == 1
+            is_all = (
+                around.nodes.get(3) == frozenset({"/talker", "/robot1/talker"})
+                and around.bridges == 1
+            )
             return is_all and around.at == bus.endpoint
 
         eventually(lambda: found(node.session))
@@ -140,7 +144,7 @@ class TestMaster:
         assert nodes_of_master(f"http://127.0.0.1:{free_port()}") is None
 
     @pytest.mark.parametrize("answer", [[], [1, "", 7], [0, "", [[], [], []]], {"a": 1}, "no"])
-    def test_another_server_is_no_master(self, answer: object) -> None:
+    def test_another_server_is_no_master(self, answer: Any) -> None:
         """Nor is one that answers something else."""
         with SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
             server.register_function(lambda caller: answer, "getSystemState")

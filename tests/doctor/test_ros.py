@@ -56,11 +56,13 @@ class TestDds:
     def test_announcements_are_heard_beside_another_listener(self) -> None:
         """Also where the port is taken, which says that DDS is on this host."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            loopback = socket.inet_aton("127.0.0.1")
+            other.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
             watch = RtpsWatch(DOMAIN)
 
             def is_heard() -> bool:
                 for packet in (FAST_DDS, b"RTPS", b"", CYCLONE):
-                    other.sendto(packet, ("127.0.0.1", PORT))
+                    other.sendto(packet, ("239.255.0.1", PORT))
                 return len(watch.participants()) == 2
 
             eventually(is_heard)

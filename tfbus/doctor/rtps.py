@@ -6,6 +6,7 @@ The messages are those of https://www.omg.org/spec/DDSI-RTPS/2.5, sections 8.5.3
 import errno
 import socket
 import struct
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -112,7 +113,9 @@ def _joined(port: int) -> socket.socket:
         if hasattr(socket, "SO_REUSEPORT"):
             with suppress(OSError):
                 made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        made.bind(("", port))
+        # At the group's own address it takes no message from a participant of this host. Windows
+        # has no such sockets.
+        made.bind(("" if sys.platform == "win32" else _GROUP, port))
         made.settimeout(_WAIT_S)
         for index, _ in socket.if_nameindex():
             _join(made, index)

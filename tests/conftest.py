@@ -15,7 +15,6 @@ pytest_plugins = [
     "tests.tf2.versus",
     "tests.hosts.fault_options",
     "tests.buffer.stress_options",
-    "tests.ros.fuzz_options",
     "tests.view.pages",
 ]
 

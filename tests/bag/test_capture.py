@@ -8,14 +8,19 @@ from typing import Any, cast
 
 import pytest
 
-from tests.builders import description
+from tests.builders import at, description
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
+from tests.ros2_on_zenoh import Ros2
+from tfbus import TransformBroadcaster
 from tfbus.bag import capture as capture_module
 from tfbus.bag.capture import Capture
 from tfbus.bag.node_roster import NodeRoster
 from tfbus.bag.raw_queue import RawQueue
+from tfbus.bag.sources import EVENTS
 from tfbus.bus.session import Session
 from tfbus.discover.graph import TopicInfo
+from tfbus.messages import Clock
 from tfbus.recording.selection import Selection
 
 
@@ -54,6 +59,39 @@ class TestKeys:
             capture._take_topic(f"topic{number}", TopicInfo(f"topic{number}"))
         assert len(capture.types) == len(capture._topics) == 5
         capture.close()
+
+
+class TestBesideRos2:
+    @pytest.mark.parametrize("everywhere", [False, True], ids=["plain", "fleet"])
+    def test_nothing_of_ros_2_is_recorded(self, bus: Bus, everywhere: bool) -> None:
+        """Neither its transforms nor its messages on topics that both have, without a word."""
+        ros2 = Ros2(bus.endpoint)
+        ros2.rmw_zenoh()
+        ros2.bridge()
+        recorder, queue = bus.node("recorder"), RawQueue(10_000_000)
+        log = Lines(recorder.log, logging.INFO)
+        capture = Capture(recorder, queue, Selection(), everywhere=everywhere)
+        sender = bus.node("sim")
+        broadcaster = TransformBroadcaster(sender)
+        publisher = sender.create_publisher(Clock, "turtle1/pose")
+        came: dict[str, set[bytes]] = {}
+
+        def has_all() -> bool:
+            ros2.send()
+            broadcaster.send_transform(at(1))
+            publisher.publish(Clock(7))
+            for raw in queue.take(0):
+                if raw.source is not EVENTS:
+                    came.setdefault(str(raw.source), set()).add(raw.payload[:1])
+            return len(came) >= 2 and len(capture._refused) >= (10 if everywhere else 2)
+
+        eventually(has_all)
+        capture.close()
+        ros2.close()
+        assert {source.name for source in capture._sources.values()} == {"sim"}
+        # CDR begins with a zero, a map in MessagePack does not.
+        assert b"\0" not in set.union(*came.values())
+        assert log.lines == []
 
 
 class TestStatics:

@@ -289,9 +289,13 @@ TROUBLES = {
 }
 
 
+# These find no trouble.
+INFORMING = {"ros"}
+
+
 def test_every_check_is_tried() -> None:
     """There is a trouble for each check."""
-    assert TROUBLES.keys() == CHECKS.keys()
+    assert TROUBLES.keys() | INFORMING == CHECKS.keys()
 
 
 @pytest.mark.parametrize("name", CHECKS)
@@ -302,7 +306,7 @@ def test_nothing_is_found_where_nothing_is_wrong(name: str, healthy: Examination
     assert (finding.verdict, finding.remedy) == ("ok", "")
 
 
-@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize("name", TROUBLES)
 def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     """Each check names its trouble in its evidence, and has a remedy."""
     injure, verdict, evidence = TROUBLES[name]

@@ -83,6 +83,55 @@ def test_a_key_tells_its_stream(key: str, stream: str) -> None:
     assert keys.stream_of(key) == stream
 
 
+_ROS_TF = "tf2_msgs::msg::dds_::TFMessage_/RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8"
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "tf",
+        "tf_static",
+        "bot1/tf",
+        "rt/tf_static",
+        f"0/tf/{_ROS_TF}",
+        f"0/tf_static/{_ROS_TF}",
+        f"7/lab/robot1/tf/{_ROS_TF}",
+        f"robot1/tf/{_ROS_TF}",
+        "0/tf/tf2_msgs::msg::dds_::TFMessage_/TypeHashNotSupported",
+        "0/tf/state/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db128",
+        "0/tf_static/info/std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4b",
+    ],
+)
+def test_keys_of_ros_2_are_foreign(key: str) -> None:
+    """They match the expressions for transforms, and are none of a stream's."""
+    every = [keys.ALL_TRANSFORMS_EVERYWHERE, keys.ALL_STATIC_TRANSFORMS_EVERYWHERE]
+    assert any(zenoh.KeyExpr(each).intersects(zenoh.KeyExpr(key)) for each in every)
+    assert keys.is_foreign(key)
+
+
+@given(names | awkward, names | awkward)
+def test_keys_of_streams_are_not_foreign(name: str, child: str) -> None:
+    """Those of each name that a stream can have are its own, and it has no other name."""
+    token = f"lab/robot7/{keys.stream_key(name)}"
+    own = [
+        keys.transforms_key(name),
+        keys.static_transforms_key(name),
+        keys.transforms_key_beside(token, child),
+        keys.static_transforms_key_beside(token),
+    ]
+    if not keys.mistake_in_stream(name):
+        assert not any(map(keys.is_foreign, own))
+
+
+def test_names_that_no_stream_can_have() -> None:
+    """A mistake says what is allowed."""
+    assert keys.mistake_in_stream("ros2/robot_state_publisher") == ""
+    assert keys.mistake_in_stream("") == "use 1 to 255 letters that can be printed"
+    assert keys.mistake_in_stream("tf2_msgs::msg::dds_::TFMessage_") == (
+        "'::dds_::' is part of ROS 2's keys on Zenoh, which listeners skip"
+    )
+
+
 @pytest.mark.parametrize(
     ("key", "namespace"),
     [

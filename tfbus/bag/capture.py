@@ -28,6 +28,7 @@ from tfbus.wire.keys import (
     ALL_TRANSFORMS,
     ALL_TRANSFORMS_EVERYWHERE,
     check_no_transforms,
+    is_foreign,
     namespace_of,
     relative,
     static_transforms_key_beside,
@@ -145,8 +146,10 @@ class Capture:
             self._last_statics[key] = digest
 
     def _meet(self, key: str, static: bool) -> TransformSource | None:
+        if is_foreign(key):
+            return None
         name = stream_of(key)
-        if not name or not is_printable(name):
+        if not is_printable(name):
             self._once.warning(
                 "name", "Did not record a stream: its name %r cannot be shown", name[:300]
             )

@@ -24,11 +24,10 @@ from tfbus.bus.session import Session
 from tfbus.errors import BusError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
-from tfbus.names import is_printable
 from tfbus.runtime.executor import Executor
 from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
-from tfbus.wire.keys import escape, static_transforms_key, stream_key
+from tfbus.wire.keys import escape, mistake_in_stream, static_transforms_key, stream_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 from tfbus.wording import printable
 
@@ -60,10 +59,9 @@ class Stream:
         log: logging.Logger,
     ) -> None:
         """Publish it. Raises InvalidArgumentException for a name that listeners would ignore."""
-        if not name or not is_printable(name):
+        if mistake := mistake_in_stream(name):
             raise InvalidArgumentException(
-                f"a stream cannot be called '{printable(name, most=60)}': use 1 to 255 letters "
-                "that can be printed"
+                f"a stream cannot be called '{printable(name, most=60)}': {mistake}"
             )
         session.settings.check_right("nodes", escape(name))
         self.name = name

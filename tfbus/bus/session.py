@@ -354,13 +354,14 @@ class Session:
 
     def living(self, key: str, *, timeout_s: float = 1.0) -> list[str]:
         """The keys of the tokens within the key expression that are alive now, sorted."""
+        at, key = self.placed(key)
         keys: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         handler = direct(
             lambda reply: keys.put(str(reply.ok.key_expr) if reply.ok else ""),
             lambda: keys.put(None),
         )
         with self._errors(f"list {key}"):
-            self.zenoh.liveliness().get(key, handler, timeout=timeout_s)
+            at.zenoh.liveliness().get(key, handler, timeout=timeout_s)
         found = set(filter(None, iter(keys.get, None)))
         is_stray = self.callbacks.strays(key)
         return sorted(each for each in found if is_stray is None or not is_stray(each))

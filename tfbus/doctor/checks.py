@@ -6,6 +6,7 @@ from tfbus.doctor import (
     flow_checks,
     host_checks,
     reader_checks,
+    ros_checks,
     secure_checks,
     sim_time_checks,
     tree_checks,
@@ -46,4 +47,5 @@ CHECKS: dict[str, Check] = {
     "unread": reader_checks.check_unread,
     "buffers": reader_checks.check_buffers,
     "dropped": reader_checks.check_dropped,
+    "ros": ros_checks.check_ros,
 }

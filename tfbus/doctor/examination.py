@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.bus.interfaces import Interface
 from tfbus.bus.settings import NodeSettings
+from tfbus.doctor.ros_around import RosAround
 from tfbus.frames.snapshot import FrameTree
 from tfbus.monitor.flow import EdgeFlow
 from tfbus.wire.descriptions import NodeDescription
@@ -45,3 +46,4 @@ class Examination:
     listened_s: float
     rejected: Mapping[str, int] = field(default_factory=dict)
     largest: Mapping[str, int] = field(default_factory=dict)
+    ros: RosAround = field(default_factory=RosAround)

@@ -10,6 +10,7 @@ from tfbus.bus.settings import NodeSettings
 from tfbus.discover.presence import describe_all
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.host import examine_host
+from tfbus.doctor.ros import RosWatch
 from tfbus.errors import DecodeError
 from tfbus.frames.command_listener import wait_for_clock
 from tfbus.frames.snapshot import frame_tree
@@ -35,7 +36,8 @@ def examine(
     Raises BusError if the bus cannot be joined, TimeoutException if simulated time is used and no
     clock runs.
     """
-    with Node(settings=replace(settings, log_level="error"), patience_s=0.0) as node:
+    quiet = replace(settings, log_level="error")
+    with RosWatch(settings) as ros, Node(settings=quiet, patience_s=0.0) as node:
         wait_for_clock(node)
         node.session.settle()
         # Before we subscribe: a listener that nodes report is not ours.
@@ -55,6 +57,7 @@ def examine(
                 listened_s,
                 dict(buffer.rejected),
                 dict(meter.largest),
+                ros.around(node.session),
             )
     raise KeyboardInterrupt  # the node's `with` swallowed it
 

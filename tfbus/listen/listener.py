@@ -37,7 +37,7 @@ from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.fleet import Fleet
-from tfbus.wire.keys import static_transforms_key_beside, stream_of
+from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
 
 # What a listener reads.
 Reads = Literal["everything", "needed"]
@@ -114,6 +114,7 @@ class TransformListener:
         self._executor = Executor(f"{node.full_name} streams", node.log)
         self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
+        self._foreign = 0
         self._closed = False
         if buffer.clock is SYSTEM_CLOCK:
             buffer.clock = node.clock
@@ -200,6 +201,11 @@ class TransformListener:
         """How many messages came on keys beyond the limit of 200,000."""
         return self._refusals.counts["dropped"]
 
+    @property
+    def foreign(self) -> int:
+        """How many messages of others, such as ROS 2, came between those of streams."""
+        return self._foreign
+
     def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
         states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
@@ -222,6 +228,9 @@ class TransformListener:
             reception.receive(payload)
 
     def _meet(self, key: str) -> DynamicReception | StaticReception | None:
+        if is_foreign(key):
+            self._foreign += 1
+            return None
         if not is_static(key):
             if self._registry.is_full and not self._makes_room(stream_of(key)):
                 self._refusals.warning(

@@ -118,7 +118,7 @@ class TransformMeter:
         try:
             message = decode_transforms(payload)
         except DecodeError:
-            return  # the listener counts it, and logs it
+            return  # the listener counts it, and logs it where it is not of ROS 2
         stream, frames = stream_of(key), self._names.of_message(key, message.rows.frames)
         with self._lock:
             self._take_rows(stream, frames, message, at_s, now_ns)

@@ -9,7 +9,7 @@ from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.clock import SimulatedClock
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.codec import decode_message, encode_message
+from tfbus.wire.codec import decode_message, encode_message, is_of_ros
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 from tfbus.wording import stamp_text
 
@@ -84,7 +84,8 @@ class ClockPublisher(Endpoint):
 class ClockSubscription(Endpoint):
     """Sets a simulated clock by the messages of the topic, on Zenoh's threads.
 
-    A message of the wrong shape is dropped and counted in `rejected`; the first is logged.
+    A message of the wrong shape is dropped and counted in `rejected`; the first is logged. ROS 2's
+    own clock is none of ours.
     """
 
     def __init__(
@@ -106,6 +107,8 @@ class ClockSubscription(Endpoint):
         try:
             message = decode_message(Clock, payload)
         except DecodeError as error:
+            if is_of_ros(payload):
+                return
             self._log_once.warning(
                 _REJECTED,
                 "Dropped a message on topic %r that is not %s: %s",

@@ -12,7 +12,7 @@ from tfbus.errors import DecodeError
 from tfbus.node.endpoint import Endpoint
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.codec import decode_message, encode_message, type_name
+from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
 
 M = TypeVar("M")
 
@@ -58,7 +58,7 @@ class RawPublisher(Endpoint):
 class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For tools that measure, record or forward messages of any type.
+    For tools that measure, record or forward messages of any type. Those of ROS 2 are skipped.
     """
 
     def __init__(
@@ -71,17 +71,20 @@ class RawSubscription(Endpoint):
         retained: bool = False,
     ):
         super().__init__(topic, type_name, retained=retained)
-        self._parts = [
-            _subscriber(session, topic, retained, lambda key, payload: callback(payload))
-        ]
+
+        def on_message(key: str, payload: bytes) -> None:
+            if not is_of_ros(payload):
+                callback(payload)
+
+        self._parts = [_subscriber(session, topic, retained, on_message)]
 
 
 class Subscription(Endpoint, Generic[M]):
     """Calls `callback(message)` for each message of a topic, on the node's thread.
 
     A message of the wrong shape, or larger than the limit of topics, is dropped and counted in
-    `rejected`; the first is logged. Where messages come faster than the callback returns, at most
-    10 wait; the oldest are dropped and counted in `dropped`.
+    `rejected`; the first that is not one of ROS 2 is logged. Where messages come faster than the
+    callback returns, at most 10 wait; the oldest are dropped and counted in `dropped`.
     """
 
     def __init__(
@@ -105,13 +108,13 @@ class Subscription(Endpoint, Generic[M]):
         # Guards the counts, the pending messages, and that each of them has one delivery.
         self._lock = threading.Lock()
         self._pending: deque[M] = deque(maxlen=PENDING_MESSAGES)
-        self._too_large = 0
+        self._too_large = self._of_ros = 0
         self._parts = [_subscriber(session, topic, retained, self._on_message, self._on_too_large)]
 
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape, or too large to be read."""
-        return self._log_once.counts[_REJECTED] + self._too_large
+        return self._log_once.counts[_REJECTED] + self._too_large + self._of_ros
 
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
@@ -127,6 +130,9 @@ class Subscription(Endpoint, Generic[M]):
         try:
             message = decode_message(self.message_type, payload)
         except DecodeError as error:
+            if is_of_ros(payload):
+                self._of_ros += 1
+                return
             self._log_once.warning(
                 _REJECTED,
                 "Dropped a message on topic %r that is not %s: %s",

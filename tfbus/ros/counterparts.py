@@ -94,7 +94,7 @@ def _description_of_ros(values: dict[str, Any]) -> dict[str, Any]:
     if found and about.endswith(_AFTER):
         try:
             others = json.loads(about.removesuffix(_AFTER))
-        except ValueError:
+        except (ValueError, RecursionError):
             others = None
         if isinstance(others, list) and [type(each) for each in others] == [str, str]:
             return {"urdf": urdf, "prefix": others[0], "source": others[1]}

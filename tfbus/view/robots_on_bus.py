@@ -20,7 +20,7 @@ from tfbus.view.meshes.guard import MeshError
 from tfbus.view.meshes.limits import MOST_BYTES
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import Joints
-from tfbus.wire.codec import decode_message
+from tfbus.wire.codec import decode_message, is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import check_namespace, check_no_transforms
 from tfbus.wording import printable
@@ -126,6 +126,8 @@ class RobotsOnBus:
     # Descriptions
 
     def _on_message(self, key: str, payload: bytes, sender: str) -> None:
+        if is_of_ros(payload):
+            return
         origin = key.removesuffix(_TOPIC).strip("/")
         with self._lock:
             size = len(payload) + sum(len(waiting) for _, waiting, _ in self._waiting)

@@ -16,6 +16,10 @@ from tfbus.errors import BusError, DecodeError
 from tfbus.wire.msgpack_items import too_many_items
 from tfbus.wording import printable
 
+# The header of a message in CDR: a zero, the encoding, and two bytes of options.
+_CDR_HEADER_SIZE = 4
+_LAST_CDR = 0x0B
+
 M = TypeVar("M")
 Reader = Callable[[object, str], Any]
 
@@ -46,6 +50,14 @@ def decode_map(data: bytes) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise DecodeError(f"a message must be a msgpack map, not {_kind(value)}")
     return value
+
+
+def is_of_ros(data: bytes) -> bool:
+    """Whether a message is one of ROS 2, in CDR, which is never a msgpack map.
+
+    zenoh-bridge-ros2dds sends them at the keys of topics: skip them without a word.
+    """
+    return len(data) >= _CDR_HEADER_SIZE and data[0] == 0 and data[1] <= _LAST_CDR
 
 
 def encode_message(message: object) -> bytes:

@@ -9,6 +9,7 @@ import re
 from urllib.parse import unquote
 
 from tfbus.errors import InvalidNameError
+from tfbus.names import is_printable
 from tfbus.wording import printable
 
 TRANSFORMS = "tf"
@@ -27,6 +28,12 @@ CLOCK_TOPIC = "clock"
 
 # How many chunks say what a key is for, by the first of them.
 _CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}
+
+# How many chunks follow in keys of transforms: the stream, and a frame of a split one.
+_MOST_BELOW = {TRANSFORMS: 2, STATIC_TRANSFORMS: 1}
+
+# Part of each type's name in the keys of ROS 2 on Zenoh, and of no stream's.
+_ROS_TYPE = "::dds_::"
 
 _ESCAPES = str.maketrans({char: f"%{ord(char):02X}" for char in "%*$?#/@"})
 _NODE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
@@ -122,6 +129,31 @@ def stream_of(key: str) -> str:
     """
     above, below = _split(key)
     return "/".join([*above, *map(unescape, below[:1])])
+
+
+def is_foreign(key: str) -> bool:
+    """Whether a key that `ALL_TRANSFORMS`, or another of those expressions, matches is not one of
+    tfbus's.
+
+    ROS 2 has such keys: `robot7/tf` (zenoh-bridge-ros2dds), and by rmw_zenoh
+    `0/robot7/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_...`. Skip what comes there without a word.
+    """
+    chunks = key.split("/")
+    for at, chunk in enumerate(chunks):
+        most = _MOST_BELOW.get(chunk)
+        if most is not None:
+            below = chunks[at + 1 :]
+            return not 0 < len(below) <= most or _ROS_TYPE in below[0]
+    return True
+
+
+def mistake_in_stream(name: str) -> str:
+    """Why a stream cannot have this name, as the end of a sentence; "" where it can."""
+    if not name or not is_printable(name):
+        return "use 1 to 255 letters that can be printed"
+    if _ROS_TYPE in name:
+        return f"'{_ROS_TYPE}' is part of ROS 2's keys on Zenoh, which listeners skip"
+    return ""
 
 
 def namespace_of(key: str) -> str:

@@ -14,7 +14,7 @@ from tfbus.cli.bus import look
 from tfbus.command.types import own_name
 from tfbus.discover.graph import TRANSFORMS_TYPE, Graph, TopicInfo
 from tfbus.errors import BusError
-from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
+from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS, is_foreign
 from tfbus.wording import did_you_mean
 
 if TYPE_CHECKING:
@@ -60,12 +60,16 @@ def subscribe(
     """
     from tfbus.bus.retained import declare_retained_subscriber  # Zenoh
 
+    def on_transforms(key: str, payload: bytes) -> None:
+        if not is_foreign(key):
+            callback(payload)
+
     kind, stream = _transforms(topic)
     if kind == STATIC_TRANSFORMS:
         key = topic if stream else f"{topic}/**"
-        return declare_retained_subscriber(node.session, key, lambda _, payload: callback(payload))
+        return declare_retained_subscriber(node.session, key, on_transforms)
     if kind == TRANSFORMS:  # each frame of a split stream has its own key
-        return node.session.subscriber(f"{topic}/**", lambda _, payload: callback(payload))
+        return node.session.subscriber(f"{topic}/**", on_transforms)
     return node.create_raw_subscription(topic, callback, type_name=type_name, retained=retained)
 
 

@@ -4,7 +4,7 @@ What is listed here is public; everything else is private. Names are imported wh
 so that `import tfbus` costs nothing and a command loads only what it needs.
 """
 
-from importlib import import_module
+from tfbus.runtime.lazy_exports import imported
 
 # As typing has it, whose import would take most of the time that this one takes.
 TYPE_CHECKING = False
@@ -141,12 +141,12 @@ __all__ = sorted(_MODULE_OF)
 
 def __getattr__(name: str) -> "Any":
     if name == "__version__":
-        value = import_module("tfbus.runtime.version").installed_version()
+        value = imported("tfbus.runtime.version").installed_version()
     elif name == "view":
         # `import tfbus` is enough for `tfbus.view.show(buffer)`.
-        value = import_module("tfbus.view")
+        value = imported("tfbus.view")
     elif name in _MODULE_OF:
-        value = getattr(import_module(_MODULE_OF[name]), name)
+        value = getattr(imported(_MODULE_OF[name]), name)
     else:
         ours = _IN_RCLPY.get(name)
         hint = f"; use: {ours}" if ours else ""

@@ -28,8 +28,8 @@ STAMP_NS = 1_649_109_418_061_570_822
 
 
 def send_always(node: Node, make: Callable[[], TransformStamped]) -> None:
-    """Send a transform fifty times a second."""
-    broadcaster = TransformBroadcaster(node)
+    """Send a transform fifty times a second; kept for longer than a process takes to start."""
+    broadcaster = TransformBroadcaster(node, history_s=60.0)
     node.create_timer(0.02, lambda: broadcaster.send_transform(make()))
 
 

@@ -6,11 +6,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 from tests.fakes import InAThread
 from tests.live_bus import eventually
+from tfbus.runtime.lazy_exports import exported
 from tfbus.runtime.signals import StopSignals
 
 
@@ -97,6 +99,26 @@ def test_a_signal_while_it_is_held_is_told_once(signals: StopSignals) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         assert signals.wait(None)
         assert not signals.wait(0.0)
+
+
+def test_ctrl_c_counts_though_an_import_swallows_it(
+    signals: StopSignals, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Modules that are compiled clear all exceptions at their start: it raises after the import."""
+    lines = (
+        "import signal",
+        "try:",
+        "    signal.raise_signal(signal.SIGINT)",
+        "except BaseException:",
+        "    pass",
+        "name = 1",
+    )
+    (tmp_path / "swallowing.py").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        exported("tfbus", {"name": "swallowing"})("name")
+    assert sys.modules.pop("swallowing").name == 1
+    assert signals.stopped
 
 
 def test_outside_of_a_wait_ctrl_c_raises_keyboard_interrupt(signals: StopSignals) -> None:

@@ -8,7 +8,19 @@ TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from types import ModuleType
     from typing import Any
+
+
+def imported(module: str) -> "ModuleType":
+    """A module, imported without a break: Ctrl-C counts once it is."""
+    signals = sys.modules.get("tfbus.runtime.signals")
+    # Where that is not imported, or not yet whole, there is no handler of tfbus.
+    postponed = getattr(signals, "postponed", None)
+    if postponed is None:
+        return import_module(module)
+    with postponed():
+        return import_module(module)
 
 
 def exported(package: str, module_of: "Mapping[str, str]") -> "Callable[[str], Any]":
@@ -17,7 +29,7 @@ def exported(package: str, module_of: "Mapping[str, str]") -> "Callable[[str], A
     def find(name: str) -> "Any":
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(module_of[name]), name)
+        value = getattr(imported(module_of[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 

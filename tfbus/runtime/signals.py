@@ -205,6 +205,8 @@ _SAME_SIGNAL_S = 1.0
 _interrupted_s = -math.inf
 _installed: list[StopSignals] = []
 _previous: dict[int, Any] = {}
+# Signals that have come within `postponed`; None outside of it.
+_postponed: set[int] | None = None
 _stops: weakref.WeakSet[_Stop] = weakref.WeakSet()
 
 
@@ -217,7 +219,31 @@ def _is_interactive() -> bool:
     return hasattr(sys, "ps1")
 
 
+@contextmanager
+def postponed() -> Iterator[None]:
+    """In the main thread handle signals at the end of the `with`, which then raises what they do.
+
+    For imports: the start of a compiled module clears any exception of what it calls, and with it
+    the KeyboardInterrupt of a signal, so that Ctrl-C would do nothing.
+    """
+    global _postponed
+    if _postponed is not None or not _in_main_thread():
+        yield
+        return
+    _postponed = set()
+    try:
+        yield
+    finally:
+        numbers, _postponed = _postponed, None
+        # SIGTERM before SIGINT, since the first may raise.
+        for number in sorted(numbers, reverse=True):
+            _on_signal(number, None)
+
+
 def _on_signal(number: int, frame: FrameType | None) -> None:
+    if _postponed is not None:
+        _postponed.add(number)
+        return
     if not _installed:  # another thread uninstalled the last one, and cannot set handlers
         _restore_handlers()
         signal.raise_signal(number)

@@ -83,6 +83,7 @@ class Ros2:
             self._retained(f"{lead}robot_description", TEXT)
             for topic in ("clock", "joint_states", "turtle1/pose", "turtle1/cmd_vel"):
                 self._message(f"{lead}{topic}", CLOCK)
+        self._message("tf/image", TEXT)  # of a node that is called tf
         # As its older sibling for DDS has them.
         self._dynamic("rt/tf", "odom", "base")
         self._alive(f"@/{zid}/@ros2_lv")

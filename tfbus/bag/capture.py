@@ -20,7 +20,7 @@ from tfbus.node.topic import RawSubscription
 from tfbus.recording.items import EventItem, EventKind
 from tfbus.recording.selection import Selection, is_of_transforms
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wire.codec import as_map
+from tfbus.wire.codec import as_map, is_of_ros
 from tfbus.wire.descriptions import NodeDescription, StreamDescription
 from tfbus.wire.keys import (
     ALL_STATIC_TRANSFORMS,
@@ -132,7 +132,9 @@ class Capture:
         return declared
 
     def _on_transforms(self, key: str, payload: bytes) -> None:
-        source = self._sources.get(key) or self.source(key)
+        source = self._sources.get(key)
+        if source is None and not is_of_ros(payload):
+            source = self.source(key)
         if source is not None:
             self._queue.put(source, payload)
 

@@ -36,6 +36,7 @@ from tfbus.node.node import Node
 from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
 
@@ -223,12 +224,12 @@ class TransformListener:
     # Messages
 
     def _on_message(self, key: str, payload: bytes) -> None:
-        reception = self._registry.receptions.get(key) or self._meet(key)
+        reception = self._registry.receptions.get(key) or self._meet(key, payload)
         if reception is not None:
             reception.receive(payload)
 
-    def _meet(self, key: str) -> DynamicReception | StaticReception | None:
-        if is_foreign(key):
+    def _meet(self, key: str, payload: bytes) -> DynamicReception | StaticReception | None:
+        if is_foreign(key) or is_of_ros(payload):
             self._foreign += 1
             return None
         if not is_static(key):

@@ -33,6 +33,11 @@ _CLOSING_S = 10.0
 # publishers: Zenoh counts per session.
 _PUBLISHERS_OF_A_SESSION = 1000
 
+# After a lost link is back, what was retained meanwhile is asked for and sent again. Zenoh asks for
+# it itself, but as soon as it knows of a publisher, when the router does not yet know that it
+# answers. ROS tries its router every 4 s at the latest.
+_REFRESHING_S = (1.0, 6.0)
+
 # payload, attachment or None
 OnSample = Callable[[bytes, bytes | None], None]
 OnToken = Callable[[str, bool], None]
@@ -46,6 +51,9 @@ class _Part(Protocol):
     def declare(self, session: zenoh.Session) -> None: ...
 
     def undeclare(self) -> None: ...
+
+    def refresh(self, session: zenoh.Session) -> None:
+        """Make up for what was missed while there was no link."""
 
 
 class RosSession:
@@ -77,6 +85,7 @@ class RosSession:
         self._parts: list[_Part] = []
         self._closing = threading.Event()
         self._links: set[str] = set()
+        self._had_links = False
         self._link_watch: Declaration | None = None
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
@@ -112,7 +121,8 @@ class RosSession:
                     self._why = f"Could not join ROS at {self.where}: {printable(reason)}"
                 # A router that is just being started is no matter.
                 if time.monotonic() >= started_s + 2 * _RETRY_S:
-                    self._once.warning(self._why, "%s. Trying on", self._why)
+                    if not self._has_missed:
+                        self._log.warning("%s. Trying on", self._why)
                     self._has_missed = True
                 self._closing.wait(_RETRY_S)
             else:
@@ -143,8 +153,22 @@ class RosSession:
         if was_linked:
             self._log.warning("Lost the Zenoh router of ROS at %s. Trying on", self.where)
             self._has_missed = True
-        elif self._has_missed:
+            return
+        if self._has_missed:
             self._log.info("Joined ROS at %s", self.where)
+        if self._had_links:
+            for after_s in _REFRESHING_S:
+                timer = threading.Timer(after_s, self._refresh)
+                timer.daemon = True
+                timer.start()
+        self._had_links = True
+
+    def _refresh(self) -> None:
+        with self._lock:
+            if not self._closing.is_set() and not forks.is_lost():
+                for part in self._parts:
+                    with suppress(zenoh.ZError):
+                        part.refresh(self.zenoh)
 
     def _declare_now(self, part: _Part) -> None:
         try:
@@ -284,7 +308,7 @@ class Publication:
         self._key = key
         self._retained = retained
         self._lock = threading.Lock()
-        self._waiting: deque[tuple[bytes, bytes]] = deque(maxlen=retained)
+        self._kept: deque[tuple[bytes, bytes]] = deque(maxlen=retained)
         self._publisher: Any = None
         self._watch: HeardWatch | None = None
         self._ended = False
@@ -302,9 +326,17 @@ class Publication:
             self._publisher = publisher
             if self._retained:
                 self._publisher = declare_caching_publisher(session, self._key, self._retained)
-            for payload, attachment in self._waiting:
+            self._put_kept()
+
+    def refresh(self, session: zenoh.Session) -> None:
+        """Send again what is retained."""
+        with self._lock:
+            self._put_kept()
+
+    def _put_kept(self) -> None:
+        if self._publisher is not None:
+            for payload, attachment in self._kept:
                 self._publisher.put(payload, attachment=attachment)
-            self._waiting.clear()
 
     @property
     def heard(self) -> bool:
@@ -314,10 +346,11 @@ class Publication:
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Send one message. Raises BusError where it is closed."""
         with self._lock:
+            if self._ended:
+                raise BusError(f"could not publish {self._key}: it is closed")
+            if self._retained:
+                self._kept.append((payload, attachment))
             if self._publisher is None:
-                if self._ended:
-                    raise BusError(f"could not publish {self._key}: it is closed")
-                self._waiting.append((payload, attachment))
                 return
             try:
                 self._publisher.put(payload, attachment=attachment)
@@ -344,8 +377,13 @@ class _Held:
         self._declared: Declaration | None = None
 
     def hold(self, declared: Any) -> None:
-        """Keep what was declared."""
-        self._declared = Declaration(declared)
+        """Keep what was declared, in the place of what was before."""
+        former, self._declared = self._declared, Declaration(declared)
+        if former is not None:
+            former.close()
+
+    def refresh(self, session: zenoh.Session) -> None:
+        """It misses nothing."""
 
     def undeclare(self) -> None:
         """End it; twice is fine."""
@@ -367,6 +405,11 @@ class _Subscription(_Held):
         else:
             remote = zenoh.Locality.REMOTE
             self.hold(session.declare_subscriber(self.key, handler, allowed_origin=remote))
+
+    def refresh(self, session: zenoh.Session) -> None:
+        """Ask publishers again for what they retain."""
+        if self._retained:
+            self.declare(session)
 
 
 class _Token(_Held):

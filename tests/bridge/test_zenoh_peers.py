@@ -45,7 +45,7 @@ def tf_message(child: str) -> bytes:
 
 def children(payload: bytes) -> list[str]:
     """The child frames of a message."""
-    return list(TFMessageReader().read(payload).child_frame_ids)
+    return sorted(TFMessageReader().read(payload).children())
 
 
 class Heard(list[tuple[bytes, str]]):

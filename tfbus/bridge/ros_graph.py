@@ -91,15 +91,18 @@ class RosGraph:
 
 def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[Token]) -> str:
     nodes = listed(sorted({printable(each.full_node_name, 60) for each in others}), most=3)
-    have = "has" if len({each.full_node_name for each in others}) == 1 else "have"
+    alone = len({each.full_node_name for each in others}) == 1
+    have, run = ("has", "runs") if alone else ("have", "run")
     first = others[0]
     if first.dds_type != dds_type:
         theirs = ros_type_name(first.dds_type) or printable(first.dds_type, 60)
         return f"{topic} does not cross: in ROS {nodes} {have} it as {theirs}"
     if first.type_hash == NO_TYPE_HASH:
-        return f"{topic} does not cross: {nodes} run in ROS 2 Humble: give --distro humble"
+        return f"{topic} does not cross: {nodes} {run} in ROS 2 Humble: give --distro humble"
     if type_hash == NO_TYPE_HASH:
-        return f"{topic} does not cross: {nodes} run in a later ROS 2 than Humble: give no --distro"
+        return (
+            f"{topic} does not cross: {nodes} {run} in a later ROS 2 than Humble: give no --distro"
+        )
     return (
         f"{topic} does not cross: in ROS {nodes} {have} another definition of "
         f"{ros_type_name(dds_type)}, of hash {printable(first.type_hash, 80)}"

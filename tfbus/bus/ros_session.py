@@ -86,6 +86,7 @@ class RosSession:
         self._closing = threading.Event()
         self._links: set[str] = set()
         self._had_links = False
+        self._timers: list[threading.Timer] = []
         self._link_watch: Declaration | None = None
         forks.holders.add(self, "zenoh")
         atexit.register(self._end_with_process)
@@ -99,10 +100,8 @@ class RosSession:
 
     @property
     def trouble(self) -> str:
-        """Why it has no link, in a sentence; "" where it has one."""
-        if self.is_linked:
-            return ""
-        return self._why or self._missing()
+        """Why it has no link, in a sentence; "" where it has one, or has just begun to try."""
+        return "" if self.is_linked else self._why
 
     def _missing(self) -> str:
         return f"No Zenoh router of ROS answers at {self.where}: {_HOW_TO_START}"
@@ -115,26 +114,32 @@ class RosSession:
             try:
                 session = zenoh.open(self._config)
             except zenoh.ZError as error:
-                self._why = self._missing()
-                if not is_router_missing(error):
-                    reason = first_sentence(str(error))
-                    self._why = f"Could not join ROS at {self.where}: {printable(reason)}"
                 # A router that is just being started is no matter.
                 if time.monotonic() >= started_s + 2 * _RETRY_S:
-                    if not self._has_missed:
-                        self._log.warning("%s. Trying on", self._why)
-                    self._has_missed = True
+                    self._miss(error)
                 self._closing.wait(_RETRY_S)
             else:
                 self._begin(session)
+                # A peer opens without a router.
+                self._closing.wait(2 * _RETRY_S)
+                if not self.is_linked and not self._closing.is_set():
+                    self._miss()
                 return
+
+    def _miss(self, error: zenoh.ZError | None = None) -> None:
+        self._why = self._missing()
+        if error is not None and not is_router_missing(error):
+            reason = printable(first_sentence(str(error)))
+            self._why = f"Could not join ROS at {self.where}: {reason}"
+        if not self._has_missed:
+            self._log.warning("%s. Trying on", self._why)
+        self._has_missed = True
 
     def _begin(self, session: zenoh.Session) -> None:
         with self._lock:
             if self._closing.is_set():
                 session.close()
                 return
-            self._why = ""
             self.zenoh = session
             for part in self._parts:
                 self._declare_now(part)
@@ -153,15 +158,21 @@ class RosSession:
         if was_linked:
             self._log.warning("Lost the Zenoh router of ROS at %s. Trying on", self.where)
             self._has_missed = True
+            self._why = self._missing()
             return
         if self._has_missed:
             self._log.info("Joined ROS at %s", self.where)
         if self._had_links:
-            for after_s in _REFRESHING_S:
-                timer = threading.Timer(after_s, self._refresh)
-                timer.daemon = True
-                timer.start()
+            self._refresh_later()
         self._had_links = True
+
+    def _refresh_later(self) -> None:
+        for timer in self._timers:
+            timer.cancel()
+        self._timers = [threading.Timer(after_s, self._refresh) for after_s in _REFRESHING_S]
+        for timer in self._timers:
+            timer.daemon = True
+            timer.start()
 
     def _refresh(self) -> None:
         with self._lock:
@@ -280,6 +291,8 @@ class RosSession:
         self._opener.join(_CLOSING_S)
         if self._link_watch is not None:
             self._link_watch.close()
+        for timer in self._timers:
+            timer.cancel()
         with self._lock:
             parts, self._parts = self._parts, []
         # Tokens first: Zenoh may leave a link open that began while it closed.

@@ -77,6 +77,27 @@ def python_of_rosbag() -> str:
     return python
 
 
+def python_of_rmw_zenoh() -> str:
+    """The Python of an environment with pyzeros and zenoh-ros2-sdk, two implementations of
+    rmw_zenoh's wire; the test is skipped where there is none.
+    """
+    return _python_of("TFBUS_RMW", "pyzeros", "pip install pyzeros zenoh-ros2-sdk")
+
+
+def python_of_old_zenoh() -> str:
+    """The Python of an environment with the Zenoh that is in ROS; the test is skipped where there
+    is none.
+    """
+    return _python_of("TFBUS_OLD_ZENOH", "Zenoh 1.6", "pip install eclipse-zenoh==1.6.2")
+
+
+def _python_of(variable: str, need: str, install: str) -> str:
+    folder = os.environ.get(variable, "")
+    if not folder:
+        skip(need, f"{install} in an environment of its own, and {variable}=ITS_FOLDER")
+    return str(Path(folder) / "bin" / "python")
+
+
 @cache
 def why_no_hosts() -> str:
     """Why network namespaces cannot be made here; "" where they can."""

@@ -98,3 +98,40 @@ def ask_retained_later(
     session.ask_later(
         f"{key}{_RETAINED}", None, on_answer, on_end, timeout_s=timeout_s, answers_at=key
     )
+
+
+# As rmw_zenoh does it, by any session
+
+
+def declare_caching_publisher(
+    session: zenoh.Session, key: str, samples: int
+) -> ext.AdvancedPublisher:
+    """A publisher whose last `samples` messages reach late joiners of other sessions."""
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        allowed_destination=zenoh.Locality.REMOTE,
+        cache=ext.CacheConfig(max_samples=samples),
+        sample_miss_detection=ext.MissDetectionConfig(
+            heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+        ),
+        publisher_detection=True,
+    )
+
+
+def declare_history_subscriber(
+    session: zenoh.Session, key: str, samples: int, handler: Any
+) -> ext.AdvancedSubscriber[Any]:
+    """A subscriber to what publishers of other sessions keep, at most `samples` of one session,
+    and send; also of publishers that come later.
+    """
+    return ext.declare_advanced_subscriber(
+        session,
+        key,
+        handler,
+        allowed_origin=zenoh.Locality.REMOTE,
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=samples),
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        subscriber_detection=True,
+    )

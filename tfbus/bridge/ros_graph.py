@@ -1,0 +1,109 @@
+"""Who is there in ROS over Zenoh: publishers, subscribers and nodes, as their tokens say."""
+
+import threading
+from collections import Counter
+from collections.abc import Sequence
+
+from tfbus.bridge.leg import RosPublisher
+from tfbus.ros.rmw_zenoh import NO_TYPE_HASH, Token, gid_of, read_token, ros_type_name
+from tfbus.wording import listed, printable
+
+# Tokens are strangers' to make up.
+_MOST = 20_000
+
+
+class RosGraph:
+    """The tokens of others that are alive: those of the session `own` are left out."""
+
+    def __init__(self, domain: int, own: str) -> None:
+        # Tokens that are not of that form, or beyond what is kept.
+        self.dropped = 0
+        self._domain = domain
+        self._own = own
+        self._lock = threading.Lock()
+        self._elsewhere: Counter[int] = Counter()
+        self._tokens: dict[str, Token] = {}
+        self._publishers: dict[str, dict[str, RosPublisher]] = {}
+
+    def on_token(self, text: str, alive: bool) -> None:
+        """A token has come, or is gone."""
+        with self._lock:
+            if not alive:
+                self._forget(text)
+            elif text not in self._tokens:
+                token = read_token(text)
+                if token is None or len(self._tokens) >= _MOST:
+                    self.dropped += 1
+                elif token.session != self._own:
+                    self._add(text, token)
+
+    def _add(self, text: str, token: Token) -> None:
+        self._tokens[text] = token
+        if token.domain != self._domain:
+            self._elsewhere[token.domain] += 1
+        elif token.kind == "MP":
+            publisher = RosPublisher(gid_of(text).hex(), token.full_node_name)
+            self._publishers.setdefault(token.topic, {})[text] = publisher
+
+    def _forget(self, text: str) -> None:
+        token = self._tokens.pop(text, None)
+        if token is None:
+            return
+        if token.domain != self._domain:
+            self._elsewhere[token.domain] -= 1
+        elif publishers := self._publishers.get(token.topic):
+            publishers.pop(text, None)
+            if not publishers:
+                del self._publishers[token.topic]
+
+    def publishers(self, topic: str) -> list[RosPublisher]:
+        """The publishers of a topic, in order of their gids."""
+        with self._lock:
+            found = list(self._publishers.get(topic, {}).values())
+        return sorted(found, key=lambda each: each.gid)
+
+    def other_domains(self) -> list[int]:
+        """The domains that have nodes, where that of this graph has none."""
+        with self._lock:
+            if sum(self._elsewhere.values()) < len(self._tokens):
+                return []
+            return sorted(+self._elsewhere)
+
+    def mismatches(self, wanted: Sequence[tuple[str, str, str]]) -> list[str]:
+        """What publishers and subscribers of topics have other types than `wanted`, each a topic,
+        its type on the wire and the hash of that: a sentence for each topic.
+        """
+        with self._lock:
+            tokens = [each for each in self._tokens.values() if each.domain == self._domain]
+        found = []
+        for topic, dds_type, type_hash in wanted:
+            others = [
+                each
+                for each in tokens
+                if each.kind in ("MP", "MS")
+                and each.topic == topic
+                and (each.dds_type, each.type_hash) != (dds_type, type_hash)
+            ]
+            if others:
+                found.append(_mismatch(topic, dds_type, type_hash, others))
+        return found
+
+
+def _mismatch(topic: str, dds_type: str, type_hash: str, others: list[Token]) -> str:
+    nodes = listed(sorted({printable(each.full_node_name, 60) for each in others}), most=3)
+    alone = len({each.full_node_name for each in others}) == 1
+    have, run = ("has", "runs") if alone else ("have", "run")
+    first = others[0]
+    if first.dds_type != dds_type:
+        theirs = ros_type_name(first.dds_type) or printable(first.dds_type, 60)
+        return f"{topic} does not cross: in ROS {nodes} {have} it as {theirs}"
+    if first.type_hash == NO_TYPE_HASH:
+        return f"{topic} does not cross: {nodes} {run} in ROS 2 Humble: give --distro humble"
+    if type_hash == NO_TYPE_HASH:
+        return (
+            f"{topic} does not cross: {nodes} {run} in a later ROS 2 than Humble: give no --distro"
+        )
+    return (
+        f"{topic} does not cross: in ROS {nodes} {have} another definition of "
+        f"{ros_type_name(dds_type)}, of hash {printable(first.type_hash, 80)}"
+    )

@@ -1,0 +1,248 @@
+"""The leg by rmw_zenoh's wire: ROS 2 over Zenoh, without ROS on the machine."""
+
+import itertools
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.bridge.ros_graph import RosGraph
+from tfbus.bus.ros_session import Publication, RosSession
+from tfbus.errors import SettingsError
+from tfbus.ros.rmw_zenoh import (
+    GRAPH,
+    NO_TYPE_HASH,
+    Attachment,
+    Kind,
+    Qos,
+    Token,
+    attachment_bytes,
+    check_node_name,
+    check_topic_name,
+    data_key,
+    dds_type_name,
+    gid_of,
+    has_named_fields,
+    read_attachment,
+    wire_of,
+)
+from tfbus.ros.type_hash import type_hash
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import printable
+
+# DDS has no ports for more, and ROS takes no others.
+_LAST_DOMAIN = 232
+
+
+def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
+    """Join ROS through its Zenoh router, which may start later.
+
+    Raises SettingsError for an unknown distribution, a domain or an endpoint that is none, and
+    InvalidNameError for the name of a node that ROS does not take.
+    """
+    return ZenohLeg(settings, log)
+
+
+class ZenohLeg:
+    """A node in ROS over Zenoh, until `close()`; see `tfbus.bridge.leg.Leg`.
+
+    Where no router answers it keeps trying, and what was declared meanwhile is declared then.
+    """
+
+    name = "rmw_zenoh"
+    tells_publishers = True
+
+    def __init__(self, settings: LegSettings, log: logging.Logger) -> None:
+        check_node_name(settings.node, settings.namespace)
+        self._wire = wire_of(settings.distro)
+        self._settings = settings
+        self.domain = _domain(settings.domain)
+        self._once = LogOnce(log)
+        self._session = RosSession(settings.connect, log)
+        self.graph = RosGraph(self.domain, self._session.id)
+        self._numbers = itertools.count(1)
+        self._own_gids: set[bytes] = set()
+        self._topics: dict[str, tuple[str, str, str]] = {}
+        self._has_seen_named_fields = False
+        # Messages without an attachment of rmw_zenoh's.
+        self.dropped = 0
+        # The graph first, so that messages come from known publishers.
+        self._session.watch_tokens(f"{GRAPH}/**", self.graph.on_token)
+        self._session.token(self._token("NN"))
+
+    def publisher(self, topic: RosTopic) -> RosSender:
+        """Begin to publish a topic. Raises InvalidNameError for a name that ROS does not take."""
+        key = self._key(topic)
+        token = self._token("MP", topic)
+        gid = gid_of(token)
+        self._own_gids.add(gid)
+        retained = topic.depth if topic.retained else 0
+        publication = self._session.publication(key, retained=retained)
+        declared = self._session.token(token)
+
+        def close() -> None:
+            # The token first: ROS forgets the publisher before its messages end.
+            self._session.end(declared)
+            self._session.end(publication)
+
+        return _Sender(publication, gid, named=self._wire.has_named_fields, close=close)
+
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+        """Call `on_message(payload, gid)` for each message of others on a topic. Errors as of
+        `publisher`.
+        """
+        key = self._key(topic)
+        subscription = _Subscription(on_message)
+
+        def on_sample(payload: bytes, attachment: bytes | None) -> None:
+            read = None if attachment is None else read_attachment(attachment)
+            if read is None:
+                self._drop(topic.name, attachment)
+            elif read.gid not in self._own_gids:
+                subscription.call(payload, read.gid.hex())
+                if has_named_fields(attachment or b"") and not self._has_seen_named_fields:
+                    self._has_seen_named_fields = True
+
+        token = self._token("MS", topic)
+        declared = self._session.token(token)
+        heard = self._session.subscription(key, on_sample, retained=topic.retained)
+
+        def undeclare() -> None:
+            self._session.end(declared)
+            self._session.end(heard)
+
+        subscription.undeclare = undeclare
+        return subscription
+
+    def publishers(self, topic: str) -> Sequence[RosPublisher]:
+        """The publishers of a topic that are there now, its own ones left out."""
+        return self.graph.publishers(topic)
+
+    def warnings(self) -> Sequence[str]:
+        """What the user should know of the ROS around."""
+        if trouble := self._session.trouble:
+            return [trouble]
+        found = self.graph.mismatches(list(self._topics.values()))
+        if others := self.graph.other_domains():
+            found.append(
+                f"ROS has no nodes in domain {self.domain}, but in domain "
+                f"{', '.join(map(str, others[:5]))}: give --domain {others[0]} to reach them"
+            )
+        if self._has_seen_named_fields and not self._wire.has_named_fields:
+            found.append(
+                "ROS has an rmw_zenoh before 0.2.4, which does not read what later ones write: "
+                "update it, or give --distro jazzy-0.2.3"
+            )
+        return found
+
+    def close(self) -> None:
+        """Leave ROS. Twice is fine."""
+        self._session.close()
+
+    def _key(self, topic: RosTopic) -> str:
+        check_topic_name(topic.name)
+        dds_type = dds_type_name(topic.definition.name)
+        hashed = self._hash(topic)
+        self._topics[topic.name] = (topic.name, dds_type, hashed)
+        return data_key(self.domain, topic.name, dds_type, hashed)
+
+    def _hash(self, topic: RosTopic) -> str:
+        return type_hash(topic.definition) if self._wire.has_type_hashes else NO_TYPE_HASH
+
+    def _token(self, kind: Kind, topic: RosTopic | None = None) -> str:
+        number = "0" if topic is None else str(next(self._numbers))
+        namespace = f"/{self._settings.namespace}"
+        node = self._settings.node
+        token = Token(self.domain, self._session.id, "0", number, kind, node, namespace)
+        if topic is not None:
+            token = replace(
+                token,
+                topic=topic.name,
+                dds_type=dds_type_name(topic.definition.name),
+                type_hash=self._hash(topic),
+                qos=Qos(topic.retained, topic.depth).text,
+            )
+        return token.text
+
+    def _drop(self, topic: str, attachment: bytes | None) -> None:
+        self.dropped += 1
+        what = "no attachment" if attachment is None else "an attachment that is not rmw_zenoh's"
+        self._once.warning(
+            ("attachment", topic),
+            "Dropped a message on %s in ROS: it has %s, so that no ROS node takes it either",
+            printable(topic),
+            what,
+        )
+
+
+class _Sender:
+    """Publishes one topic."""
+
+    def __init__(
+        self, publication: Publication, gid: bytes, *, named: bool, close: Callable[[], None]
+    ) -> None:
+        self.gid = gid.hex()
+        self._gid = gid
+        self._publication = publication
+        self._named = named
+        self._close = close
+        self._lock = threading.Lock()
+        self._sequence = 0
+
+    @property
+    def heard(self) -> bool:
+        """Whether another process subscribes to the topic."""
+        return self._publication.heard
+
+    def send(self, payload: bytes) -> None:
+        """Publish one message in CDR, with its header. Safe from any thread. Raises BusError where
+        it is closed.
+        """
+        with self._lock:
+            # From 1, as rmw_zenoh counts.
+            self._sequence += 1
+            attachment = Attachment(self._sequence, time.time_ns(), self._gid)
+            self._publication.put(payload, attachment_bytes(attachment, named=self._named))
+
+    def close(self) -> None:
+        """End it. Twice is fine."""
+        self._close()
+
+
+class _Subscription:
+    """Calls back for one message after the other, until it ends."""
+
+    def __init__(self, on_message: OnMessage) -> None:
+        self._on_message: OnMessage | None = on_message
+        # Messages of several links come on as many threads.
+        self._lock = threading.Lock()
+        self.undeclare: Callable[[], None] = lambda: None
+
+    def call(self, payload: bytes, gid: str) -> None:
+        """A message has come."""
+        with self._lock:
+            if self._on_message is not None:
+                self._on_message(payload, gid)
+
+    def close(self) -> None:
+        """End it: no call begins after that. Twice is fine."""
+        self._on_message = None
+        self.undeclare()
+
+
+def _domain(given: int | None) -> int:
+    """The domain of ROS: as given, else as the environment says, else 0."""
+    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    domain = given
+    if domain is None:
+        with suppress(ValueError):
+            domain = int(text)
+    if domain is None or not 0 <= domain <= _LAST_DOMAIN:
+        shown = printable(text, 40) if given is None else given
+        whose = "ROS_DOMAIN_ID is" if given is None else "the domain of ROS is"
+        raise SettingsError(f"{whose} {shown}: it is a number of 0 to {_LAST_DOMAIN}")
+    return domain

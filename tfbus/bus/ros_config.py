@@ -1,0 +1,93 @@
+"""Zenoh's configuration in a network of rmw_zenoh: as ROS itself is configured, or a client."""
+
+import json
+import os
+from collections.abc import Sequence
+
+import zenoh
+
+from tfbus.bus.zenoh_errors import first_sentence
+from tfbus.errors import SettingsError
+
+# Where rmw_zenoh has its router.
+ROUTER = "tcp/localhost:7447"
+
+# Before an endpoint: link to other processes as well, as ROS's own do, instead of to it alone.
+_PEER = "peer:"
+
+# Larger messages are not read.
+LARGEST = 16 << 20
+
+
+def ros_config(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
+    """The configuration of a session with this id: a client of the router at one of the endpoints.
+
+    With `peer:` before an endpoint it is a peer, which links to the processes that the router, or
+    any of them, tells it of. Without endpoints it is configured as rmw_zenoh is, by
+    ZENOH_SESSION_CONFIG_URI, else a client of tcp/localhost:7447; and ZENOH_CONFIG_OVERRIDE goes
+    over it. Raises SettingsError for what is no endpoint or no configuration.
+    """
+    path = os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
+    values: dict[str, object] = {
+        "id": session_id,
+        "namespace": None,
+        # Late joiners order retained messages by their time.
+        "timestamping/enabled": True,
+        "transport/link/rx/max_message_size": 2 * LARGEST,
+    }
+    if endpoints or not path:
+        values |= _linked(endpoints or [ROUTER])
+    what = path or "a configuration of Zenoh"
+    try:
+        config = zenoh.Config.from_file(path) if path else zenoh.Config()
+        for key, value in values.items():
+            what = f"endpoints {', '.join(endpoints)}" if endpoints else what
+            if value is not None:
+                config.insert_json5(key, json.dumps(value))
+        if not endpoints:
+            for key, text in _overrides():
+                what = f"ZENOH_CONFIG_OVERRIDE: {key}"
+                config.insert_json5(key, text)
+    except (zenoh.ZError, OSError) as error:
+        reason = first_sentence(str(error)).splitlines()[0]
+        raise SettingsError(f"Zenoh does not take {what}: {reason}") from error
+    return config
+
+
+def _linked(endpoints: Sequence[str]) -> dict[str, object]:
+    is_peer = any(each.startswith(_PEER) for each in endpoints)
+    return {
+        "mode": "peer" if is_peer else "client",
+        "connect/endpoints": [each.removeprefix(_PEER) for each in endpoints],
+        "listen/endpoints": ["tcp/localhost:0"] if is_peer else [],
+        # A peer goes on to try; a client is opened again and again.
+        "connect/timeout_ms": {"peer": -1, "client": 0},
+        "connect/exit_on_failure": {"peer": False, "client": True},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+        "scouting/gossip/autoconnect": {"peer": ["router", "peer"]},
+        "scouting/delay": 100,
+    }
+
+
+def _overrides() -> list[tuple[str, str]]:
+    """As rmw_zenoh reads them: `mode="client";connect/endpoints=["tcp/robot:7447"]`."""
+    pairs = []
+    for part in os.environ.get("ZENOH_CONFIG_OVERRIDE", "").split(";"):
+        key, is_pair, text = part.strip().partition("=")
+        if is_pair:
+            pairs.append((key.strip(), text.strip()))
+        elif key:
+            raise SettingsError(
+                f"ZENOH_CONFIG_OVERRIDE has {key!r} without a value: it is KEY=VALUE;KEY=VALUE"
+            )
+    return pairs
+
+
+def where(config: zenoh.Config) -> str:
+    """The endpoints that a session with this configuration connects to, in words."""
+    mode = json.loads(config.get_json("mode")) or "peer"
+    endpoints = json.loads(config.get_json("connect/endpoints"))
+    if isinstance(endpoints, dict):
+        endpoints = endpoints.get(mode)
+    return " or ".join(map(str, endpoints or ())) or "any address"

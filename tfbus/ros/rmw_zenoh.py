@@ -1,0 +1,292 @@
+"""The wire of rmw_zenoh, ROS 2 over Zenoh: keys, tokens of the graph, QoS, attachments and gids.
+
+After docs/design.md of https://github.com/ros2/rmw_zenoh and what its versions write. All functions
+that read take what strangers wrote, and answer None for what is not of that form.
+"""
+
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+from tfbus.errors import InvalidNameError, SettingsError
+from tfbus.ros.xxh3 import xxh3_128
+from tfbus.wording import did_you_mean, printable
+
+# Distributions
+
+
+@dataclass(frozen=True)
+class Wire:
+    """What differs between the distributions of ROS.
+
+    Humble knows no hashes of types. The fields of an attachment have names before rmw_zenoh 0.2.4.
+    """
+
+    has_type_hashes: bool = True
+    has_named_fields: bool = False
+
+
+# In versions before, as Humble's 0.1.1 and Jazzy's 0.2.1, publishers keep their messages for late
+# subscribers in another way, which Zenoh has deprecated.
+WIRES: Mapping[str, Wire] = {
+    "humble": Wire(has_type_hashes=False),
+    "jazzy-0.2.3": Wire(has_named_fields=True),
+    "jazzy": Wire(),
+    "kilted": Wire(),
+    "lyrical": Wire(),
+    "rolling": Wire(),
+}
+
+
+def wire_of(distro: str) -> Wire:
+    """What ROS of this distribution writes; "" is any with the present wire.
+
+    `jazzy-0.2.3` is Jazzy with rmw_zenoh 0.2.2 or 0.2.3, of early 2025. Raises SettingsError for an
+    unknown one.
+    """
+    if not distro:
+        return Wire()
+    if distro in WIRES:
+        return WIRES[distro]
+    raise SettingsError(
+        f"unknown distribution of ROS 2 over Zenoh {printable(distro, 40)!r}"
+        f"{did_you_mean(distro, WIRES)}"
+    )
+
+
+# Names and keys
+
+_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_NODE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_TYPE = re.compile(r"([A-Za-z]\w*)/(msg|srv|action)/([A-Za-z]\w*)", re.ASCII)
+_DDS_TYPE = re.compile(r"([A-Za-z]\w*)::(msg|srv|action)::dds_::([A-Za-z]\w*)_", re.ASCII)
+
+# Instead of the hash, from a ROS that has none.
+NO_TYPE_HASH = "TypeHashNotSupported"
+
+
+def check_topic_name(name: str) -> None:
+    """Raise InvalidNameError for what is no full name of a topic in ROS, as "/robot1/tf"."""
+    if not _TOPIC.fullmatch(name):
+        raise InvalidNameError(
+            f"{printable(name, 60)!r} is no full name of a topic in ROS: words of letters, digits "
+            "and underscores, each after a slash, as /robot1/tf"
+        )
+
+
+def check_node_name(name: str, namespace: str) -> None:
+    """Raise InvalidNameError where ROS takes no node of this name in this namespace, "" or as
+    "robot1/arm".
+    """
+    for word in [name, *namespace.split("/")] if namespace else [name]:
+        if not _NODE.fullmatch(word):
+            raise InvalidNameError(
+                f"{printable(word, 60)!r} is no name in ROS: it may have letters, digits and "
+                "underscores, and does not begin with a digit"
+            )
+
+
+def dds_type_name(name: str) -> str:
+    """The name of a type on the wire, `std_msgs::msg::dds_::String_` of `std_msgs/msg/String`."""
+    found = _TYPE.fullmatch(name)
+    if not found:
+        raise InvalidNameError(f"{printable(name, 60)!r} is no type of ROS, as std_msgs/msg/String")
+    return f"{found[1]}::{found[2]}::dds_::{found[3]}_"
+
+
+def ros_type_name(name: str) -> str:
+    """The name of a type in ROS of that on the wire; "" for what is none."""
+    found = _DDS_TYPE.fullmatch(name)
+    return f"{found[1]}/{found[2]}/{found[3]}" if found else ""
+
+
+def data_key(domain: int, topic: str, dds_type: str, type_hash: str) -> str:
+    """The key of a topic's messages, `0/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_e369...`."""
+    return f"{domain}/{topic.strip('/')}/{dds_type}/{type_hash}"
+
+
+# QoS
+
+# Fields with rmw_zenoh's own defaults are left empty.
+_DEFAULT_DEPTH = 42
+_DURATIONS = ":,:,:,,"
+_QOS = re.compile(r"(\d?):(\d?):(\d?),(\d{0,18})(:\d*,\d*:\d*,\d*:\d*,\d*,\d*)?", re.ASCII)
+_LAST, _ALL = "1", "2"
+
+
+@dataclass(frozen=True)
+class Qos:
+    """How a publisher or subscriber handles messages: `retained` is transient local. It keeps the
+    last `depth`; None for all.
+    """
+
+    retained: bool = False
+    depth: int | None = _DEFAULT_DEPTH
+    reliable: bool = True
+
+    @property
+    def text(self) -> str:
+        """As it stands in a token."""
+        reliability = "" if self.reliable else "2"
+        durability = "1" if self.retained else ""
+        history = "2," if self.depth is None else f",{self.depth}"
+        if self.depth == _DEFAULT_DEPTH:
+            history = ","
+        return f"{reliability}:{durability}:{history}{_DURATIONS}"
+
+
+def read_qos(text: str) -> Qos | None:
+    """QoS as it stands in a token; without deadlines, lifespans and leases."""
+    found = _QOS.fullmatch(text)
+    if not found:
+        return None
+    depth = None if found[3] == _ALL else int(found[4] or _DEFAULT_DEPTH)
+    return Qos(found[2] == "1", depth, found[1] != "2")
+
+
+# The graph of ROS: each node, publisher and so on has a token
+
+GRAPH = "@ros2_lv"
+_LONGEST_TOKEN = 4000
+_OF_NODE, _OF_ENDPOINT = 9, 13
+
+Kind = Literal["NN", "MP", "MS", "SS", "SC"]
+_KINDS: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
+
+
+@dataclass(frozen=True)
+class Token:
+    """What the token of a node (`kind` NN), publisher (MP), subscriber (MS), service (SS) or client
+    (SC) says: its session's id in Zenoh, the numbers of its node and itself within that, and its
+    name. The rest is that of all but nodes.
+    """
+
+    domain: int
+    session: str
+    node_number: str
+    number: str
+    kind: Kind
+    node: str
+    namespace: str = "/"
+    enclave: str = "/"
+    topic: str = ""
+    dds_type: str = ""
+    type_hash: str = ""
+    qos: str = ""
+
+    @property
+    def full_node_name(self) -> str:
+        """The full name of its node: "/robot1/camera"."""
+        return f"{self.namespace.rstrip('/')}/{self.node}"
+
+    @property
+    def text(self) -> str:
+        """The key of the token."""
+        parts = [GRAPH, str(self.domain), self.session, self.node_number, self.number, self.kind]
+        parts += [_mangled(self.enclave), _mangled(self.namespace), self.node]
+        if self.kind != "NN":
+            parts += [_mangled(self.topic), self.dds_type, self.type_hash, self.qos]
+        return "/".join(parts)
+
+
+def graph_key(domain: int) -> str:
+    """The key expression of all tokens of a domain."""
+    return f"{GRAPH}/{domain}/**"
+
+
+def read_token(text: str) -> Token | None:
+    """What a token says. What later versions append is passed over."""
+    if len(text) > _LONGEST_TOKEN or not text.isprintable():
+        return None
+    parts = text.split("/")
+    if len(parts) < _OF_NODE or parts[0] != GRAPH or not all(parts):
+        return None
+    _, domain, session, node_number, number, kind, enclave, namespace, node = parts[:_OF_NODE]
+    if kind not in _KINDS or not (domain.isascii() and domain.isdigit() and len(domain) < 10):
+        return None
+    rest = [""] * 4
+    if kind != "NN":
+        rest = parts[_OF_NODE:_OF_ENDPOINT]
+        if len(rest) < _OF_ENDPOINT - _OF_NODE:
+            return None
+    topic, dds_type, type_hash, qos = rest
+    return Token(
+        int(domain),
+        session,
+        node_number,
+        number,
+        _KINDS[kind],
+        _demangled(node),
+        _demangled(namespace),
+        _demangled(enclave),
+        _demangled(topic),
+        dds_type,
+        type_hash,
+        qos,
+    )
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def _demangled(name: str) -> str:
+    return name.replace("%", "/")
+
+
+def gid_of(token: str) -> bytes:
+    """The gid of a publisher, by the text of its token: 16 bytes.
+
+    Other bytes would do for rmw_zenoh, as long as they are unique. But messages name their
+    publisher by gid alone, so only who makes the same of a token knows whose they are.
+    """
+    return xxh3_128(token.encode())
+
+
+# Attachments: each message has one
+
+
+class Attachment(NamedTuple):
+    """Which message of its publisher it is, when it was sent, and the gid of the publisher."""
+
+    sequence: int
+    stamp_ns: int
+    gid: bytes
+
+
+_GID_SIZE = 16
+_PLAIN = struct.Struct(f"<qqB{_GID_SIZE}s")
+_NAMED = struct.Struct(f"<16sq17sq11sB{_GID_SIZE}s")
+_NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
+_WITH_NAMES = _NAMES[0]
+
+
+def attachment_bytes(attachment: Attachment, *, named: bool = False) -> bytes:
+    """An attachment of a message, its fields with or without their names."""
+    sequence, stamp_ns, gid = attachment
+    if not named:
+        return _PLAIN.pack(sequence, stamp_ns, _GID_SIZE, gid)
+    first, second, third = _NAMES
+    return _NAMED.pack(first, sequence, second, stamp_ns, third, _GID_SIZE, gid)
+
+
+def read_attachment(data: bytes) -> Attachment | None:
+    """An attachment, with names or without. What later versions append is passed over."""
+    if data.startswith(_WITH_NAMES):
+        if len(data) < _NAMED.size:
+            return None
+        first, sequence, second, stamp_ns, third, size, gid = _NAMED.unpack_from(data)
+        if (first, second, third) != _NAMES:
+            return None
+    else:
+        if len(data) < _PLAIN.size:
+            return None
+        sequence, stamp_ns, size, gid = _PLAIN.unpack_from(data)
+    return Attachment(sequence, stamp_ns, gid) if size == _GID_SIZE else None
+
+
+def has_named_fields(data: bytes) -> bool:
+    """Whether the fields of an attachment have names, as before rmw_zenoh 0.2.4."""
+    return data.startswith(_WITH_NAMES)

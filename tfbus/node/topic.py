@@ -58,7 +58,8 @@ class RawPublisher(Endpoint):
 class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For tools that measure, record or forward messages of any type.
+    For tools that measure, record or forward messages of any type. Without `own`, messages of the
+    same node are left out.
     """
 
     def __init__(
@@ -69,10 +70,11 @@ class RawSubscription(Endpoint):
         type_name: str,
         *,
         retained: bool = False,
+        own: bool = True,
     ):
         super().__init__(topic, type_name, retained=retained)
         self._parts = [
-            _subscriber(session, topic, retained, lambda key, payload: callback(payload))
+            _subscriber(session, topic, retained, lambda key, payload: callback(payload), own=own)
         ]
 
 
@@ -165,9 +167,11 @@ def _subscriber(
     retained: bool,
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
+    *,
+    own: bool = True,
 ) -> Declaration:
     if not retained:
-        return session.subscriber(topic, callback, on_too_large)
+        return session.subscriber(topic, callback, on_too_large, own=own)
     from tfbus.bus.retained import declare_retained_subscriber
 
-    return declare_retained_subscriber(session, topic, callback, on_too_large)
+    return declare_retained_subscriber(session, topic, callback, on_too_large, own=own)

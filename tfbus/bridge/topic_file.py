@@ -59,7 +59,7 @@ def _line(name: str, value: Value, path: Path) -> TopicLine:
     return _with_names(
         TopicLine(
             counterpart,
-            direction=direction,  # type: ignore[arg-type]  # it is one of DIRECTIONS
+            direction=direction,
             retained=retained,
             depth=_depth(fields["depth"]) if "depth" in fields else 1 if retained else 10,
             stamps=usual.stamps,

@@ -29,9 +29,6 @@ _ASK_WITHIN_S = 0.8
 # A busy node may not answer for a while; its topics stay that long.
 _GONE_AFTER_S = 10.0
 
-# The publishers of a topic in ROS are asked again for a gid that is not known, this often at most.
-_ASK_AGAIN_S = 0.1
-
 # Names come from the bus, and each topic takes memory here and in ROS.
 _MOST_TOPICS = 2000
 
@@ -210,7 +207,6 @@ class _Topic:
         # Read by callbacks of the leg, too.
         self._lock = threading.Lock()
         self._nodes: dict[str, str] = {}
-        self._asked_s = 0.0
         self._has_source = False
 
     @property
@@ -303,7 +299,6 @@ class _Topic:
         found = list(self._leg.publishers(self._ros_name))
         with self._lock:
             self._nodes = {each.gid: each.node for each in found}
-            self._asked_s = time.monotonic()
         return found
 
     def _accepts(self, gid: str) -> bool:
@@ -313,11 +308,12 @@ class _Topic:
         if not gid:
             return True
         with self._lock:
-            is_known = gid in self._nodes or time.monotonic() < self._asked_s + _ASK_AGAIN_S
+            is_known = gid in self._nodes
         if not is_known:
             self._ask()
         with self._lock:
-            node = self._nodes.get(gid, "").rpartition("/")[2]
+            # Where it is still unknown it is not asked for again before the next look.
+            node = self._nodes.setdefault(gid, "").rpartition("/")[2]
             return not (self._has_source and node.startswith(_BRIDGE_NODES))
 
 

@@ -94,7 +94,7 @@ def _number(value: Any, name: str, path: str) -> Any:
 
 def _packed(kind: Callable[[Any], Any], value: Any, name: str, path: str) -> Any:
     """The number as it comes out of its bytes."""
-    code = SCALARS[name]
+    code = f"<{SCALARS[name]}"
     try:
         return struct.unpack(code, struct.pack(code, kind(value)))[0]
     except (struct.error, OverflowError) as error:

@@ -95,6 +95,7 @@ class Bridges:
         **options: Any,
     ) -> TopicBridge:
         node = self._bus.node(name, namespace=namespace)
+        node.create_raw_publisher("ros_bridges", type_name="RosBridge", retained=True)
         bridge = TopicBridge(
             node,
             self._ros.leg(f"tfbus_{name}", tells_publishers=tells),
@@ -285,15 +286,16 @@ def test_odometry_comes_and_its_frame_where_asked(
     bridges: Bridges, receiver: Node, node: RosNode, log: Log
 ) -> None:
     """The frame with the gid of its publisher; one without a rotation is dropped and said."""
-    frames: list[tuple[TransformStamped, str]] = []
-    bridges(on_odometry=lambda transform, gid: frames.append((transform, gid)))
+    frames: list[tuple[TransformStamped, str, str]] = []
+    bridges(on_odometry=lambda *found: frames.append(found))
     got = heard(receiver, Odometry, "odom")
     publish = node.publisher("/odom", ODOMETRY)
     send_until(lambda: publish(odometry(x=1.5)), lambda: bool(got))
     assert got[0].stamp_ns == 7_000_000_005
     assert got[0].pose_covariance[:2] == (0.25, 0.0)
     assert got[0].twist == Twist(Vector3(x=2.0), Vector3(z=0.5))
-    transform, gid = frames[0]
+    transform, gid, ros_node = frames[0]
+    assert ros_node == "/turtlesim"
     assert (transform.frame_id, transform.child_frame_id) == ("odom", "base_link")
     assert list(transform.transform.xyz) == [1.5, 0.0, 0.0]
     assert [each.gid for each in node.leg.ros.senders if each.leg is node.leg] == [gid]

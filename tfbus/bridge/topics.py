@@ -12,7 +12,7 @@ from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
 from tfbus.bridge.topic_table import TopicLine, TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
 from tfbus.discover.presence import describe_all
-from tfbus.errors import InvalidArgumentException, ParameterError, TfbusError
+from tfbus.errors import InvalidArgumentException, TfbusError
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.messages import Odometry
 from tfbus.node.node import Node
@@ -32,14 +32,14 @@ _GONE_AFTER_S = 10.0
 # Names come from the bus, and each topic takes memory here and in ROS.
 _MOST_TOPICS = 2000
 
-# How bridges call their nodes in ROS, and the parameter of their nodes on the bus that says so.
+# How bridges call their nodes in ROS, and the type of what they tell each other on the bus.
 _BRIDGE_NODES = "tfbus_"
-_BRIDGE_PARAMETER = "ros_node"
+_BRIDGE_TYPE = "RosBridge"
 
 _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 
-# What takes the pose of an Odometry: `on_odometry(transform, gid)`.
-OnOdometry = Callable[[TransformStamped, str], object]
+# What takes the pose of an Odometry: `on_odometry(transform, gid, ros_node)`.
+OnOdometry = Callable[[TransformStamped, str, str], object]
 
 
 class TopicBridge:
@@ -50,9 +50,8 @@ class TopicBridge:
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
     of another bridge are left out where this side has their source.
 
-    `on_odometry` gets the pose of each Odometry from ROS, and the gid of its publisher.
-    `ros_node` is the full name of the leg's node in ROS, by which other bridges on the bus know
-    this one.
+    `on_odometry` gets the pose of each Odometry from ROS as a transform, the gid of its publisher,
+    and the full name of the node of that, "" where it is not known; on the leg's thread.
     """
 
     def __init__(
@@ -66,7 +65,6 @@ class TopicBridge:
         ros_namespace: str,
         log: logging.Logger,
         on_odometry: OnOdometry | None = None,
-        ros_node: str = "",
     ) -> None:
         self._node = node
         self._leg = leg
@@ -78,12 +76,6 @@ class TopicBridge:
         self._once = LogOnce(log)
         self._on_odometry = on_odometry
         self._topics: dict[str, _Topic] = {}
-        node.declare_parameter(
-            _BRIDGE_PARAMETER,
-            ros_node or f"/{_BRIDGE_NODES}{node.name}",
-            description="the node in ROS that this bridge is",
-            on_change=_refuse_change,
-        )
         self._executor = Executor(f"{node.full_name} topics", log)
         self._executor.submit("topics", self._look)
         self._executor.every(_LOOK_EVERY_S, self._look)
@@ -163,7 +155,7 @@ class TopicBridge:
             return topic.line
         return None if types else self._table.names.get(name)
 
-    def _on_message(self, message: Any, gid: str) -> None:
+    def _on_message(self, message: Any, gid: str, ros_node: str) -> None:
         if self._on_odometry is None or not isinstance(message, Odometry):
             return
         position = message.position
@@ -177,7 +169,7 @@ class TopicBridge:
         except InvalidArgumentException as error:
             self._once.warning("odometry", "Dropped the pose of an Odometry of ROS: %s", error)
             return
-        self._on_odometry(transform, gid)
+        self._on_odometry(transform, gid, ros_node)
 
     def _on_unreadable(self, error: TfbusError) -> None:
         self._once.warning(("unreadable", str(error)), "%s", error)
@@ -192,7 +184,7 @@ class _Topic:
         leg: Leg,
         name: str,
         ros_name: str,
-        on_message: Callable[[Any, str], object],
+        on_message: Callable[[Any, str, str], object],
     ) -> None:
         self.line: TopicLine | None = None
         self._node = node
@@ -287,7 +279,7 @@ class _Topic:
                     self.line,
                     self._echoes,
                     self._accepts,
-                    self._on_message,
+                    lambda message, gid: self._on_message(message, gid, self._node_of(gid)),
                 )
         elif now_s > self._from_until_s:
             self._end_from_ros()
@@ -316,10 +308,10 @@ class _Topic:
             node = self._nodes.setdefault(gid, "").rpartition("/")[2]
             return not (self._has_source and node.startswith(_BRIDGE_NODES))
 
+    def _node_of(self, gid: str) -> str:
+        with self._lock:
+            return self._nodes.get(gid, "")
+
 
 def _is_bridge(node: NodeDescription) -> bool:
-    return any(each.name == _BRIDGE_PARAMETER for each in node.parameters)
-
-
-def _refuse_change(value: object) -> None:
-    raise ParameterError("it cannot be changed")
+    return _BRIDGE_TYPE in node.publishes.values()

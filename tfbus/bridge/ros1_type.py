@@ -1,5 +1,7 @@
 """Types of messages in ROS 1: their definitions, and bytes from and to CDR."""
 
+import threading
+from functools import cache
 from typing import Any, Protocol
 
 from tfbus.command.extras import install_command
@@ -31,6 +33,21 @@ def ros1_type(definition: Definition) -> Ros1Type:
     Raises TfbusError where rosbags, which knows the types of ROS 1, is not installed, or where ROS
     1 has other fields under this name.
     """
+    with _lock:
+        text, md5, store = _looked_up(definition)
+    name = definition.name.replace("/msg/", "/")
+    if definition == TF_MESSAGE:
+        return _Transforms(name, text, md5)
+    return _AnyType(name, text, md5, definition.name, store)
+
+
+# Types are registered one after the other.
+_lock = threading.Lock()
+
+
+@cache
+def _looked_up(definition: Definition) -> tuple[str, str, Any]:
+    """The text and the MD5 of a type in ROS 1, and what knows its fields in ROS 2."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
@@ -43,13 +60,9 @@ def ros1_type(definition: Definition) -> Ros1Type:
     for name in found:
         if name != "std_msgs/msg/Header" and theirs.fielddefs[name][1] != found[name][1]:
             raise TfbusError(f"{name} has other fields in ROS 1 than in ROS 2")
-    text, md5 = theirs.generate_msgdef(definition.name, ros_version=1)
-    name = definition.name.replace("/msg/", "/")
-    if definition == TF_MESSAGE:
-        return _Transforms(name, text, md5)
     ours = get_typestore(Stores.EMPTY)
     ours.register(found)
-    return _AnyType(name, text, md5, definition.name, ours)
+    return (*theirs.generate_msgdef(definition.name, ros_version=1), ours)
 
 
 class _AnyType:

@@ -71,8 +71,6 @@ uint32 nanosec
 """,
 )
 
-STRING = Definition("std_msgs/msg/String", "string data\n")
-
 _HEADER = f"""\
 {SEPARATOR}
 MSG: std_msgs/Header
@@ -153,3 +151,5 @@ float32 linear_velocity
 float32 angular_velocity
 """,
 )
+
+STRING = Definition("std_msgs/msg/String", "string data\n")

@@ -8,8 +8,9 @@ import pytest
 
 from tests.bridge.fake_leg import FakeLeg, FakeRos
 from tests.live_bus import Bus, eventually, send_until
-from tfbus import Node, TransformStamped
+from tfbus import Node
 from tfbus.bridge.leg import RosTopic
+from tfbus.bridge.odometry_frames import with_odometry_frames
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.topics import TopicBridge
 from tfbus.messages import (
@@ -20,8 +21,9 @@ from tfbus.messages import (
     Twist,
     Vector3,
 )
-from tfbus.ros.definitions import ODOMETRY, STRING, TURTLE_POSE, TWIST, Definition
+from tfbus.ros.definitions import ODOMETRY, STRING, TF_MESSAGE, TURTLE_POSE, TWIST, Definition
 from tfbus.ros.schema import MessageCodec
+from tfbus.ros.tf_message import TFMessageReader
 
 FORWARD = {
     "linear": {"x": 2.0, "y": 0.0, "z": 0.0},
@@ -282,25 +284,34 @@ def odometry(*, x: float, z: float = 0.0, w: float = 1.0) -> dict[str, Any]:
     }
 
 
-def test_odometry_comes_and_its_frame_where_asked(
-    bridges: Bridges, receiver: Node, node: RosNode, log: Log
-) -> None:
-    """The frame with the gid of its publisher; one without a rotation is dropped and said."""
-    frames: list[tuple[TransformStamped, str, str]] = []
-    bridges(on_odometry=lambda *found: frames.append(found))
+def test_odometry_comes(bridges: Bridges, receiver: Node, node: RosNode, log: Log) -> None:
+    """With its covariances; one without a rotation is dropped and said."""
+    bridges()
     got = heard(receiver, Odometry, "odom")
     publish = node.publisher("/odom", ODOMETRY)
     send_until(lambda: publish(odometry(x=1.5)), lambda: bool(got))
     assert got[0].stamp_ns == 7_000_000_005
     assert got[0].pose_covariance[:2] == (0.25, 0.0)
     assert got[0].twist == Twist(Vector3(x=2.0), Vector3(z=0.5))
-    transform, gid, ros_node = frames[0]
-    assert ros_node == "/turtlesim"
-    assert (transform.frame_id, transform.child_frame_id) == ("odom", "base_link")
-    assert list(transform.transform.xyz) == [1.5, 0.0, 0.0]
-    assert [each.gid for each in node.leg.ros.senders if each.leg is node.leg] == [gid]
     publish(odometry(x=1.5, w=0.0))
     eventually(lambda: "quat_xyzw must be a unit quaternion" in log.text)
+
+
+def test_poses_of_odometry_are_frames_where_asked(ros: FakeRos, node: RosNode) -> None:
+    """As if their publisher sent them on /tf, beside what others send there."""
+    leg = with_odometry_frames(ros.leg("tfbus_ros2"), TopicTable(), "r7")
+    got: list[tuple[Any, str]] = []
+    read = TFMessageReader().read
+    subscription = leg.subscribe(
+        RosTopic("/r7/tf", TF_MESSAGE), lambda payload, gid: got.append((*read(payload), gid))
+    )
+    node.publisher("/r7/odom", ODOMETRY)(odometry(x=1.5))
+    eventually(lambda: got)
+    transform, gid = got[0]
+    assert (transform.frame_id, transform.child_frame_id) == ("odom", "base_link")
+    assert (transform.stamp_ns, list(transform.transform.xyz)) == (7_000_000_005, [1.5, 0.0, 0.0])
+    assert [(each.gid, each.node) for each in leg.publishers("/r7/tf")] == [(gid, "/turtlesim")]
+    subscription.close()
 
 
 # Both ways

@@ -4,7 +4,6 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
 
 from tfbus import messages
 from tfbus.bridge.leg import Leg, RosTopic
@@ -81,18 +80,17 @@ class Translation:
             raise DecodeError("it has a text that is not valid Unicode")
         return message
 
-    def of_ros(self, payload: bytes) -> tuple[bytes, Any]:
-        """The message of ROS as bytes of ours; and as an object, where it is one of
-        tfbus.messages. Raises DecodeError where it is none.
-        """
+    def of_ros(self, payload: bytes) -> bytes:
+        """The message of ROS as one of ours. Raises DecodeError where it does not fit."""
         try:
             values = self._counterpart.of_ros(self._codec.decode(payload))
         except UnfitError as error:
             raise DecodeError(str(error)) from error
         if self._stamps:
             values["stamp_ns"] = self._now_ns()
-        message = None if self._type is None else from_map(self._type, values)
-        return encode_map(values), message
+        if self._type is not None:
+            from_map(self._type, values)
+        return encode_map(values)
 
 
 class ToRos:
@@ -145,7 +143,7 @@ class FromRos:
     """A topic of ROS that comes to the bus, until `close()`.
 
     The publisher in the bus begins with the first message. `accepts(gid)` says whether messages of
-    a publisher in ROS do; `on_message(message, gid)` gets those that are of tfbus.messages.
+    a publisher in ROS do.
     """
 
     def __init__(
@@ -157,7 +155,6 @@ class FromRos:
         line: TopicLine,
         echoes: Echoes | None,
         accepts: Callable[[str], bool],
-        on_message: Callable[[Any, str], object],
     ) -> None:
         self.line = line
         self._node = node
@@ -166,7 +163,6 @@ class FromRos:
         self._once = LogOnce(node.log)
         self._echoes = echoes
         self._accepts = accepts
-        self._on_message = on_message
         self._translation = Translation(line, node.now_ns)
         self._lock = threading.Lock()
         self._closed = False
@@ -195,12 +191,10 @@ class FromRos:
         try:
             if not self._accepts(gid):
                 return
-            data, message = self._translation.of_ros(payload)
+            message = self._translation.of_ros(payload)
             publisher = self._begun()
             if publisher is not None:
-                publisher.publish(data)
-                if message is not None:
-                    self._on_message(message, gid)
+                publisher.publish(message)
         except (DecodeError, TfbusError) as error:
             self._once.warning(
                 type(error).__name__,

@@ -4,17 +4,13 @@ import logging
 import re
 import threading
 import time
-from collections.abc import Callable
-from typing import Any
 
 from tfbus.bridge.leg import Leg, RosPublisher
 from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
 from tfbus.bridge.topic_table import TopicLine, TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
 from tfbus.discover.presence import describe_all
-from tfbus.errors import InvalidArgumentException, TfbusError
-from tfbus.geometry.transform import Transform, TransformStamped
-from tfbus.messages import Odometry
+from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -38,9 +34,6 @@ _BRIDGE_TYPE = "RosBridge"
 
 _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 
-# What takes the pose of an Odometry: `on_odometry(transform, gid, ros_node)`.
-OnOdometry = Callable[[TransformStamped, str, str], object]
-
 
 class TopicBridge:
     """Passes topics on in both directions, or one, until `close()`.
@@ -49,9 +42,6 @@ class TopicBridge:
     table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
     of another bridge are left out where this side has their source.
-
-    `on_odometry` gets the pose of each Odometry from ROS as a transform, the gid of its publisher,
-    and the full name of the node of that, "" where it is not known; on the leg's thread.
     """
 
     def __init__(
@@ -64,7 +54,6 @@ class TopicBridge:
         from_ros: bool,
         ros_namespace: str,
         log: logging.Logger,
-        on_odometry: OnOdometry | None = None,
     ) -> None:
         self._node = node
         self._leg = leg
@@ -74,7 +63,6 @@ class TopicBridge:
         self._above = f"/{ros_namespace}" if ros_namespace else ""
         self._log = log
         self._once = LogOnce(log)
-        self._on_odometry = on_odometry
         self._topics: dict[str, _Topic] = {}
         self._executor = Executor(f"{node.full_name} topics", log)
         self._executor.submit("topics", self._look)
@@ -132,7 +120,7 @@ class TopicBridge:
                 )
                 return
             ros_name = f"{self._above}/{name}"
-            topic = _Topic(self._node, self._leg, name, ros_name, self._on_message)
+            topic = _Topic(self._node, self._leg, name, ros_name)
             self._topics[name] = topic
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
@@ -155,22 +143,6 @@ class TopicBridge:
             return topic.line
         return None if types else self._table.names.get(name)
 
-    def _on_message(self, message: Any, gid: str, ros_node: str) -> None:
-        if self._on_odometry is None or not isinstance(message, Odometry):
-            return
-        position = message.position
-        try:
-            transform = TransformStamped(
-                message.stamp_ns,
-                message.frame,
-                message.child_frame,
-                Transform((position.x, position.y, position.z), message.quat_xyzw),
-            )
-        except InvalidArgumentException as error:
-            self._once.warning("odometry", "Dropped the pose of an Odometry of ROS: %s", error)
-            return
-        self._on_odometry(transform, gid, ros_node)
-
     def _on_unreadable(self, error: TfbusError) -> None:
         self._once.warning(("unreadable", str(error)), "%s", error)
 
@@ -184,14 +156,12 @@ class _Topic:
         leg: Leg,
         name: str,
         ros_name: str,
-        on_message: Callable[[Any, str, str], object],
     ) -> None:
         self.line: TopicLine | None = None
         self._node = node
         self._leg = leg
         self._name = name
         self._ros_name = ros_name
-        self._on_message = on_message
         self._echoes = None if leg.tells_publishers else Echoes()
         self._to: ToRos | None = None
         self._from: FromRos | None = None
@@ -279,7 +249,6 @@ class _Topic:
                     self.line,
                     self._echoes,
                     self._accepts,
-                    lambda message, gid: self._on_message(message, gid, self._node_of(gid)),
                 )
         elif now_s > self._from_until_s:
             self._end_from_ros()
@@ -307,10 +276,6 @@ class _Topic:
             # Where it is still unknown it is not asked for again before the next look.
             node = self._nodes.setdefault(gid, "").rpartition("/")[2]
             return not (self._has_source and node.startswith(_BRIDGE_NODES))
-
-    def _node_of(self, gid: str) -> str:
-        with self._lock:
-            return self._nodes.get(gid, "")
 
 
 def _is_bridge(node: NodeDescription) -> bool:

@@ -9,14 +9,7 @@ from typing import Any, Literal, TypeVar, cast
 import click
 
 from tfbus import Node, NodeSettings, Number
-from tfbus.bridge import (
-    Bridge,
-    BridgeOptions,
-    LegSettings,
-    TopicTable,
-    open_leg,
-    with_odometry_frames,
-)
+from tfbus.bridge import BridgeOptions, LegSettings, TopicTable
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -127,6 +120,8 @@ _OPTIONS = (
 
 def run_bridge(settings: NodeSettings, crossing: Crossing, via: str, leg: LegSettings) -> None:
     """Join the bus and ROS until a signal."""
+    from tfbus.bridge import Bridge, open_leg, with_odometry_frames
+
     with Node.from_settings(settings) as node:
         joined = open_leg(via, leg, node.log)
         if crossing.odom_tf:

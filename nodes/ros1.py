@@ -1,16 +1,14 @@
-"""`tfbus ros1`: frames of ROS 1 are frames of the bus, and the other way round.
+"""`tfbus ros1`: frames of the bus are frames of ROS 1, and those of ROS 1 are frames of the bus.
 
 Try it beside roscore: tfbus ros1
 """
-
-import re
 
 import click
 
 from tfbus import NodeSettings, node_options
 from tfbus.bridge import LegSettings
 
-from .ros_options import Crossing, crossing_options, run_bridge
+from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
 
 
 @click.command(
@@ -25,14 +23,14 @@ from .ros_options import Crossing, crossing_options, run_bridge
 @crossing_options
 @node_options("ros1")
 def main(settings: NodeSettings, master: str, crossing: Crossing) -> None:
-    """Join the bus and ROS 1.
+    """Bridge to ROS 1: transforms, static ones, the clock, and topics that both know.
 
-    Transforms, the clock and topics cross in both directions. It needs the rospy of the system, and
-    is the node /tfbus_ros1 in ROS.
+    Each node of ROS is a stream of the bus, ros1/NODE; static transforms reach late joiners on both
+    sides. It needs the system's rospy.
     """
     leg = LegSettings(
-        node="tfbus_" + re.sub(r"\W", "_", settings.name, flags=re.ASCII),
-        namespace=crossing.options.ros_namespace,
+        ros_node_name(settings),
+        crossing.options.ros_namespace,
         connect=(master,) if master else (),
     )
     run_bridge(settings, crossing, "rospy", leg)

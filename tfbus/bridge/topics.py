@@ -7,7 +7,8 @@ import time
 
 from tfbus.bridge.leg import Leg, RosPublisher
 from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
-from tfbus.bridge.topic_table import TopicLine, TopicTable
+from tfbus.bridge.topic_table import TopicLine
+from tfbus.bridge.topic_table import TopicTable as TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
 from tfbus.discover.presence import describe_all
 from tfbus.errors import TfbusError

@@ -142,6 +142,9 @@ class RospyLeg:
         self._state_lock = threading.Lock()
         self._master = _Master(master, full_name)
         self._publishers: dict[str, list[str]] = {}
+        # The master forgets no node that was killed: those whose topics are asked for are called.
+        self._asked: set[str] = set()
+        self._dead: set[str] = set()
         self._state_s = -1e9
         self._closed = threading.Event()
         self._watch = threading.Thread(
@@ -158,13 +161,17 @@ class RospyLeg:
         return _Subscription(self, self._rospy, topic, on_message, self._full_name, self._once)
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """Those of others that the master knows. While it is gone they are as they were."""
+        """Those of others that the master knows, and that answer. While it is gone they are as they
+        were.
+        """
         with self._state_lock:
+            self._asked.add(topic)
             if time.monotonic() > self._state_s + _STATE_COUNTS_S:
                 with suppress(OSError):  # the thread that watches it says so
                     self._take_state()
             nodes = self._publishers.get(topic, [])
-        return [RosPublisher(_gid(node), node) for node in nodes if node != self._full_name]
+            away = {self._full_name, *self._dead}
+        return [RosPublisher(_gid(node), node) for node in nodes if node not in away]
 
     def warnings(self) -> Sequence[str]:
         """What is odd with time in ROS 1."""
@@ -232,6 +239,21 @@ class RospyLeg:
                 self._register_missing(master, dict(published), dict(subscribed))
             except OSError as error:
                 self._once.warning("register", "Could not register in ROS again: %s", error)
+            self._call_publishers(master, dict(published))
+
+    def _call_publishers(self, master: _Master, published: dict[str, list[str]]) -> None:
+        with self._state_lock:
+            asked = [*self._asked]
+        nodes = {node for topic in asked for node in published.get(topic, ())}
+        dead = set()
+        for node in nodes - {self._full_name}:
+            try:
+                uri = master.call("lookupNode", node)
+                _Master(uri, self._full_name).call("getPid")
+            except (OSError, TfbusError):
+                dead.add(node)
+        with self._state_lock:
+            self._dead = dead
 
     def _register_missing(
         self, master: _Master, published: dict[str, list[str]], subscribed: dict[str, list[str]]

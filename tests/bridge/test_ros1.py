@@ -127,9 +127,9 @@ def test_a_robot_of_ros_is_on_the_bus(bus: Bus, ros: Ros1) -> None:
     assert list(buffer.lookup_transform("base", "camera", 0).transform.xyz) == [0.25, 0.0, 0.0]
     streams = {buffer.frame(frame).authority for frame in ("camera", "link1")}
     assert streams == {"ros1/robot_state_publisher"}
+    assert not [line for line in bridge.err if "[WARN]" in line or "[ERROR]" in line]
     robot.kill()
     eventually(lambda: buffer.frame("camera").gone, within_s=40.0)
-    assert not [line for line in bridge.err if "[WARN]" in line or "[ERROR]" in line]
 
 
 def test_topics_cross_without_an_echo(bus: Bus, ros: Ros1) -> None:

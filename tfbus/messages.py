@@ -7,7 +7,10 @@ is dropped and counted.
 
 from collections import Counter
 from dataclasses import dataclass, field
-from math import isfinite
+from math import hypot, isfinite
+
+# How far from 1 the length of a quaternion may be.
+_UNIT_WITHIN = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +147,46 @@ class RobotMesh:
         data: bytes
         size: int
         version: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseStamped:
+    """A pose in the frame `frame` at stamp_ns: position in m, rotation as a unit quaternion."""
+
+    stamp_ns: int
+    frame: str
+    position: Vector3 = field(default_factory=Vector3)
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        _check_rotation("quat_xyzw", self.quat_xyzw)
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Where a robot is by its own reckoning at stamp_ns, and how it moves.
+
+    `position` (m) and `quat_xyzw`, a unit quaternion, are the pose of `child_frame` in `frame`;
+    `twist` is its velocity, in `child_frame`, in m/s and rad/s. Each covariance has 6 by 6 numbers,
+    row by row, in the order x, y, z and rotations about x, y, z; all are 0 where it is not known.
+    """
+
+    stamp_ns: int
+    frame: str
+    child_frame: str
+    position: Vector3 = field(default_factory=Vector3)
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    twist: Twist = field(default_factory=Twist)
+    pose_covariance: tuple[float, ...] = (0.0,) * 36
+    twist_covariance: tuple[float, ...] = (0.0,) * 36
+
+    def __post_init__(self) -> None:
+        _check_stamp("stamp_ns", self.stamp_ns)
+        _check_rotation("quat_xyzw", self.quat_xyzw)
+        for name in ("pose_covariance", "twist_covariance"):
+            if len(getattr(self, name)) != 36:
+                raise ValueError(f"{name} must be 36 numbers, not {len(getattr(self, name))}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -462,6 +505,13 @@ class RotateAbsolute:
 def _check_finite(name: str, value: float) -> None:
     if not isfinite(value):
         raise ValueError(f"{name} must be finite, not {value}")
+
+
+def _check_rotation(name: str, quat_xyzw: tuple[float, ...]) -> None:
+    for number in quat_xyzw:
+        _check_finite(name, number)
+    if abs(hypot(*quat_xyzw) - 1.0) > _UNIT_WITHIN:
+        raise ValueError(f"{name} must be a unit quaternion, not {quat_xyzw}")
 
 
 def _check_stamp(name: str, value: int) -> None:

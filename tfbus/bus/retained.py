@@ -50,13 +50,17 @@ def declare_retained_subscriber(
     key: str,
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
+    *,
+    own: bool = True,
 ) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
     of publishers that come later, then for each new message; `on_too_large()` for one that is
-    dropped unread. A message may come again when a link is back.
+    dropped unread. A message may come again when a link is back. Without `own`, new messages of
+    this session are left out, and not what it retains.
     """
     at, key = session.placed(key)
-    return _subscriber(at, key, session.callbacks.of_samples(key, callback, on_too_large))
+    handler = session.callbacks.of_samples(key, callback, on_too_large)
+    return _subscriber(at, key, handler, own=own)
 
 
 def declare_signed_subscriber(
@@ -68,12 +72,13 @@ def declare_signed_subscriber(
     return _subscriber(session, key, session.callbacks.of_signed_samples(key, callback))
 
 
-def _subscriber(session: Session, key: str, handler: Any) -> Declaration:
+def _subscriber(session: Session, key: str, handler: Any, *, own: bool = True) -> Declaration:
     with bus_errors(f"subscribe to {key}", session.settings.name):
         subscriber = ext.declare_advanced_subscriber(
             session.zenoh,
             key,
             handler,
+            allowed_origin=zenoh.Locality.ANY if own else zenoh.Locality.REMOTE,
             history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             subscriber_detection=True,

@@ -64,6 +64,7 @@ NODES = {
     "joints": "Publish joint states without a robot: by sliders, sweeps, random places, files.",
     "mimic": "Copy the speeds of input/pose to output/cmd_vel.",
     "robot_state": "Publish the frames of a robot from its URDF and from joint states.",
+    "ros1": "Bridge to ROS 1: transforms, static ones, the clock, and topics that both know.",
     "share": "Show frames of one robot to others.",
     "simulator": "Simulate turtles to drive and to watch (turtlesim).",
     "static": "Publish static transforms.",

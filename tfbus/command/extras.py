@@ -12,6 +12,7 @@ _MODULES = {
     "foxglove": "foxglove-sdk",
     "plot": "matplotlib",
     "robot": "xacro",
+    "ros1": "rosbags",
     "secure": "cryptography",
     "sim": "pygame-ce",
     "top": "textual",

@@ -339,9 +339,10 @@ class Node:
         *,
         type_name: str = "",
         retained: bool = False,
+        own: bool = True,
     ) -> RawSubscription:
         """Call `callback(payload)` with the bytes of each message, of any type; `retained` as of
-        `create_subscription`.
+        `create_subscription`. Without `own`, messages of this node are left out.
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
@@ -349,7 +350,7 @@ class Node:
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
-            RawSubscription(self.session, topic, callback, type_name, retained=retained),
+            RawSubscription(self.session, topic, callback, type_name, retained=retained, own=own),
         )
 
     def create_service(

@@ -58,7 +58,8 @@ class RawPublisher(Endpoint):
 class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For tools that measure, record or forward messages of any type. Those of ROS 2 are skipped.
+    For tools that measure, record or forward messages of any type. Those of ROS 2 are skipped, and
+    without `own` those of the same node.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class RawSubscription(Endpoint):
         type_name: str,
         *,
         retained: bool = False,
+        own: bool = True,
     ):
         super().__init__(topic, type_name, retained=retained)
 
@@ -76,7 +78,7 @@ class RawSubscription(Endpoint):
             if not is_of_ros(payload):
                 callback(payload)
 
-        self._parts = [_subscriber(session, topic, retained, on_message)]
+        self._parts = [_subscriber(session, topic, retained, on_message, own=own)]
 
 
 class Subscription(Endpoint, Generic[M]):
@@ -171,9 +173,11 @@ def _subscriber(
     retained: bool,
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
+    *,
+    own: bool = True,
 ) -> Declaration:
     if not retained:
-        return session.subscriber(topic, callback, on_too_large)
+        return session.subscriber(topic, callback, on_too_large, own=own)
     from tfbus.bus.retained import declare_retained_subscriber
 
-    return declare_retained_subscriber(session, topic, callback, on_too_large)
+    return declare_retained_subscriber(session, topic, callback, on_too_large, own=own)

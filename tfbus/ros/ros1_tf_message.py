@@ -3,17 +3,19 @@
 import struct
 import sys
 from array import array
+from functools import lru_cache
 
 from tfbus.core.packed import POSE_SIZE, edge_bytes, stamp_bytes
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, InvalidArgumentException
 from tfbus.geometry.columns import Columns
-from tfbus.wording import printable
+from tfbus.wording import printable, stamp_text
 
 _NS_PER_S = 1_000_000_000
 
 _U32 = struct.Struct("<I")
 # Of a header: sequence number, seconds and nanoseconds, and the length of frame_id.
 _HEAD = struct.Struct("<4I")
+_STAMP = struct.Struct("<3I")
 # What a transform takes with empty names.
 _LEAST_SIZE = _HEAD.size + _U32.size + POSE_SIZE
 
@@ -74,3 +76,39 @@ def _in_machine_order(poses: bytes) -> bytes:
     numbers = array("d", poses)
     numbers.byteswap()
     return numbers.tobytes()
+
+
+def encode_ros1_tf_message(rows: Columns) -> bytes:
+    """The tf2_msgs/TFMessage with these transforms as ROS 1 serializes it; sequence numbers are 0.
+
+    Raises InvalidArgumentException for a stamp that is not in the years 1970 to 2106, and for a
+    name that is not valid Unicode.
+    """
+    names = [_name_bytes(frame) for frame in rows.frames]
+    poses = _in_machine_order(rows.poses_bytes())
+    parts = [_U32.pack(rows.count)]
+    at = 0
+    for (parent, child), stamp in zip(rows.pairs(), rows.stamps_as_ints(), strict=True):
+        seconds, nanoseconds = divmod(stamp, _NS_PER_S)
+        if not 0 <= seconds < 2**32:
+            frame = printable(rows.frames[child], 60)
+            raise InvalidArgumentException(
+                f"the stamp {stamp_text(stamp)} of frame '{frame}' does not fit a message of ROS "
+                "1: it must be from 1970 to 2106"
+            )
+        parts += (_STAMP.pack(0, seconds, nanoseconds), names[parent], names[child])
+        parts.append(poses[at : at + POSE_SIZE])
+        at += POSE_SIZE
+    return b"".join(parts)
+
+
+@lru_cache(maxsize=10_000)
+def _name_bytes(frame: str) -> bytes:
+    """A text with its length before it."""
+    try:
+        name = frame.encode()
+    except UnicodeEncodeError as error:
+        raise InvalidArgumentException(
+            f"the frame '{printable(frame, 60)}' is not valid Unicode: ROS messages cannot have it"
+        ) from error
+    return _U32.pack(len(name)) + name

@@ -7,7 +7,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from tfbus.errors import DecodeError, InvalidArgumentException
-from tfbus.messages import Clock, Color, JointState, Pose, RobotDescription, Twist
+from tfbus.messages import (
+    Clock,
+    Color,
+    JointState,
+    Odometry,
+    Pose,
+    PoseStamped,
+    RobotDescription,
+    Twist,
+)
 from tfbus.ros.cdr import CdrWriter
 from tfbus.ros.counterparts import COUNTERPARTS, Counterpart
 from tfbus.ros.definition_text import definition_of, message_of
@@ -116,7 +125,7 @@ RAW = MessageCodec(MSGPACK, definition_of(MSGPACK))
 
 # Those that nodes publish.
 _KNOWN = {name_of(each): each for each in (Clock, Color, Pose, Twist)}
-_SUPPLIED = (JointState, RobotDescription)
+_SUPPLIED = (JointState, Odometry, PoseStamped, RobotDescription)
 
 
 class MessageCodecs:

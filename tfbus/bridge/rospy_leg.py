@@ -1,0 +1,396 @@
+"""ROS 1 by rospy, as Debian, Ubuntu and ROS Noetic install it for the system's Python."""
+
+import logging
+import os
+import sys
+import threading
+import time
+import xmlrpc.client
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
+from tfbus.bridge.ros1_type import Ros1Type, ros1_type
+from tfbus.errors import DecodeError, TfbusError
+from tfbus.runtime.log_once import LogOnce
+
+# Where Debian has it, and ROS Noetic.
+_FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
+
+_DEFAULT_MASTER = "http://localhost:11311"
+
+# How often the master is asked whether it is there, and how long it may take to answer.
+_LOOK_EVERY_S = 1.0
+_ANSWER_WITHIN_S = 2.0
+
+# What it says of publishers counts this long.
+_STATE_COUNTS_S = 0.5
+
+# The answer of ROS 1's XML-RPC to a call that worked.
+_DONE = 1
+
+
+def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
+    """Join ROS 1: `connect` has the URI of its master, or is () for that of ROS_MASTER_URI.
+
+    Waits for the master, and says so. Raises TfbusError where rospy is not there.
+    """
+    if settings.connect:
+        os.environ["ROS_MASTER_URI"] = settings.connect[0]
+    master = os.environ.setdefault("ROS_MASTER_URI", _DEFAULT_MASTER)
+    # Read by rospy when it is imported.
+    os.environ["ROS_NAMESPACE"] = f"/{settings.namespace}"
+    rospy = _imported_rospy()
+    _wait_for_master(master, settings.full_name, log)
+    level, handlers = log.level, list(logging.getLogger().handlers)
+    # Signals and time are the node's affair; what rospy logs goes to its own file.
+    rospy.init_node(
+        settings.node,
+        argv=[],
+        disable_signals=True,
+        disable_rostime=True,
+        disable_rosout=True,
+    )
+    # ROS's configuration gives the root logger handlers of its own.
+    logging.getLogger().handlers[:] = handlers
+    log.setLevel(level)
+    return RospyLeg(rospy, master, settings.full_name, log)
+
+
+def _imported_rospy() -> Any:
+    try:
+        return import_module("rospy")
+    except ImportError as error:
+        # It is Python alone, so that that of the system works in a virtual environment, too. Behind
+        # all that is there, since what else the system has may be older.
+        sys.path += [folder for folder in _FOLDERS if Path(folder, "rospy").is_dir()]
+        try:
+            return import_module("rospy")
+        except ImportError:
+            raise TfbusError(
+                f"rospy is not installed ({error}): 'apt-get install python3-rospy' in Debian and "
+                "Ubuntu, or source the setup.bash of ROS Noetic"
+            ) from error
+
+
+def _wait_for_master(master: str, caller: str, log: logging.Logger) -> None:
+    said = False
+    while True:
+        try:
+            _Master(master, caller).call("getPid")
+            return
+        except OSError as error:
+            if not said:
+                log.warning("Waiting for the ROS master at %s (%s)", master, error)
+            said = True
+        time.sleep(_LOOK_EVERY_S / 2)
+
+
+class _Master:
+    """The master, by XML-RPC. Not thread-safe."""
+
+    def __init__(self, uri: str, caller: str) -> None:
+        try:
+            self._proxy = xmlrpc.client.ServerProxy(uri, transport=_Transport())
+        except OSError as error:
+            raise TfbusError(
+                f"{uri!r} is no URI of a ROS master, such as {_DEFAULT_MASTER}: {error}"
+            ) from error
+        self._caller = caller
+
+    def call(self, method: str, *values: Any) -> Any:
+        """What it answers. Raises OSError where it does not."""
+        try:
+            code, said, answer = getattr(self._proxy, method)(self._caller, *values)
+        except (xmlrpc.client.Error, ValueError, TypeError) as error:
+            raise OSError(f"it answers like no ROS master: {error}") from error
+        if code != _DONE:
+            raise OSError(str(said))
+        return answer
+
+
+class _Transport(xmlrpc.client.Transport):
+    """A master that hangs is as good as none."""
+
+    def make_connection(self, host: Any) -> Any:
+        connection = super().make_connection(host)
+        connection.timeout = _ANSWER_WITHIN_S
+        return connection
+
+
+class RospyLeg:
+    """The process as a node of ROS 1; a process can be only one, once.
+
+    ROS 1 does not tell publishers apart within a node: their gid is the name of the node, in
+    hexadecimal. Messages that are retained are latched: of each node the last one.
+    """
+
+    name = "rospy"
+    tells_publishers = True
+
+    def __init__(self, rospy: Any, master: str, full_name: str, log: logging.Logger) -> None:
+        self._rospy = rospy
+        self._uri = master
+        self._full_name = full_name
+        self._log = log
+        self._once = LogOnce(log)
+        self._lock = threading.Lock()
+        self._ends: dict[tuple[str, str], _Sender | _Subscription] = {}
+        self._state_lock = threading.Lock()
+        self._master = _Master(master, full_name)
+        self._publishers: dict[str, list[str]] = {}
+        # The master forgets no node that was killed: those whose topics are asked for are called.
+        self._asked: set[str] = set()
+        self._dead: set[str] = set()
+        self._state_s = -1e9
+        self._closed = threading.Event()
+        self._watch = threading.Thread(
+            target=self._watch_master, name=f"{full_name} master", daemon=True
+        )
+        self._watch.start()
+
+    def publisher(self, topic: RosTopic) -> "_Sender":
+        """Begin to publish a topic."""
+        return _Sender(self, self._rospy, topic, _gid(self._full_name))
+
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> "_Subscription":
+        """Call `on_message(payload, gid)` on rospy's threads, one at a time."""
+        return _Subscription(self, self._rospy, topic, on_message, self._full_name, self._once)
+
+    def publishers(self, topic: str) -> Sequence[RosPublisher]:
+        """Those of others that the master knows, and that answer. While it is gone they are as they
+        were.
+        """
+        with self._state_lock:
+            self._asked.add(topic)
+            if time.monotonic() > self._state_s + _STATE_COUNTS_S:
+                with suppress(OSError):  # the thread that watches it says so
+                    self._take_state()
+            nodes = self._publishers.get(topic, [])
+            away = {self._full_name, *self._dead}
+        return [RosPublisher(_gid(node), node) for node in nodes if node not in away]
+
+    def warnings(self) -> Sequence[str]:
+        """What is odd with time in ROS 1."""
+        try:
+            is_simulated = self._master_alone().call("getParam", "/use_sim_time") is True
+        except OSError:
+            return ()
+        if not is_simulated:
+            return ()
+        return ("/use_sim_time is set in ROS: nodes there follow the topic /clock",)
+
+    def close(self) -> None:
+        """Leave ROS 1. Twice is fine."""
+        self._closed.set()
+        with self._lock:
+            ends = list(self._ends.values())
+        for end in ends:
+            end.close()
+        self._rospy.signal_shutdown("the bridge ends")
+        if threading.current_thread() is not self._watch:
+            self._watch.join(_ANSWER_WITHIN_S)
+
+    def began(self, kind: str, name: str, end: "_Sender | _Subscription") -> None:
+        """One of its ends began."""
+        with self._lock:
+            self._ends[kind, name] = end
+
+    def ended(self, kind: str, name: str) -> None:
+        """It ended."""
+        with self._lock:
+            self._ends.pop((kind, name), None)
+
+    def _take_state(self) -> None:
+        published, _, _ = self._master.call("getSystemState")
+        self._publishers = {topic: [str(node) for node in nodes] for topic, nodes in published}
+        self._state_s = time.monotonic()
+
+    def _master_alone(self) -> _Master:
+        return _Master(self._uri, self._full_name)
+
+    # The master may be started again: then it knows nothing of this node.
+
+    def _watch_master(self) -> None:
+        master = self._master_alone()
+        is_there = True
+        while not self._closed.wait(_LOOK_EVERY_S):
+            if self._rospy.is_shutdown():
+                self._log.error(
+                    "ROS has ended this node: another one took its name, %s; give one of them "
+                    "another by --name",
+                    self._full_name,
+                )
+                return
+            try:
+                published, subscribed, _ = master.call("getSystemState")
+            except OSError as error:
+                if is_there:
+                    self._log.warning("The ROS master at %s is gone (%s)", self._uri, error)
+                is_there = False
+                continue
+            if not is_there:
+                self._log.info("The ROS master at %s is back", self._uri)
+            is_there = True
+            try:
+                self._register_missing(master, dict(published), dict(subscribed))
+            except OSError as error:
+                self._once.warning("register", "Could not register in ROS again: %s", error)
+            self._call_publishers(master, dict(published))
+
+    def _call_publishers(self, master: _Master, published: dict[str, list[str]]) -> None:
+        with self._state_lock:
+            asked = [*self._asked]
+        nodes = {node for topic in asked for node in published.get(topic, ())}
+        dead = set()
+        for node in nodes - {self._full_name}:
+            try:
+                uri = master.call("lookupNode", node)
+                _Master(uri, self._full_name).call("getPid")
+            except (OSError, TfbusError):
+                dead.add(node)
+        with self._state_lock:
+            self._dead = dead
+
+    def _register_missing(
+        self, master: _Master, published: dict[str, list[str]], subscribed: dict[str, list[str]]
+    ) -> None:
+        with self._lock:
+            ends = dict(self._ends)
+        uri = self._rospy.get_node_uri()
+        for (kind, name), end in ends.items():
+            if kind == "pub" and self._full_name not in published.get(name, ()):
+                master.call("registerPublisher", name, end.type_name, uri)
+            elif kind == "sub" and self._full_name not in subscribed.get(name, ()):
+                uris = master.call("registerSubscriber", name, end.type_name, uri)
+                # As the master does it when a publisher comes.
+                with xmlrpc.client.ServerProxy(uri) as slave:
+                    slave.publisherUpdate("/master", name, uris)
+
+
+class _Sender:
+    """A publisher of rospy's, of messages that are bytes already."""
+
+    def __init__(self, leg: RospyLeg, rospy: Any, topic: RosTopic, gid: str) -> None:
+        self._leg = leg
+        self._name = topic.name
+        self._type = ros1_type(topic.definition)
+        self._lock = threading.Lock()
+        self._class = _message_class(self._type)
+        self.type_name = self._type.name
+        self.gid = gid
+        # Sent on threads of rospy's: a subscriber that has stopped holds up no other.
+        self._publisher = rospy.Publisher(
+            topic.name, self._class, latch=topic.retained, queue_size=topic.depth, tcp_nodelay=True
+        )
+        self._exception = rospy.ROSException
+        leg.began("pub", topic.name, self)
+
+    @property
+    def heard(self) -> bool:
+        """Whether a node is connected to it."""
+        return bool(self._publisher.get_num_connections())
+
+    def send(self, payload: bytes) -> None:
+        """Publish one message in CDR."""
+        with self._lock:
+            message = self._class()
+            message.payload = self._type.of_cdr(payload)
+            try:
+                self._publisher.publish(message)
+            except self._exception as error:
+                raise TfbusError(f"could not publish {self._name} in ROS: {error}") from error
+
+    def close(self) -> None:
+        """End it. Twice is fine."""
+        self._leg.ended("pub", self._name)
+        self._publisher.unregister()
+
+
+class _Subscription:
+    """A subscriber of rospy's, whose messages stay bytes."""
+
+    def __init__(
+        self,
+        leg: RospyLeg,
+        rospy: Any,
+        topic: RosTopic,
+        on_message: OnMessage,
+        own_name: str,
+        once: LogOnce,
+    ) -> None:
+        self._leg = leg
+        self._name = topic.name
+        self._own_name = own_name
+        self._on_message: OnMessage | None = on_message
+        self._once = once
+        self._type = ros1_type(topic.definition)
+        self.type_name = self._type.name
+        # Each connection has a thread of its own.
+        self._lock = threading.Lock()
+        self._subscriber = rospy.Subscriber(
+            topic.name,
+            _message_class(self._type),
+            self._take,
+            queue_size=topic.depth,
+            tcp_nodelay=True,
+        )
+        leg.began("sub", topic.name, self)
+
+    def close(self) -> None:
+        """End it. Twice is fine."""
+        self._on_message = None
+        self._leg.ended("sub", self._name)
+        self._subscriber.unregister()
+
+    def _take(self, message: Any) -> None:
+        node = str(message._connection_header.get("callerid", ""))
+        if node == self._own_name:
+            return
+        with self._lock:
+            if self._on_message is None:
+                return
+            try:
+                payload = self._type.to_cdr(message.payload)
+            except DecodeError as error:
+                self._once.warning(
+                    ("decode", self._name, node),
+                    "Dropped a message of %s on %s: %s",
+                    node,
+                    self._name,
+                    error,
+                )
+                return
+            self._on_message(payload, _gid(node))
+
+
+def _gid(node: str) -> str:
+    return node.encode().hex()
+
+
+def _message_class(type_: Ros1Type) -> type:
+    """A class of messages for rospy, whose content is the bytes."""
+    import genpy
+
+    class Payload(genpy.Message):  # type: ignore[misc]  # genpy has no types
+        __slots__ = ("payload",)
+        _slot_types = ("",)
+        _type = type_.name
+        _full_text = type_.text
+        _md5sum = type_.md5
+        _has_header = False
+
+        def __init__(self) -> None:
+            self.payload = b""
+
+        def serialize(self, buff: Any) -> None:
+            buff.write(self.payload)
+
+        def deserialize(self, data: bytes) -> "Payload":
+            self.payload = bytes(data)
+            return self
+
+    return Payload

@@ -1,0 +1,227 @@
+"""One topic in one direction: from the bus to ROS, and from ROS to the bus."""
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+
+from tfbus import messages
+from tfbus.bridge.leg import Leg, RosTopic
+from tfbus.bridge.topic_table import TopicLine
+from tfbus.errors import DecodeError, TfbusError
+from tfbus.node.node import Node
+from tfbus.node.topic import RawPublisher
+from tfbus.ros.definition_text import message_of
+from tfbus.ros.fitted import fitted
+from tfbus.ros.schema import MessageCodec
+from tfbus.ros.value_codec import UnfitError
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import decode_map, encode_map, from_map
+
+# Own messages are back within this, where a leg cannot tell them from those of others.
+_ECHO_WITHIN_S = 2.0
+_MOST_ECHOES = 1000
+
+
+class Echoes:
+    """Which messages are own ones that come back, for a leg that does not tell. Thread-safe.
+
+    Each that was sent comes back once: only the next equal one is taken for it.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._sent: OrderedDict[int, tuple[bytes, float]] = OrderedDict()
+        self._next = 0
+
+    def sent(self, payload: bytes) -> None:
+        """This one was sent."""
+        with self._lock:
+            self._sent[self._next] = payload.rstrip(b"\0"), time.monotonic()
+            self._next += 1
+            while len(self._sent) > _MOST_ECHOES:
+                self._sent.popitem(last=False)
+
+    def takes(self, payload: bytes) -> bool:
+        """Whether it is one that was sent."""
+        least_s = time.monotonic() - _ECHO_WITHIN_S
+        payload = payload.rstrip(b"\0")
+        with self._lock:
+            for number, (each, sent_s) in list(self._sent.items()):
+                if sent_s < least_s or each == payload:
+                    del self._sent[number]
+                if sent_s >= least_s and each == payload:
+                    return True
+        return False
+
+
+class Translation:
+    """Messages of a line's types, as bytes, in both directions. Thread-safe."""
+
+    def __init__(self, line: TopicLine, now_ns: Callable[[], int]) -> None:
+        self._counterpart = line.counterpart
+        definition = line.counterpart.definition
+        self._message = message_of(definition)
+        self._codec = MessageCodec(self._message, definition)
+        self._stamps = line.stamps
+        self._now_ns = now_ns
+        self._type = _supplied_type(line.type_name)
+
+    def to_ros(self, payload: bytes) -> bytes:
+        """The message of ours as one of ROS. Raises DecodeError where it does not fit."""
+        values = decode_map(payload)
+        if self._type is not None:
+            from_map(self._type, values)
+        try:
+            message = self._codec.encode(fitted(self._counterpart.to_ros(values), self._message))
+        except UnfitError as error:
+            raise DecodeError(str(error)) from error
+        if message is None:
+            raise DecodeError("it has a text that is not valid Unicode")
+        return message
+
+    def of_ros(self, payload: bytes) -> bytes:
+        """The message of ROS as one of ours. Raises DecodeError where it does not fit."""
+        try:
+            values = self._counterpart.of_ros(self._codec.decode(payload))
+        except UnfitError as error:
+            raise DecodeError(str(error)) from error
+        if self._stamps:
+            values["stamp_ns"] = self._now_ns()
+        if self._type is not None:
+            from_map(self._type, values)
+        return encode_map(values)
+
+
+class ToRos:
+    """A topic of the bus that goes to ROS, until `close()`."""
+
+    def __init__(
+        self, node: Node, leg: Leg, name: str, ros_name: str, line: TopicLine, echoes: Echoes | None
+    ) -> None:
+        self.line = line
+        self._name = name
+        self._once = LogOnce(node.log)
+        self._echoes = echoes
+        self._translation = Translation(line, node.now_ns)
+        definition = line.counterpart.definition
+        self._sender = leg.publisher(RosTopic(ros_name, definition, line.retained, line.depth))
+        try:
+            self._subscription = node.create_raw_subscription(
+                name,
+                self._on_message,
+                type_name=line.type_name,
+                retained=line.retained,
+                own=False,
+            )
+        except BaseException:
+            self._sender.close()
+            raise
+
+    def close(self) -> None:
+        """No longer publish it in ROS. Twice is fine."""
+        self._subscription.close()
+        self._sender.close()
+
+    def _on_message(self, payload: bytes) -> None:
+        try:
+            message = self._translation.to_ros(payload)
+            if self._echoes is not None:
+                self._echoes.sent(message)
+            self._sender.send(message)
+        except (DecodeError, TfbusError) as error:
+            self._once.warning(
+                type(error).__name__,
+                "Dropped a message on topic %r on its way to ROS, as %s: %s",
+                self._name,
+                self.line.ros_type,
+                error,
+            )
+
+
+class FromRos:
+    """A topic of ROS that comes to the bus, until `close()`.
+
+    The publisher in the bus begins with the first message. `accepts(gid)` says whether messages of
+    a publisher in ROS do.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        leg: Leg,
+        name: str,
+        ros_name: str,
+        line: TopicLine,
+        echoes: Echoes | None,
+        accepts: Callable[[str], bool],
+    ) -> None:
+        self.line = line
+        self._node = node
+        self._name = name
+        self._ros_name = ros_name
+        self._once = LogOnce(node.log)
+        self._echoes = echoes
+        self._accepts = accepts
+        self._translation = Translation(line, node.now_ns)
+        self._lock = threading.Lock()
+        self._closed = False
+        self._publisher: RawPublisher | None = None
+        definition = line.counterpart.definition
+        topic = RosTopic(ros_name, definition, line.retained, max(line.depth, 100))
+        self._subscription = leg.subscribe(topic, self._take)
+
+    def silence(self) -> None:
+        """Publish it no longer in the bus, until there is another message."""
+        with self._lock:
+            publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            publisher.close()
+
+    def close(self) -> None:
+        """No longer read it in ROS. Twice is fine."""
+        self._subscription.close()
+        with self._lock:
+            self._closed = True
+        self.silence()
+
+    def _take(self, payload: bytes, gid: str) -> None:
+        if self._echoes is not None and self._echoes.takes(payload):
+            return
+        try:
+            if not self._accepts(gid):
+                return
+            message = self._translation.of_ros(payload)
+            publisher = self._begun()
+            if publisher is not None:
+                publisher.publish(message)
+        except (DecodeError, TfbusError) as error:
+            self._once.warning(
+                type(error).__name__,
+                "Dropped a message on %s of ROS, of type %s: %s",
+                self._ros_name,
+                self.line.ros_type,
+                error,
+            )
+
+    def _begun(self) -> RawPublisher | None:
+        with self._lock:
+            if self._publisher is None and not self._closed:
+                self._publisher = self._node.create_raw_publisher(
+                    self._name, type_name=self.line.type_name, retained=self.line.retained
+                )
+                self._node.log.info(
+                    "Topic %r (%s) comes from ROS, where it is %s (%s)",
+                    self._name,
+                    self.line.type_name,
+                    self._ros_name,
+                    self.line.ros_type,
+                )
+            return self._publisher
+
+
+def _supplied_type(name: str) -> type | None:
+    """A message of tfbus.messages by its name."""
+    found = getattr(messages, name, None) if name.isidentifier() else None
+    is_message = isinstance(found, type) and hasattr(found, "__dataclass_fields__")
+    return found if is_message else None

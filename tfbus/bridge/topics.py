@@ -1,0 +1,283 @@
+"""Topics other than transforms, between the bus and ROS."""
+
+import logging
+import re
+import threading
+import time
+
+from tfbus.bridge.leg import Leg, RosPublisher
+from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
+from tfbus.bridge.topic_table import TopicLine
+from tfbus.bridge.topic_table import TopicTable as TopicTable
+from tfbus.discover.graph import Graph, TopicInfo, graph_of
+from tfbus.discover.presence import describe_all
+from tfbus.errors import TfbusError
+from tfbus.node.node import Node
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import CLOCK_TOPIC, relative_name
+from tfbus.wording import listed
+
+# How often both sides are asked what they have, and how long the nodes of the bus may take.
+_LOOK_EVERY_S = 1.0
+_ASK_WITHIN_S = 0.8
+
+# A busy node may not answer for a while; its topics stay that long.
+_GONE_AFTER_S = 10.0
+
+# Names come from the bus, and each topic takes memory here and in ROS.
+_MOST_TOPICS = 2000
+
+# How bridges call their nodes in ROS, and the type of what they tell each other on the bus.
+_BRIDGE_NODES = "tfbus_"
+_BRIDGE_TYPE = "RosBridge"
+
+_ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
+
+
+class TopicBridge:
+    """Passes topics on in both directions, or one, until `close()`.
+
+    Topics of the bus are those that nodes of the node's namespace describe, of types that the
+    table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
+    No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
+    of another bridge are left out where this side has their source.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        leg: Leg,
+        table: TopicTable,
+        *,
+        to_ros: bool,
+        from_ros: bool,
+        ros_namespace: str,
+        log: logging.Logger,
+    ) -> None:
+        self._node = node
+        self._leg = leg
+        self._table = table
+        self._is_to_ros = to_ros
+        self._is_from_ros = from_ros
+        self._above = f"/{ros_namespace}" if ros_namespace else ""
+        self._log = log
+        self._once = LogOnce(log)
+        self._topics: dict[str, _Topic] = {}
+        self._executor = Executor(f"{node.full_name} topics", log)
+        self._executor.submit("topics", self._look)
+        self._executor.every(_LOOK_EVERY_S, self._look)
+
+    def close(self) -> None:
+        """No longer pass anything on. Twice is fine."""
+        self._executor.close()
+        while self._topics:
+            self._topics.popitem()[1].close()
+
+    def crossing(self) -> tuple[list[str], list[str]]:
+        """The topics that go to ROS now, and those that come from there, by their names on the
+        bus.
+        """
+        topics = sorted(list(self._topics.items()))
+        return (
+            [name for name, topic in topics if topic.goes],
+            [name for name, topic in topics if topic.comes],
+        )
+
+    def _look(self) -> None:
+        described = describe_all(self._node.session, self._on_unreadable, timeout_s=_ASK_WITHIN_S)
+        own = self._node.session.id
+        nodes = [each for each in described if each.session != own and self._sees(each)]
+        bridges = {each.name for each in nodes if _is_bridge(each)}
+        graph = graph_of(nodes, {}, self._node.namespace)
+        for name in sorted({*graph.topics, *self._table.names, *self._topics}):
+            if name != CLOCK_TOPIC and not name.startswith("/"):
+                try:
+                    self._adapt(name, graph, bridges)
+                except TfbusError as error:
+                    self._once.warning(("topic", name), "Topic %r does not cross: %s", name, error)
+
+    def _sees(self, node: NodeDescription) -> bool:
+        name = relative_name(node.name, self._node.namespace)
+        return not name.startswith("/") and "/" not in name
+
+    def _adapt(self, name: str, graph: Graph, bridges: set[str]) -> None:
+        """Have a topic cross as both sides have it now."""
+        info = graph.topics.get(name, TopicInfo(name))
+        topic = self._topics.get(name)
+        line = self._line(name, info, topic)
+        if line is None or line.direction == "off":
+            return
+        if topic is None:
+            if not _ROS_NAME.fullmatch(name):
+                self._once.warning(
+                    ("name", name), "Topic %r does not cross: ROS cannot have that name", name
+                )
+                return
+            if len(self._topics) >= _MOST_TOPICS:
+                self._once.warning(
+                    "topics", "More than %d topics: the rest does not cross", _MOST_TOPICS
+                )
+                return
+            ros_name = f"{self._above}/{name}"
+            topic = _Topic(self._node, self._leg, name, ros_name)
+            self._topics[name] = topic
+        elif topic.line is not None and topic.line.counterpart != line.counterpart:
+            topic.close()
+        topic.line = line
+        topic.look(info, bridges, to_ros=self._is_to_ros, from_ros=self._is_from_ros)
+
+    def _line(self, name: str, info: TopicInfo, topic: "_Topic | None") -> TopicLine | None:
+        """The line for a topic; None where it does not cross."""
+        types = sorted({end.type for end in info.publishers or info.subscribers or ()} - {""})
+        lines = [line for each in types if (line := self._table.line_of(name, each)) is not None]
+        if types and not lines and name in self._table.names:
+            wanted = self._table.names[name]
+            raise TfbusError(
+                f"on the bus it carries {listed(types)}; {wanted.type_name} is what becomes a "
+                f"{wanted.ros_type} of ROS"
+            )
+        if lines:
+            return lines[0]
+        if topic is not None:
+            return topic.line
+        return None if types else self._table.names.get(name)
+
+    def _on_unreadable(self, error: TfbusError) -> None:
+        self._once.warning(("unreadable", str(error)), "%s", error)
+
+
+class _Topic:
+    """A topic, as it crosses at present."""
+
+    def __init__(
+        self,
+        node: Node,
+        leg: Leg,
+        name: str,
+        ros_name: str,
+    ) -> None:
+        self.line: TopicLine | None = None
+        self._node = node
+        self._leg = leg
+        self._name = name
+        self._ros_name = ros_name
+        self._echoes = None if leg.tells_publishers else Echoes()
+        self._to: ToRos | None = None
+        self._from: FromRos | None = None
+        self._to_until_s = self._from_until_s = self._heard_until_s = 0.0
+        # Read by callbacks of the leg, too.
+        self._lock = threading.Lock()
+        self._nodes: dict[str, str] = {}
+        self._has_source = False
+
+    @property
+    def goes(self) -> bool:
+        """Whether it goes to ROS."""
+        return self._to is not None
+
+    @property
+    def comes(self) -> bool:
+        """Whether it comes from ROS."""
+        return self._from is not None
+
+    def look(self, info: TopicInfo, bridges: set[str], *, to_ros: bool, from_ros: bool) -> None:
+        """Take what both sides have."""
+        assert self.line is not None
+        sources = [end for end in info.publishers if end.node not in bridges]
+        in_ros = self._ask()
+        with self._lock:
+            self._has_source = bool(info.publishers)
+        goes = to_ros and self.line.goes_to_ros and bool(info.publishers)
+        comes = from_ros and self.line.comes_from_ros and bool(in_ros or info.subscribers)
+        if goes and not sources and in_ros:
+            # Another bridge has it from there.
+            goes = False
+            self._end_to_ros()
+        if self.line.retained and goes and comes:
+            # What one side keeps would come back from the other: that of the bus counts.
+            comes = False
+            self._end_from_ros()
+        self._keep_to_ros(goes)
+        self._keep_from_ros(comes, bool(in_ros))
+
+    def close(self) -> None:
+        """It crosses no longer."""
+        self._end_to_ros()
+        self._end_from_ros()
+
+    def _end_to_ros(self) -> None:
+        if self._to is not None:
+            self._to.close()
+            self._to = None
+
+    def _end_from_ros(self) -> None:
+        if self._from is not None:
+            self._from.close()
+            self._from = None
+
+    def _keep_to_ros(self, is_wanted: bool) -> None:
+        now_s = time.monotonic()
+        if is_wanted:
+            self._to_until_s = now_s + _GONE_AFTER_S
+            if self._to is None and self.line is not None:
+                self._to = ToRos(
+                    self._node, self._leg, self._name, self._ros_name, self.line, self._echoes
+                )
+                self._node.log.info(
+                    "Topic %r (%s) goes to ROS as %s (%s)",
+                    self._name,
+                    self.line.type_name,
+                    self._ros_name,
+                    self.line.ros_type,
+                )
+        elif now_s > self._to_until_s:
+            self._end_to_ros()
+
+    def _keep_from_ros(self, is_wanted: bool, has_publishers: bool) -> None:
+        now_s = time.monotonic()
+        if has_publishers:
+            self._heard_until_s = now_s + _GONE_AFTER_S
+        if is_wanted:
+            self._from_until_s = now_s + _GONE_AFTER_S
+            if self._from is None and self.line is not None:
+                self._from = FromRos(
+                    self._node,
+                    self._leg,
+                    self._name,
+                    self._ros_name,
+                    self.line,
+                    self._echoes,
+                    self._accepts,
+                )
+        elif now_s > self._from_until_s:
+            self._end_from_ros()
+        if self._from is not None and now_s > self._heard_until_s:
+            self._from.silence()
+
+    def _ask(self) -> list[RosPublisher]:
+        """The publishers in ROS."""
+        found = list(self._leg.publishers(self._ros_name))
+        with self._lock:
+            self._nodes = {each.gid: each.node for each in found}
+        return found
+
+    def _accepts(self, gid: str) -> bool:
+        """Whether a message of this publisher comes to the bus: not that of another bridge, where
+        the topic has a source there.
+        """
+        if not gid:
+            return True
+        with self._lock:
+            is_known = gid in self._nodes
+        if not is_known:
+            self._ask()
+        with self._lock:
+            # Where it is still unknown it is not asked for again before the next look.
+            node = self._nodes.setdefault(gid, "").rpartition("/")[2]
+            return not (self._has_source and node.startswith(_BRIDGE_NODES))
+
+
+def _is_bridge(node: NodeDescription) -> bool:
+    return _BRIDGE_TYPE in node.publishes.values()

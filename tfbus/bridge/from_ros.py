@@ -363,7 +363,9 @@ class FromRos:
         children = [on_bus[child] for child in found.children]
         for child in children:
             # It was static until now.
-            source.statics.pop(child, None)
+            for each in self._sources.values():
+                if each.stream is source.stream:
+                    each.statics.pop(child, None)
             source.stream.becomes_dynamic(child)
         source.children |= set(children)
         self._note_names(rows.frames)

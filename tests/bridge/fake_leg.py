@@ -1,8 +1,8 @@
 """ROS in memory: participants that publish and subscribe as a middleware lets them."""
 
-import itertools
 import queue
 import threading
+import uuid
 from collections import deque
 from collections.abc import Callable, Sequence
 
@@ -23,7 +23,6 @@ class FakeRos:
         self.lock = threading.Lock()
         self.senders: list[FakeSender] = []
         self.subscriptions: list[FakeSubscription] = []
-        self._numbers = itertools.count(1)
         self._legs: list[FakeLeg] = []
 
     def leg(
@@ -41,8 +40,8 @@ class FakeRos:
         return leg
 
     def new_gid(self) -> str:
-        """A gid that no publisher had before."""
-        return f"{next(self._numbers):032x}"
+        """A gid that no publisher had before, in any ROS."""
+        return uuid.uuid4().hex
 
     def settle(self) -> None:
         """Wait until all participants have taken all messages so far, and their answers."""

@@ -67,7 +67,6 @@ class RosClock:
         self._first_s: dict[str, float] = {}
         self._last_s: dict[str, float] = {}
         self._bridge_gids: frozenset[str] = frozenset()
-        self._last_ns: int | None = None
         self._sender: RosSender | None = None
         self._publisher: Closing | None = None
         self._publish: Callable[[Clock], None] = lambda clock: None
@@ -121,16 +120,16 @@ class RosClock:
             self._sender = self._leg.publisher(TOPIC)
             self.way = "to ROS"
         else:
+            # Before the first message of its own comes.
+            self.way = "from ROS"
             publisher = self._node.create_clock_publisher()
             self._publisher, self._publish = publisher, publisher.publish
-            self.way = "from ROS"
         self._node.log.info(
             "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"
         )
 
     def _end(self) -> None:
         self.way = ""
-        self._last_ns = None
         for each in (self._sender, self._publisher):
             if each is not None:
                 each.close()
@@ -155,24 +154,25 @@ class RosClock:
             if self.way == "to ROS" and not gid:
                 return
             self._heard("from ROS")
-            if self.way == "from ROS":
-                self._last_ns = stamp_ns
-                self._publish(Clock(stamp_ns))
+            publish = self._publish
+        # Without the lock: what is sent comes to this session too, on this thread.
+        publish(Clock(stamp_ns))
 
     def _on_bus(self, payload: bytes) -> None:
+        if self.way == "from ROS":
+            return
+        try:
+            clock = decode_message(Clock, payload)
+        except DecodeError:
+            return  # those that follow it log it
         with self._lock:
-            if self.way == "from ROS":
-                return
-            try:
-                clock = decode_message(Clock, payload)
-            except DecodeError:
-                return  # the node's own subscription logs it
             self._heard("to ROS")
-            if self._sender is not None and 0 <= clock.stamp_ns <= _LATEST_NS:
-                try:
-                    self._sender.send(write_clock(clock.stamp_ns))
-                except TfbusError as error:
-                    self._once.warning("clock", "The time does not go to ROS: %s", error)
+            sender = self._sender
+        if sender is not None and 0 <= clock.stamp_ns <= _LATEST_NS:
+            try:
+                sender.send(write_clock(clock.stamp_ns))
+            except TfbusError as error:
+                self._once.warning("clock", "The time does not go to ROS: %s", error)
 
 
 def read_clock(payload: bytes) -> int:

@@ -1,0 +1,165 @@
+"""What `tfbus ros2` and `tfbus ros1` share: options, and how they run."""
+
+import functools
+import re
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import click
+
+from tfbus import Node, NodeSettings, Number
+from tfbus.bridge import Bridge, BridgeOptions, LegSettings, TopicTable, open_leg
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_CLOCKS = ("auto", "to-ros", "from-ros", "off")
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """What the options say of what crosses; `topics_file` and `topics` of topics other than those
+    of transforms.
+    """
+
+    options: BridgeOptions
+    topics_file: Path | None
+    topics: tuple[str, ...]
+
+
+def crossing_options(function: F) -> F:
+    """Add the options of what crosses to a click command, which gets a Crossing as `crossing`."""
+
+    @functools.wraps(function)
+    def command(
+        *args: Any,
+        only_to_ros: bool,
+        only_from_ros: bool,
+        ros_namespace: str,
+        topics_file: Path | None,
+        topics: tuple[str, ...],
+        **values: Any,
+    ) -> Any:
+        if only_to_ros and only_from_ros:
+            raise click.UsageError(
+                "--only-to-ros and --only-from-ros are mutually exclusive: give one, or none for "
+                "both directions"
+            )
+        options = {name: values.pop(name) for name in _OF_BRIDGE}
+        if only_from_ros and options["clock"] == "to-ros":
+            raise click.UsageError("--only-from-ros and --clock to-ros are mutually exclusive")
+        if only_to_ros and options["clock"] == "from-ros":
+            raise click.UsageError("--only-to-ros and --clock from-ros are mutually exclusive")
+        namespace = ros_namespace.strip("/")
+        if namespace and not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", namespace, re.ASCII):
+            raise click.UsageError(
+                f"--ros-namespace {namespace!r} is none that ROS can have: use letters, digits and "
+                "underscores, as in robot1"
+            )
+        crossing = Crossing(
+            BridgeOptions(
+                to_ros=not only_from_ros,
+                from_ros=not only_to_ros,
+                ros_namespace=namespace,
+                **options,
+            ),
+            topics_file,
+            topics,
+        )
+        return function(*args, crossing=crossing, **values)
+
+    decorated: Any = command
+    for option in reversed(_OPTIONS):
+        decorated = option(decorated)
+    return cast(F, decorated)
+
+
+def run(
+    settings: NodeSettings,
+    crossing: Crossing,
+    via: str,
+    *,
+    why: str = "",
+    domain: int | None = None,
+    connect: tuple[str, ...] = (),
+    distro: str = "",
+) -> None:
+    """Bridge until Ctrl-C. Raises TfbusError where ROS cannot be joined."""
+    options = crossing.options
+    table = TopicTable.of_file(crossing.topics_file, crossing.topics)
+    with Node.from_settings(settings) as node:
+        leg_settings = LegSettings(
+            "tfbus_" + re.sub(r"\W", "_", node.name, flags=re.ASCII),
+            options.ros_namespace,
+            domain,
+            connect,
+            distro,
+        )
+        leg = open_leg(via, leg_settings, node.log)
+        bridge = Bridge(node, leg, options, ros_node=leg_settings.full_name, table=table)
+        with closing(bridge):
+            where = "" if domain is None else f", domain {domain}"
+            node.ready(f"{bridge.announcement}{where}{why}")
+            node.wait(None)
+
+
+# Those that BridgeOptions has by the same names.
+_OF_BRIDGE = ("frame_prefix", "frames", "rate_limit_hz", "clock", "odom_tf")
+
+_OPTIONS = (
+    click.option(
+        "--ros-namespace",
+        default="",
+        metavar="NS",
+        help="The namespace in ROS: robot1 for /robot1/tf (--namespace is that of the bus).",
+    ),
+    click.option(
+        "--frame-prefix",
+        default="",
+        metavar="PREFIX",
+        help="Put before the frames that come from ROS, as robot1/, and taken off on the way there.",
+    ),
+    click.option("--only-to-ros", is_flag=True, help="Send to ROS only."),
+    click.option("--only-from-ros", is_flag=True, help="Take from ROS only."),
+    click.option(
+        "--frames",
+        multiple=True,
+        metavar="PATTERN",
+        help="Only child frames of this name on the bus, such as 'robot1/*'; repeatable.",
+    ),
+    click.option(
+        "--rate-limit",
+        "rate_limit_hz",
+        type=Number(least=0.01, most=10_000.0),
+        metavar="HZ",
+        help="Of each frame at most HZ transforms a second, in each direction; the newest goes.",
+    ),
+    click.option(
+        "--clock",
+        type=click.Choice(_CLOCKS),
+        default="auto",
+        show_default=True,
+        help="Which way the simulated time goes; auto: from the side that has a clock.",
+    ),
+    click.option(
+        "--topics",
+        "topics_file",
+        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        metavar="FILE",
+        help="Which topics cross, and as which types, in YAML.",
+    ),
+    click.option(
+        "--topic",
+        "topics",
+        multiple=True,
+        metavar="NAME",
+        help="A further topic that crosses, as NAME or NAME=TYPE; repeatable.",
+    ),
+    click.option(
+        "--odom-tf",
+        is_flag=True,
+        help="Send the pose of each Odometry from ROS as a transform, too.",
+    ),
+)

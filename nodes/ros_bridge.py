@@ -119,7 +119,7 @@ _OPTIONS = (
         "--frame-prefix",
         default="",
         metavar="PREFIX",
-        help="Put before the frames that come from ROS, as robot1/, and taken off on the way there.",
+        help="Put before frames that come from ROS, as robot1/, and taken off on the way there.",
     ),
     click.option("--only-to-ros", is_flag=True, help="Send to ROS only."),
     click.option("--only-from-ros", is_flag=True, help="Take from ROS only."),

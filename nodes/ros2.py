@@ -9,8 +9,9 @@ from importlib.util import find_spec
 import click
 
 from tfbus import NodeSettings, node_options
+from tfbus.bridge import LegSettings
 
-from .ros_bridge import Crossing, crossing_options, run
+from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
 
 # The most that the ports of DDS leave room for.
 _LAST_DOMAIN = 232
@@ -61,22 +62,19 @@ def main(
     Each node of ROS is a stream of the bus, ros2/NODE; static transforms reach late joiners on both
     sides. Nothing that has crossed comes back.
     """
-    why = ""
+    note = ""
     if via == "auto":
         has_rclpy = find_spec("rclpy") is not None
         via = "rclpy" if has_rclpy else "zenoh"
-        why = (
-            "; by rclpy, since ROS is sourced" if has_rclpy else "; without rclpy by Zenoh (--via)"
-        )
-    run(
-        settings,
-        crossing,
-        via,
-        why=why,
-        domain=_domain() if domain is None else domain,
-        connect=ros_connect,
-        distro=distro.lower(),
+        note = "; by rclpy, since it is there" if has_rclpy else "; there is no rclpy here (--via)"
+    leg = LegSettings(
+        ros_node_name(settings),
+        crossing.options.ros_namespace,
+        _domain() if domain is None else domain,
+        ros_connect,
+        distro.lower(),
     )
+    run_bridge(settings, crossing, via, leg, f", domain {leg.domain}{note}")
 
 
 def _domain() -> int:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tfbus.bridge.bridge import Bridge as Bridge
     from tfbus.bridge.leg import LegSettings as LegSettings
     from tfbus.bridge.legs import open_leg as open_leg
+    from tfbus.bridge.odometry_frames import with_odometry_frames as with_odometry_frames
     from tfbus.bridge.options import BridgeOptions as BridgeOptions
     from tfbus.bridge.topics import TopicTable as TopicTable
 
@@ -20,6 +21,7 @@ _MODULE_OF = {
     "BridgeOptions": "tfbus.bridge.options",
     "LegSettings": "tfbus.bridge.leg",
     "TopicTable": "tfbus.bridge.topics",
+    "with_odometry_frames": "tfbus.bridge.odometry_frames",
     "open_leg": "tfbus.bridge.legs",
 }
 

@@ -34,9 +34,6 @@ _MOST_UNKNOWN = 100
 _MOST_PUBLISHERS = 1000
 _MOST_STATICS = 100_000
 
-# Stands for the publishers of Odometry, and is the end of the name of their stream.
-_ODOMETRY = "odometry"
-
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
 
@@ -141,15 +138,6 @@ class FromRos:
             for source in [*self._sources.values()]:
                 self._drop(source.gid)
 
-    def take_odometry(self, transform: TransformStamped, gid: str) -> None:
-        """Take the pose of an Odometry: it has a stream of its own, as its publisher is none of
-        transforms.
-        """
-        with self._lock:
-            if not self._is_closed:
-                source = self._sources.get(_ODOMETRY) or self._make(_ODOMETRY, _ODOMETRY)
-                self._take_dynamic(source, Columns.of_transforms((transform,)))
-
     @property
     def streams(self) -> dict[str, int]:
         """How many frames come by each stream."""
@@ -208,7 +196,7 @@ class FromRos:
         for name, stream in self._streams.items():
             own = {gid for gid, node in nodes.items() if stream_name(self._node, node) == name}
             all_of_it = nodes.keys() if "" in stream.gids and not self._leg.tells_publishers else ()
-            stream.say_origin(tuple(sorted((stream.gids | own | set(all_of_it)) - {"", _ODOMETRY})))
+            stream.say_origin(tuple(sorted((stream.gids | own | set(all_of_it)) - {""})))
 
     def _stand_by(self) -> None:
         """Another bridge that was there first carries some of the publishers: this one need not."""
@@ -264,7 +252,7 @@ class FromRos:
         name = stream_name(self._node, node)
         former = self._streams.get(name)
         if former is not None and node:
-            for each in self._publishers.replaced_by(gid, former.gids - {"", _ODOMETRY}):
+            for each in self._publishers.replaced_by(gid, former.gids - {""}):
                 self._drop(each)
         stream = self._streams.setdefault(name, RosStream(self._node, name))
         stream.gids.add(gid)

@@ -15,8 +15,7 @@ class BridgeOptions:
     those cross. `frame_prefix` is put before the names of frames that come from ROS, and taken off
     those that go there. `rate_limit_hz` is how often a frame goes at most, in each direction.
     `ros_namespace` is that of ROS's topics: "robot1" for /robot1/tf. With `clock` "auto" the side
-    that has a clock gives it to the other. With `odom_tf` the pose of each Odometry that comes from
-    ROS is a transform, too.
+    that has a clock gives it to the other.
     """
 
     to_ros: bool = True
@@ -26,7 +25,6 @@ class BridgeOptions:
     rate_limit_hz: float | None = None
     ros_namespace: str = ""
     clock: ClockWay = "auto"
-    odom_tf: bool = False
 
     def takes(self, child: str) -> bool:
         """Whether the frame that the bus knows by this name crosses."""

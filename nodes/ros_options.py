@@ -11,7 +11,14 @@ from typing import Any, TypeVar, cast
 import click
 
 from tfbus import Node, NodeSettings, Number
-from tfbus.bridge import Bridge, BridgeOptions, LegSettings, TopicTable, open_leg
+from tfbus.bridge import (
+    Bridge,
+    BridgeOptions,
+    LegSettings,
+    TopicTable,
+    open_leg,
+    with_odometry_frames,
+)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -20,13 +27,14 @@ _CLOCKS = ("auto", "to-ros", "from-ros", "off")
 
 @dataclass(frozen=True)
 class Crossing:
-    """What the options say of what crosses; `topics_file` and `topics` of topics other than those
-    of transforms.
+    """What crosses, as the command line has it; `topics_file` and `topics` are topics other than
+    transforms.
     """
 
     options: BridgeOptions
     topics_file: Path | None
     topics: tuple[str, ...]
+    odom_tf: bool
 
 
 def crossing_options(function: F) -> F:
@@ -40,6 +48,7 @@ def crossing_options(function: F) -> F:
         ros_namespace: str,
         topics_file: Path | None,
         topics: tuple[str, ...],
+        odom_tf: bool,
         **values: Any,
     ) -> Any:
         if only_to_ros and only_from_ros:
@@ -67,6 +76,7 @@ def crossing_options(function: F) -> F:
             ),
             topics_file,
             topics,
+            odom_tf,
         )
         return function(*args, crossing=crossing, **values)
 
@@ -76,37 +86,30 @@ def crossing_options(function: F) -> F:
     return cast(F, decorated)
 
 
-def run(
-    settings: NodeSettings,
-    crossing: Crossing,
-    via: str,
-    *,
-    why: str = "",
-    domain: int | None = None,
-    connect: tuple[str, ...] = (),
-    distro: str = "",
+def ros_node_name(settings: NodeSettings) -> str:
+    """How the node is called in ROS: other bridges know one by it."""
+    return "tfbus_" + re.sub(r"\W", "_", settings.name, flags=re.ASCII)
+
+
+def run_bridge(
+    settings: NodeSettings, crossing: Crossing, via: str, leg: LegSettings, note: str = ""
 ) -> None:
-    """Bridge until Ctrl-C. Raises TfbusError where ROS cannot be joined."""
-    options = crossing.options
+    """Join the bus and ROS until a signal; `note` ends the line that says so. Raises TfbusError
+    where ROS cannot be joined, or the topics are not clear.
+    """
     table = TopicTable.of_file(crossing.topics_file, crossing.topics)
     with Node.from_settings(settings) as node:
-        leg_settings = LegSettings(
-            "tfbus_" + re.sub(r"\W", "_", node.name, flags=re.ASCII),
-            options.ros_namespace,
-            domain,
-            connect,
-            distro,
-        )
-        leg = open_leg(via, leg_settings, node.log)
-        bridge = Bridge(node, leg, options, ros_node=leg_settings.full_name, table=table)
+        joined = open_leg(via, leg, node.log)
+        if crossing.odom_tf:
+            joined = with_odometry_frames(joined, table, leg.namespace)
+        bridge = Bridge(node, joined, crossing.options, ros_node=leg.full_name, table=table)
         with closing(bridge):
-            where = "" if domain is None else f", domain {domain}"
-            node.ready(f"{bridge.announcement}{where}{why}")
+            node.ready(f"{bridge.announcement}{note}")
             node.wait(None)
 
 
 # Those that BridgeOptions has by the same names.
-_OF_BRIDGE = ("frame_prefix", "frames", "rate_limit_hz", "clock", "odom_tf")
+_OF_BRIDGE = ("frame_prefix", "frames", "rate_limit_hz", "clock")
 
 _OPTIONS = (
     click.option(

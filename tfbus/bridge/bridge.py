@@ -151,7 +151,6 @@ class Bridge:
             from_ros=self._options.from_ros,
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
-            ros_node=self._ros_node,
         )
 
     # What changes

@@ -54,6 +54,7 @@ class FrameAnnouncer:
         self._lock = threading.Lock()
         self._edges: dict[str, tuple[str, bool]] = {}
         self._is_due = False
+        self._is_closed = False
         self._described_bytes = 0
         self._described_s = -math.inf
         self.reparented = 0
@@ -109,10 +110,16 @@ class FrameAnnouncer:
             pause_s -= time.monotonic() - self._described_s
         self._executor.after(max(after_s, pause_s), self._announce)
 
+    def close(self) -> None:
+        """Announce nothing from now on. Twice is fine."""
+        with self._announcing:
+            self._is_closed = True
+            self._publisher.close()
+
     def _announce(self) -> None:
         with self._announcing:
             with self._lock:
-                if not self._is_due:
+                if not self._is_due or self._is_closed:
                     return
                 self._is_due = False
                 rows = tuple((parent, child, kind) for child, (parent, kind) in self._edges.items())

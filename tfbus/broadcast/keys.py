@@ -62,6 +62,9 @@ class StreamKeys(Protocol):
     def forget(self, child: str) -> None:
         """Forget the key of this frame."""
 
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+
 
 class OneKey:
     """All rows go on the stream's own key, as of `transforms_key`."""
@@ -86,6 +89,10 @@ class OneKey:
 
     def forget(self, child: str) -> None:
         """It has no key of its own."""
+
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+        self._key.publisher.close()
 
 
 class KeyPerFrame:
@@ -121,6 +128,10 @@ class KeyPerFrame:
     def forget(self, child: str) -> None:
         """Forget the key of this frame; sent again, its messages are numbered from 0."""
         self._keys.pop(child, None)
+
+    def close(self) -> None:
+        """End what it has declared. Twice is fine."""
+        self._publishers.close()
 
     def _rows(
         self,

@@ -1,6 +1,7 @@
 """The streams of each node: one of a name, which the node's broadcasters share."""
 
 import threading
+import time
 from typing import Any
 
 from tfbus.broadcast.stream import Stream
@@ -36,6 +37,22 @@ class NodeStreams:
                     name, node.full_name, node.started_ns, node.session, node.executor, node.log
                 )
             return self._by_name[name]
+
+    def reopen(self, node: Node, name: str) -> Stream:
+        """A new stream of this name, whose first epoch begins now, in place of a former one."""
+        self.close(name)
+        with self._lock:
+            stream = self._by_name[name] = Stream(
+                name, node.full_name, time.time_ns(), node.session, node.executor, node.log
+            )
+            return stream
+
+    def close(self, name: str) -> None:
+        """End the stream of this name, if there is one."""
+        with self._lock:
+            stream = self._by_name.pop(name, None)
+        if stream is not None:
+            stream.close()
 
     def __call__(self) -> dict[str, list[Any]]:
         """The streams in the node's description of itself."""

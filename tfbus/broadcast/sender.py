@@ -90,8 +90,11 @@ class TransformSender:
         self._keys: StreamKeys = (KeyPerFrame if options.split else OneKey)(
             transforms_key(stream), session
         )
-        if self._history is not None:
-            session.queryable(self._keys.expression, self._on_query, long=True)
+        self._queryable = (
+            None
+            if self._history is None
+            else session.queryable(self._keys.expression, self._on_query, long=True)
+        )
 
     @property
     def heard(self) -> bool:
@@ -163,6 +166,13 @@ class TransformSender:
                 part.key,
                 transform.stamp_ns,
             )
+
+    def close(self) -> None:
+        """Send and answer nothing from now on. Twice is fine."""
+        with self._lock:
+            if self._queryable is not None:
+                self._queryable.close()
+            self._keys.close()
 
     def wait_sent(self) -> None:
         """Wait for the end of a send on another thread."""

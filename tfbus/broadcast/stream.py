@@ -45,7 +45,7 @@ _ONLY_STATIC = StreamOptions(history_s=0.0)
 class Stream:
     """Publishes the dynamic and static transforms of one stream; safe from any thread.
 
-    `epoch_ns` is its first epoch. A new one begins where its stamps go back by more than 1 s:
+    Its first epoch is the one given. A new one begins where its stamps go back by more than 1 s:
     listeners then forget what was sent before, except static transforms.
     """
 
@@ -81,7 +81,7 @@ class Stream:
         self._static_key = static_transforms_key(name)
         self._static_publisher = declare_retained_publisher(session, self._static_key)
         # Where Zenoh's own recovery of the retained message fails, listeners query this key.
-        session.queryable(self._static_key, self._on_static_query, long=True)
+        self._queryable = session.queryable(self._static_key, self._on_static_query, long=True)
         self._frames = FrameAnnouncer(
             name,
             declare_retained_publisher(session, stream_key(name)),
@@ -90,7 +90,33 @@ class Stream:
             partial(session.settings.check_right, "frames"),
         )
         self._token = session.token(stream_key(name))
+        self._origin: tuple[str, ...] = ()
         self._frames.announce_soon()
+
+    @property
+    def started_ns(self) -> int:
+        """When it began, its first epoch, in ns since the Unix epoch."""
+        return self._started_ns
+
+    @property
+    def origin(self) -> tuple[str, ...]:
+        """The gids of the ROS publishers whose transforms it carries; can be set."""
+        return self._origin
+
+    @origin.setter
+    def origin(self, gids: tuple[str, ...]) -> None:
+        if gids != self._origin:
+            self._origin = gids
+            self._frames.announce_soon(_AT_ONCE_S)
+
+    def close(self) -> None:
+        """End it: listeners then mark its frames as gone. Twice is fine."""
+        self._token.close()
+        self._frames.close()
+        if self._sender is not None:
+            self._sender.close()
+        self._queryable.close()
+        self._static_publisher.close()
 
     @property
     def unread(self) -> bool:
@@ -223,6 +249,7 @@ class Stream:
             split=options.split,
             history_s=options.history_s,
             started_ns=self._started_ns,
+            origin=self._origin,
         )
         # Its fields go on the wire as they are; with 10,000 frames `as_map` would take 20 ms.
         return encode_map(vars(description))

@@ -143,6 +143,10 @@ class PublishersWithin:
         """Whether a process subscribes to any of the keys now."""
         return self._watch.heard
 
+    def close(self) -> None:
+        """End the watch; the publishers need no end. Twice is fine."""
+        self._watch.close()
+
     def publisher(self, key: str) -> BytesPublisher:
         """A publisher of one key."""
         return BytesPublisher(key, _OneOfMany(self, key), self._limits, self._node)

@@ -153,3 +153,14 @@ float32 angular_velocity
 )
 
 STRING = Definition("std_msgs/msg/String", "string data\n")
+
+CLOCK = Definition(
+    "rosgraph_msgs/msg/Clock",
+    f"""\
+builtin_interfaces/Time clock
+{SEPARATOR}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+""",
+)

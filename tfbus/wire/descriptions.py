@@ -109,7 +109,7 @@ class StreamDescription:
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
     the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
     the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 where
-    unknown.
+    unknown. `origin` are the gids of the ROS publishers whose transforms a bridge sends in it.
     """
 
     v: int
@@ -123,6 +123,7 @@ class StreamDescription:
     split: bool = False
     history_s: float = 0.0
     started_ns: int = 0
+    origin: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.v != STREAM_VERSION:

@@ -1,0 +1,90 @@
+"""`tfbus ros2`: frames of the bus are frames of ROS 2, and those of ROS 2 are frames of the bus.
+
+Try it: tfbus ros2 --via zenoh, beside ROS 2 with rmw_zenoh and its router.
+"""
+
+import os
+from importlib.util import find_spec
+
+import click
+
+from tfbus import NodeSettings, node_options
+from tfbus.bridge import LegSettings
+
+from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
+
+# The most that the ports of DDS leave room for.
+_LAST_DOMAIN = 232
+
+
+@click.command(
+    epilog="Examples: tfbus ros2 --via zenoh; tfbus ros2 --via dds --domain 5 --only-from-ros; "
+    "tfbus ros2 --frame-prefix robot1/ --frames 'robot1/*'",
+)
+@click.option(
+    "--via",
+    type=click.Choice(["auto", "zenoh", "dds", "rclpy"]),
+    default="auto",
+    show_default=True,
+    help="The middleware: zenoh as rmw_zenoh, dds by cyclonedds, or rclpy with any; auto: rclpy "
+    "where ROS is sourced, else zenoh.",
+)
+@click.option(
+    "--domain",
+    type=click.IntRange(0, _LAST_DOMAIN),
+    metavar="N",
+    help="ROS's domain (default: ROS_DOMAIN_ID, or 0).",
+)
+@click.option(
+    "--ros-connect",
+    multiple=True,
+    metavar="ENDPOINT",
+    help="Where ROS is, as tcp/host:7447 for rmw_zenoh's router; repeatable.",
+)
+@click.option(
+    "--distro",
+    default="",
+    metavar="NAME",
+    help="ROS's distribution where its wire differs, such as humble.",
+)
+@crossing_options
+@node_options("ros2")
+def main(
+    settings: NodeSettings,
+    crossing: Crossing,
+    via: str,
+    domain: int | None,
+    ros_connect: tuple[str, ...],
+    distro: str,
+) -> None:
+    """Bridge to ROS 2: transforms, static ones, the clock, and topics that both know.
+
+    Each node of ROS is a stream of the bus, ros2/NODE; static transforms reach late joiners on both
+    sides. Nothing that has crossed comes back.
+    """
+    note = ""
+    if via == "auto":
+        has_rclpy = find_spec("rclpy") is not None
+        via = "rclpy" if has_rclpy else "zenoh"
+        note = "; by rclpy, since it is there" if has_rclpy else "; there is no rclpy here (--via)"
+    leg = LegSettings(
+        ros_node_name(settings),
+        crossing.options.ros_namespace,
+        _domain() if domain is None else domain,
+        ros_connect,
+        distro.lower(),
+    )
+    run_bridge(settings, crossing, via, leg, f", domain {leg.domain}{note}")
+
+
+def _domain() -> int:
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not text.isdecimal() or int(text) > _LAST_DOMAIN:
+        raise click.UsageError(
+            f"ROS_DOMAIN_ID is {text!r}: it must be a number from 0 to {_LAST_DOMAIN}"
+        )
+    return int(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""A ROS in memory, and bridges to it, that end with the test."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.bridge.fake_leg import FakeRos
+from tests.live_bus import Bus
+from tfbus import Node
+from tfbus.bridge.bridge import Bridge
+from tfbus.bridge.leg import LegSettings
+from tfbus.bridge.options import BridgeOptions
+
+Bridged = Callable[..., Bridge]
+
+
+@pytest.fixture
+def ros() -> Iterator[FakeRos]:
+    """A ROS of the test's own."""
+    ros = FakeRos()
+    yield ros
+    ros.close()
+
+
+@pytest.fixture
+def bridged(bus: Bus, ros: FakeRos) -> Iterator[Bridged]:
+    """Starts a bridge: `bridged("ros2", frames=("a*",))`, on the test's bus and ROS or others."""
+    bridges: list[Bridge] = []
+
+    def start(
+        name: str = "ros2",
+        *,
+        on: Bus | Node | None = None,
+        to: FakeRos | None = None,
+        tells_publishers: bool = True,
+        **options: Any,
+    ) -> Bridge:
+        node = on if isinstance(on, Node) else (on or bus).node(name)
+        settings = LegSettings(f"tfbus_{name}")
+        leg = (to or ros).leg(settings, tells_publishers=tells_publishers)
+        bridge = Bridge(node, leg, BridgeOptions(**options), ros_node=settings.full_name)
+        bridges.append(bridge)
+        return bridge
+
+    yield start
+    for bridge in bridges:
+        bridge.close()

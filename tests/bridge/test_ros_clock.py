@@ -1,0 +1,91 @@
+"""The simulated time goes from the side that has a clock to the other."""
+
+import pytest
+
+from tests.bridge.conftest import Bridged
+from tests.bridge.fake_leg import FakeRos
+from tests.builders import S
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually, send_until
+from tfbus import Node
+from tfbus.bridge.ros_clock import TOPIC, read_clock, write_clock
+from tfbus.errors import DecodeError
+from tfbus.messages import Clock
+
+STAMP_NS = 1670400305709085026
+
+
+def test_the_message_is_that_of_ros() -> None:
+    """A header, seconds, and nanoseconds."""
+    message = bytes.fromhex("00010000 31499063 e28e432a".replace(" ", ""))
+    assert (
+        read_clock(message) == 1670400305709070562 and write_clock(read_clock(message)) == message
+    )
+    for wrong in (b"", message[:-1], message + b"1234", message[:8] + b"\xff" * 4):
+        with pytest.raises(DecodeError):
+            read_clock(wrong)
+
+
+def test_the_time_of_ros_is_that_of_the_bus(bus: Bus, ros: FakeRos, bridged: Bridged) -> None:
+    """Nodes of the bus follow it, also back."""
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    node = bus.node("follower", sim_time=True)
+    bridged()
+    send_until(lambda: gazebo.send(write_clock(100 * S)), lambda: node.now_ns() == 100 * S)
+    send_until(lambda: gazebo.send(write_clock(10 * S)), lambda: node.now_ns() == 10 * S)
+
+
+def test_the_time_of_the_bus_is_that_of_ros(ros: FakeRos, bridged: Bridged, sender: Node) -> None:
+    """And does not come back."""
+    came: list[int] = []
+    ros.leg("nav2").subscribe(TOPIC, lambda payload, gid: came.append(read_clock(payload)))
+    bridge = bridged(tells_publishers=False)
+    clock = sender.create_clock_publisher()
+    send_until(lambda: clock.publish(Clock(STAMP_NS)), lambda: STAMP_NS in came)
+    assert bridge._clock.way == "to ROS"
+    ros.settle()
+    eventually(lambda: bridge._clock.way == "to ROS")
+
+
+def test_where_both_sides_have_a_clock_neither_crosses(
+    ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """Which is said, with what to do."""
+    came: list[bytes] = []
+    ros.leg("nav2").subscribe(TOPIC, lambda payload, gid: came.append(payload))
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    clock = sender.create_clock_publisher()
+    bridge = bridged()
+    lines = Lines(bridge._node.log)
+
+    def send() -> None:
+        gazebo.send(write_clock(10 * S))
+        clock.publish(Clock(100 * S))
+
+    send_until(send, lambda: any("neither crosses" in each for each in lines.lines))
+    assert {read_clock(each) for each in came} == {10 * S}
+
+
+@pytest.mark.parametrize("way", ["off", "from-ros"])
+def test_a_way_may_be_closed(way: str, ros: FakeRos, bridged: Bridged, sender: Node) -> None:
+    """By the option; with "off" ROS does not even see a subscription."""
+    bridge = bridged(clock=way)
+    clock = sender.create_clock_publisher()
+    clock.publish(Clock(100 * S))
+    assert not ros.leg("nav2").publishers("/clock")
+    heard = [each.topic.name for each in ros.subscriptions]
+    assert ("/clock" in heard) is (way != "off")
+    assert bridge._clock.way == ""
+
+
+def test_it_goes_on_when_a_clock_is_gone_and_another_comes(
+    ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """From the other side."""
+    bridge = bridged()
+    clock = sender.create_clock_publisher()
+    send_until(lambda: clock.publish(Clock(S)), lambda: bridge._clock.way == "to ROS")
+    clock.close()
+    eventually(lambda: bridge._clock.way == "")
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    send_until(lambda: gazebo.send(write_clock(S)), lambda: bridge._clock.way == "from ROS")

@@ -1,0 +1,143 @@
+"""Each node of ROS is a publisher of its own on the bus, which may be gone and come back."""
+
+from tests.bridge.conftest import Bridged
+from tests.bridge.fake_leg import FakeRos
+from tests.bridge.tf_node import TfNode
+from tests.builders import S, at, x_of
+from tests.fakes import Lines
+from tests.live_bus import Bus, eventually, send_until
+from tfbus import Buffer, Node, TransformListener
+
+
+def test_frames_name_the_node_of_ros(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
+    """Its namespace too."""
+    plain, named = TfNode(ros, "amcl"), ros.leg("unused")
+    bridged()
+    send_until(lambda: plain.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    named.settings = type(named.settings)("ekf", "robot1")
+    sender = named.publisher(plain.tf.topic)
+    message = plain.tf.sent[-1].replace(b"a\0", b"b\0")
+    send_until(lambda: sender.send(message), lambda: "b" in buffer.frames())
+    assert buffer.frame("a").authority == "ros2/amcl"
+    assert buffer.frame("b").authority == "ros2/robot1/ekf"
+
+
+def test_a_node_that_is_gone_takes_its_stream_with_it(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """Its frames are marked as gone, those of others are not; back again, they are back."""
+    first, other = TfNode(ros, "first"), TfNode(ros, "other")
+    bridged()
+    first.broadcast_static(at(1.0, "fixed"))
+    send_until(lambda: first.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    send_until(lambda: other.broadcast(at(1.0, "b", S)), lambda: "b" in buffer.frames())
+    first.close()
+    eventually(lambda: buffer.frame("a").gone and buffer.frame("fixed").gone)
+    assert not buffer.frame("b").gone
+    first = TfNode(ros, "first")
+    first.broadcast_static(at(1.0, "fixed"))
+    send_until(lambda: first.broadcast(at(2.0, "a", S)), lambda: x_of(buffer, source="a") == 2.0)
+    eventually(lambda: not buffer.frame("a").gone and not buffer.frame("fixed").gone)
+
+
+def test_a_node_that_is_started_again_begins_a_new_epoch(
+    ros: FakeRos, bridged: Bridged, receiver: Node
+) -> None:
+    """Its former samples are forgotten, also those with later stamps; static ones that it no longer
+    has are gone.
+    """
+    buffer = Buffer()
+    with TransformListener(buffer, receiver) as listener:
+        robot = TfNode(ros, "robot")
+        bridged()
+        robot.broadcast_static(at(1.0, "former"), at(1.0, "both"))
+        send_until(lambda: robot.broadcast(at(1.0, "a", 100 * S)), lambda: "a" in buffer.frames())
+        epoch = {each.name: each.epoch_ns for each in listener.streams()}["ros2/robot"]
+        robot.close()
+        robot = TfNode(ros, "robot")
+        robot.broadcast_static(at(1.0, "both"))
+        send_until(
+            lambda: robot.broadcast(at(2.0, "a", 99 * S)), lambda: x_of(buffer, source="a") == 2.0
+        )
+        eventually(lambda: "former" not in buffer.frames() or buffer.frame("former").gone)
+        assert not buffer.frame("both").gone
+        assert {each.name: each.epoch_ns for each in listener.streams()}["ros2/robot"] > epoch
+
+
+def test_a_clock_of_ros_that_goes_back_begins_a_new_epoch(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """As of a bag that plays in a loop."""
+    robot = TfNode(ros, "robot")
+    bridged()
+    send_until(lambda: robot.broadcast(at(1.0, "a", 100 * S)), lambda: "a" in buffer.frames())
+    send_until(
+        lambda: robot.broadcast(at(2.0, "a", 10 * S)), lambda: x_of(buffer, source="a") == 2.0
+    )
+    assert buffer.frame("a").newest_ns == 10 * S
+
+
+def test_where_ros_does_not_tell_there_is_one_stream(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """With all frames; it ends with the last publisher."""
+    first, second = TfNode(ros, "first"), TfNode(ros, "second")
+    bridged(tells_publishers=False)
+
+    def send() -> None:
+        first.broadcast(at(1.0, "a", S))
+        second.broadcast(at(1.0, "b", S))
+
+    send_until(send, lambda: {"a", "b"} <= set(buffer.frames()))
+    assert {buffer.frame(each).authority for each in "ab"} == {"ros2"}
+    first.close()
+    second.close()
+    eventually(lambda: buffer.frame("a").gone)
+
+
+def test_names_of_nodes_that_cannot_be_shown_are_left_out(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """Their frames come in the stream of the bridge, or with what can be shown of it."""
+    robot = TfNode(ros, "\u202eevil" + "x" * 300)
+    bridged()
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    assert buffer.frame("a").authority == "ros2"
+
+
+def test_a_bridge_that_is_started_again_goes_on(
+    bus: Bus, ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """Listeners on the bus have everything again, static ones too."""
+    robot = TfNode(ros, "robot")
+    robot.broadcast_static(at(1.0, "fixed"))
+    node = bus.node("ros2")
+    bridge = bridged(on=node)
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    bridge.close()
+    node.close()
+    eventually(lambda: buffer.frame("a").gone and buffer.frame("fixed").gone)
+    bridged()
+    send_until(
+        lambda: robot.broadcast(at(2.0, "a", 2 * S)), lambda: x_of(buffer, source="a") == 2.0
+    )
+    eventually(lambda: not buffer.frame("fixed").gone)
+
+
+def test_it_says_once_what_crosses(ros: FakeRos, bridged: Bridged, sender: Node) -> None:
+    """How many frames, and of which node of ROS."""
+    robot = TfNode(ros, "robot")
+    lines = Lines(bridged()._node.log)
+    send_until(
+        lambda: robot.broadcast(at(1.0, "a", sender.now_ns()), at(1.0, "b", sender.now_ns())),
+        lambda: "From ROS: 2 frames of 'ros2/robot'" in lines.lines,
+    )
+
+
+def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
+    """After a while, and what the leg has to say."""
+    bridge = bridged()
+    lines = Lines(bridge._node.log)
+    eventually(lambda: "No node of ROS publishes /tf or /tf_static yet" in lines.lines)
+    bridge._leg.told.append("no router of rmw_zenoh answers")  # type: ignore[attr-defined]  # a fake
+    eventually(lambda: any("no router of rmw_zenoh" in each for each in lines.lines))

@@ -1,0 +1,128 @@
+"""Static transforms cross, and late joiners on either side have all of them."""
+
+from tests.bridge.conftest import Bridged
+from tests.bridge.fake_leg import FakeRos
+from tests.bridge.tf_node import TfNode
+from tests.builders import S, at
+from tests.live_bus import Bus, eventually
+from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+
+
+def test_late_joiners_of_ros_get_one_message_with_all(
+    bus: Bus, ros: FakeRos, bridged: Bridged
+) -> None:
+    """Of all streams of the bus."""
+    for name in ("arm", "head"):
+        StaticTransformBroadcaster(bus.node(name)).send_transform(at(1.0, f"{name}_camera"))
+    bridged()
+    early = TfNode(ros, "early")
+    eventually(lambda: set(early.statics) == {"arm_camera", "head_camera"})
+    ros.settle()
+    late = TfNode(ros, "late")
+    ros.settle()
+    assert [{each.child_frame_id for each in message} for message in late.static_messages] == [
+        {"arm_camera", "head_camera"}
+    ]
+
+
+def test_late_joiners_of_the_bus_get_those_of_all_nodes_of_ros(
+    bus: Bus, ros: FakeRos, bridged: Bridged
+) -> None:
+    """Those that a node has sent in several messages, too."""
+    first, second = TfNode(ros, "first"), TfNode(ros, "second")
+    first.broadcast_static(at(1.0, "a"))
+    second.broadcast_static(at(1.0, "b"))
+    bridged()
+    second.broadcast_static(at(2.0, "c"))
+    node = bus.node("late")
+    buffer = Buffer()
+    with TransformListener(buffer, node):
+        eventually(lambda: {"a", "b", "c"} <= set(buffer.frames()))
+        assert buffer.frame("a").authority == "ros2/first"
+        assert buffer.frame("c").authority == "ros2/second"
+        assert all(buffer.frame(each).static for each in "abc")
+
+
+def test_a_changed_static_transform_is_sent_again(
+    ros: FakeRos, bridged: Bridged, sender: Node, buffer: Buffer
+) -> None:
+    """In both directions."""
+    robot, rviz = TfNode(ros, "robot"), TfNode(ros, "rviz")
+    bridged()
+    statics = StaticTransformBroadcaster(sender)
+    for x in (1.0, 2.0):
+        statics.send_transform(at(x, "of_bus"))
+        robot.broadcast_static(at(x, "of_ros"))
+        eventually(
+            lambda x=x: "of_bus" in rviz.statics and rviz.statics["of_bus"] == at(x, "of_bus")
+        )
+        eventually(
+            lambda x=x: (
+                "of_ros" in buffer.frames()
+                and buffer.lookup_transform("world", "of_ros").transform.x == x
+            )
+        )
+
+
+def test_one_that_is_removed_is_not_in_the_next_message(
+    ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """So that late joiners do not get it."""
+    bridged()
+    rviz = TfNode(ros, "rviz")
+    statics = StaticTransformBroadcaster(sender)
+    statics.send_transform([at(1.0, "a"), at(1.0, "b")])
+    eventually(lambda: set(rviz.statics) == {"a", "b"})
+    statics.remove("a")
+    eventually(lambda: [each.child_frame_id for each in rviz.static_messages[-1]] == ["b"])
+
+
+def test_those_of_a_publisher_that_is_gone_are_taken_back(
+    bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """And are there again when it is back."""
+    rviz = TfNode(ros, "rviz")
+    bridged()
+    StaticTransformBroadcaster(sender).send_transform(at(1.0, "stays"))
+    arm = bus.node("arm")
+    StaticTransformBroadcaster(arm).send_transform(at(1.0, "goes"))
+    eventually(lambda: set(rviz.statics) == {"stays", "goes"})
+    arm.close()
+    eventually(lambda: [each.child_frame_id for each in rviz.static_messages[-1]] == ["stays"])
+    StaticTransformBroadcaster(bus.node("arm")).send_transform(at(1.0, "goes"))
+    eventually(lambda: len(rviz.static_messages[-1]) == 2)
+
+
+def test_a_static_frame_may_become_dynamic(
+    ros: FakeRos, bridged: Bridged, sender: Node, buffer: Buffer
+) -> None:
+    """In both directions."""
+    robot, rviz = TfNode(ros, "robot"), TfNode(ros, "rviz")
+    bridged()
+    StaticTransformBroadcaster(sender).send_transform(at(1.0, "of_bus"))
+    robot.broadcast_static(at(1.0, "of_ros"))
+    eventually(lambda: "of_bus" in rviz.statics and "of_ros" in buffer.frames())
+    broadcaster = TransformBroadcaster(sender)
+    broadcaster.send_transform(at(2.0, "of_bus", S))
+    robot.broadcast(at(2.0, "of_ros", S))
+    eventually(lambda: not buffer.frame("of_ros").static)
+    eventually(lambda: "of_bus" in rviz.frames_heard() and rviz.static_messages[-1] == [])
+
+
+def test_the_same_static_transform_on_both_sides_is_one(
+    ros: FakeRos, bridged: Bridged, sender: Node, buffer: Buffer
+) -> None:
+    """As where both sides read the same URDF: no conflict; without that of the bus, ROS's comes."""
+    robot = TfNode(ros, "robot")
+    statics = StaticTransformBroadcaster(sender)
+    statics.send_transform([at(1.0, "laser"), at(1.0, "other")])
+    bridged()
+    rviz = TfNode(ros, "rviz")
+    eventually(lambda: "laser" in rviz.statics)
+    robot.broadcast_static(at(1.0, "laser"), at(1.0, "more"))
+    eventually(lambda: "more" in buffer.frames())
+    assert buffer.frame("laser").authority == "sender"
+    statics.remove("laser")
+    eventually(
+        lambda: "laser" in buffer.frames() and buffer.frame("laser").authority == "ros2/robot"
+    )

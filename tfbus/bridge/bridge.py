@@ -1,0 +1,248 @@
+"""The bridge: transforms, static ones, the clock and other topics, between the bus and ROS."""
+
+import time
+from typing import TYPE_CHECKING
+
+from tfbus.bridge.bridges import Bridges, RosBridge
+from tfbus.bridge.bus_streams import BusStreams
+from tfbus.bridge.crossed import Crossed
+from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.from_ros import FromRos
+from tfbus.bridge.leg import Closing, Leg, RosTopic
+from tfbus.bridge.options import BridgeOptions
+from tfbus.bridge.ros_clock import RosClock
+from tfbus.bridge.ros_publishers import RosPublishers, is_bridge
+from tfbus.bridge.to_ros import ToRos
+from tfbus.node.node import Node
+from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import counted, listed, printable
+
+if TYPE_CHECKING:
+    from tfbus.bridge.topics import TopicTable
+
+# How often it looks who is there.
+_LOOK_EVERY_S = 1.0
+
+# What crosses is said once the frames of one side have been the same for this many looks.
+_SETTLED_LOOKS = 2
+
+# After this time without anything of ROS it says so.
+_NOTHING_AFTER_S = 5.0
+
+_MOST_NAMED = 5
+
+
+class Bridge:
+    """Joins a node's bus and the ROS that a leg reaches, until `close()`; the leg is the bridge's
+    from now on. `ros_node` is the full name that the leg has in ROS.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        leg: Leg,
+        options: BridgeOptions,
+        *,
+        ros_node: str = "",
+        table: "TopicTable | None" = None,
+    ) -> None:
+        self._is_built = False
+        self._node = node
+        self._leg = leg
+        self._options = options
+        self._ros_node = ros_node
+        self._once = LogOnce(node.log)
+        self._executor = Executor(f"{node.full_name} ROS", node.log)
+        self._dynamic = RosTopic(options.topic("tf"), TF_MESSAGE)
+        self._static = RosTopic(options.topic("tf_static"), TF_MESSAGE, retained=True, depth=1)
+        self._publishers = RosPublishers(leg, (self._dynamic.name, self._static.name))
+        self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
+        self._crossed = Crossed(self._reconsider_soon)
+        names = FrameNames(options)
+        self._to_ros: ToRos | None = None
+        self._gids: tuple[str, ...] = ()
+        if options.to_ros:
+            dynamic, static = leg.publisher(self._dynamic), leg.publisher(self._static)
+            self._gids = tuple(each.gid for each in (dynamic, static) if each.gid)
+            self._to_ros = ToRos(
+                node,
+                options,
+                names,
+                dynamic,
+                static,
+                self._bus,
+                self._crossed,
+                self._executor,
+                self._once,
+                sent_by_senior=lambda child: self._from_ros.sent_by_senior(child),
+                on_statics=self._reconsider_soon,
+            )
+        self._bridges = Bridges(node, self._status({}, {}), self._on_bridge)
+        to_ros = self._to_ros
+        self._from_ros = FromRos(
+            node,
+            leg,
+            options,
+            names,
+            self._publishers,
+            self._bus,
+            self._bridges,
+            self._crossed,
+            self._executor,
+            self._once,
+            sent_there=to_ros.sends if to_ros else lambda child: False,
+            static_there=to_ros.static_of if to_ros else lambda child: None,
+            on_names=to_ros.reconsider if to_ros else lambda: None,
+        )
+        self._clock = RosClock(
+            node,
+            leg,
+            options.clock,
+            to_ros=options.to_ros,
+            from_ros=options.from_ros,
+            executor=self._executor,
+            once=self._once,
+            has_others=lambda: bool(self._bridges.others),
+        )
+        self._topics = self._topic_bridge(table) if table is not None else None
+        self._publishers.look()
+        if self._to_ros is not None:
+            self._to_ros.listen()
+        if options.from_ros:
+            self._from_ros.listen(self._dynamic, self._static)
+        self._started_s = time.monotonic()
+        self._said: dict[str, bool] = {}
+        self._seen: dict[str, tuple[dict[str, int], int]] = {}
+        self._is_built = True
+        self._timer = self._executor.every(_LOOK_EVERY_S, self._look)
+
+    def close(self) -> None:
+        """Leave ROS; the node stays. Twice is fine."""
+        self._timer.cancel()
+        if self._topics is not None:
+            self._topics.close()
+        self._clock.close()
+        self._from_ros.close()
+        if self._to_ros is not None:
+            self._to_ros.close()
+        self._executor.close()
+        self._bridges.close()
+        self._bus.close()
+        self._leg.close()
+
+    @property
+    def announcement(self) -> str:
+        """What joins what, in a line."""
+        topics = f"{self._dynamic.name} and {self._static.name}"
+        prefix = self._options.frame_prefix
+        named = f", frames of ROS as '{printable(prefix, 60)}…'" if prefix else ""
+        return f"Bridges {topics} by {self._leg.name}, {self._options.directions}{named}"
+
+    def _topic_bridge(self, table: "TopicTable") -> Closing:
+        from tfbus.bridge.topics import TopicBridge
+
+        return TopicBridge(
+            self._node,
+            self._leg,
+            table,
+            to_ros=self._options.to_ros,
+            from_ros=self._options.from_ros,
+            ros_namespace=self._options.ros_namespace.strip("/"),
+            log=self._node.log,
+        )
+
+    # What changes
+
+    def _reconsider_soon(self) -> None:
+        self._executor.submit("what crosses", self._reconsider, limit=1)
+
+    def _reconsider(self) -> None:
+        if not self._is_built:
+            return
+        self._from_ros.reconsider()
+        if self._to_ros is not None:
+            self._to_ros.reconsider()
+
+    def _on_bridge(self) -> None:
+        self._executor.submit("another bridge", self._meet_bridges, limit=1)
+
+    def _meet_bridges(self) -> None:
+        """Of two bridges between the same bus and the same ROS, one sends a frame."""
+        there = self._publishers.nodes
+        for other in self._bridges.others if self._is_built else ():
+            if not any(gid in there for gid in other.gids):
+                continue
+            self._once.warning(
+                ("bridge", other.session),
+                "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
+                "frame crosses by the one that was started first",
+                printable(other.node, 60),
+                "it was started first" if self._bridges.is_senior(other) else "it came later",
+            )
+            if not self._options.from_ros and self._bridges.is_senior(other):
+                self._from_ros.listen(self._dynamic, self._static)
+        self._reconsider()
+
+    def _look(self) -> None:
+        self._from_ros.look()
+        if self._to_ros is not None:
+            self._to_ros.look()
+        self._meet_new_bridges()
+        for warning in self._leg.warnings():
+            self._once.warning(("leg", warning), "%s", warning)
+        to_ros = self._to_ros.streams if self._to_ros else {}
+        from_ros = self._from_ros.streams
+        self._say("to ROS", to_ros)
+        self._say("from ROS", from_ros)
+        self._say_nothing_came(from_ros)
+        self._bridges.tell(self._status(to_ros, from_ros))
+
+    def _meet_new_bridges(self) -> None:
+        there = self._publishers.nodes
+        met = self._once.counts
+        if any(
+            ("bridge", other.session) not in met and any(gid in there for gid in other.gids)
+            for other in self._bridges.others
+        ):
+            self._meet_bridges()
+
+    # What it says
+
+    def _status(self, to_ros: dict[str, int], from_ros: dict[str, int]) -> RosBridge:
+        return RosBridge(
+            self._node.full_name,
+            self._node.session.id,
+            self._node.started_ns,
+            self._ros_node,
+            self._leg.name,
+            self._gids,
+            sum(to_ros.values()),
+            sum(from_ros.values()),
+        )
+
+    def _say_nothing_came(self, from_ros: dict[str, int]) -> None:
+        is_late = time.monotonic() > self._started_s + _NOTHING_AFTER_S
+        if not is_late or self._said.get("ROS") or self._leg.warnings():
+            return
+        self._said["ROS"] = True
+        if not from_ros and all(map(is_bridge, self._publishers.nodes.values())):
+            self._node.log.info(
+                "No node of ROS publishes %s or %s yet", self._dynamic.name, self._static.name
+            )
+
+    def _say(self, way: str, streams: dict[str, int]) -> None:
+        """Say once what crosses, as soon as it stays the same."""
+        before, looks = self._seen.get(way, ({}, 0))
+        looks = looks + 1 if streams == before else 0
+        self._seen[way] = streams, looks
+        if not streams or looks < _SETTLED_LOOKS or self._said.get(way):
+            return
+        self._said[way] = True
+        self._node.log.info(
+            "%s: %s of %s",
+            way[0].upper() + way[1:],
+            counted(sum(streams.values()), "frame"),
+            listed([repr(name) for name in sorted(streams)], most=_MOST_NAMED),
+        )

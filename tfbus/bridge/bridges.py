@@ -1,0 +1,92 @@
+"""What bridges tell each other, and users, on the bus: by which publishers they send to ROS.
+
+Two bridges between the same bus and the same ROS must not send the same frames twice.
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tfbus.errors import DecodeError
+from tfbus.node.node import Node
+from tfbus.wire.codec import decode_message
+
+TOPIC = "ros_bridges"
+
+# Bridges come from the bus: at most this many are remembered.
+_MOST = 100
+
+
+@dataclass(frozen=True)
+class RosBridge:
+    """A bridge: its node on the bus (full name) and its session, its node in ROS and the middleware
+    that reaches it. `started_ns` is when it started, in ns since the Unix epoch; `gids` are those
+    of its publishers of transforms in ROS. `to_ros` and `from_ros` are how many frames cross.
+    """
+
+    node: str
+    session: str
+    started_ns: int
+    ros_node: str
+    via: str
+    gids: tuple[str, ...] = ()
+    to_ros: int = 0
+    from_ros: int = 0
+
+
+class Bridges:
+    """The bridges of this bus, on a retained topic. `on_change` is called, on a thread of Zenoh's,
+    when another one comes.
+    """
+
+    def __init__(self, node: Node, own: RosBridge, on_change: Callable[[], object]) -> None:
+        self._own = own
+        self._on_change = on_change
+        self._lock = threading.Lock()
+        self._others: dict[str, RosBridge] = {}
+        self._publisher = node.create_publisher(RosBridge, TOPIC, retained=True)
+        self._publisher.publish(own)
+        self._subscription = node.create_raw_subscription(
+            TOPIC, self._on_message, type_name=RosBridge.__name__, retained=True
+        )
+
+    @property
+    def others(self) -> list[RosBridge]:
+        """The other bridges that there are or were."""
+        with self._lock:
+            return [*self._others.values()]
+
+    def of_gid(self, gid: str) -> RosBridge | None:
+        """The other bridge of this bus that publishes in ROS by this gid."""
+        with self._lock:
+            return next((each for each in self._others.values() if gid in each.gids), None)
+
+    def is_senior(self, other: RosBridge) -> bool:
+        """Whether another was there before this one."""
+        return (other.started_ns, other.session) < (self._own.started_ns, self._own.session)
+
+    def tell(self, own: RosBridge) -> None:
+        """Tell the others, where that is new."""
+        if own != self._own:
+            self._own = own
+            self._publisher.publish(own)
+
+    def close(self) -> None:
+        """Tell and hear nothing more. Twice is fine."""
+        self._subscription.close()
+        self._publisher.close()
+
+    def _on_message(self, payload: bytes) -> None:
+        try:
+            other = decode_message(RosBridge, payload)
+        except DecodeError:
+            return
+        if other.session == self._own.session:
+            return
+        with self._lock:
+            former = self._others.pop(other.session, None)
+            self._others[other.session] = other
+            if len(self._others) > _MOST:
+                del self._others[next(iter(self._others))]
+        if former is None or former.gids != other.gids:
+            self._on_change()

@@ -1,0 +1,191 @@
+"""The simulated time: the side that has a clock gives it to the other."""
+
+import struct
+import threading
+import time
+from collections.abc import Callable
+from typing import Literal
+
+from tfbus.bridge.leg import Closing, Leg, RosSender, RosTopic
+from tfbus.bridge.options import ClockWay
+from tfbus.bridge.ros_publishers import is_bridge
+from tfbus.errors import DecodeError, TfbusError
+from tfbus.messages import Clock
+from tfbus.node.node import Node
+from tfbus.ros.cdr import HEADER, CdrReader
+from tfbus.ros.definitions import CLOCK
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import decode_message
+
+TOPIC = RosTopic("/clock", CLOCK, depth=1)
+
+# A clock that is there is heard within this time: nodes of tfbus repeat theirs five times a second.
+_DECIDE_S = 1.0
+# One that has been silent for this long is gone.
+_SILENT_S = 3.0
+
+_TIME = struct.Struct("<iI")
+_SECOND_NS = 1_000_000_000
+_LATEST_NS = 2**31 * _SECOND_NS - 1
+
+
+class RosClock:
+    """Passes the time on in one direction, until `close()`.
+
+    With `way` "auto" it is that of the first clock that is heard; where both sides have one,
+    neither crosses, which is logged unless the bus `has_others` that bridge. Its messages come
+    on threads of the leg's and of Zenoh's.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        leg: Leg,
+        way: ClockWay,
+        *,
+        to_ros: bool,
+        from_ros: bool,
+        executor: Executor,
+        once: LogOnce,
+        has_others: Callable[[], bool] = lambda: False,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.way: Literal["", "to ROS", "from ROS"] = ""
+        self._node = node
+        self._leg = leg
+        self._may = {
+            "to ROS": to_ros and way in ("auto", "to-ros"),
+            "from ROS": from_ros and way in ("auto", "from-ros"),
+        }
+        self._is_auto = way == "auto"
+        self._has_others = has_others
+        self._once = once
+        self._clock_s = clock_s
+        self._lock = threading.Lock()
+        # When each side was heard first, and last.
+        self._first_s: dict[str, float] = {}
+        self._last_s: dict[str, float] = {}
+        self._bridge_gids: frozenset[str] = frozenset()
+        self._sender: RosSender | None = None
+        self._publisher: Closing | None = None
+        self._publish: Callable[[Clock], None] = lambda clock: None
+        self._subscriptions: list[Closing] = []
+        if any(self._may.values()):
+            self._subscriptions = [
+                leg.subscribe(TOPIC, self._on_ros),
+                node.create_raw_subscription("clock", self._on_bus, type_name=Clock.__name__),
+            ]
+            self._timer = executor.every(_DECIDE_S / 2, self.look)
+
+    def close(self) -> None:
+        """Pass nothing on. Twice is fine."""
+        if self._subscriptions:
+            self._timer.cancel()
+        for each in self._subscriptions:
+            each.close()
+        with self._lock:
+            self._end()
+
+    def look(self) -> None:
+        """Decide which way it goes; call it about every second."""
+        self._bridge_gids = frozenset(
+            each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)
+        )
+        with self._lock:
+            now_s = self._clock_s()
+            there = {side for side, last_s in self._last_s.items() if now_s < last_s + _SILENT_S}
+            for side in self._first_s.keys() - there:
+                del self._first_s[side]
+            if self.way and self.way not in there:
+                self._end()
+            if not self.way and there:
+                self._choose(there, now_s)
+
+    def _choose(self, there: set[str], now_s: float) -> None:
+        if self._is_auto and len(there) == 2:
+            if not self._has_others():
+                self._once.warning(
+                    "two clocks",
+                    "The bus has a clock, and ROS has one: neither crosses. Stop one of them, or "
+                    "choose one by --clock to-ros or --clock from-ros",
+                )
+            return
+        for way in there:
+            if self._may[way] and now_s >= self._first_s[way] + _DECIDE_S:
+                self._begin(way)
+
+    def _begin(self, way: str) -> None:
+        if way == "to ROS":
+            self._sender = self._leg.publisher(TOPIC)
+            self.way = "to ROS"
+        else:
+            # Before the first message of its own comes.
+            self.way = "from ROS"
+            publisher = self._node.create_clock_publisher()
+            self._publisher, self._publish = publisher, publisher.publish
+        self._node.log.info(
+            "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"
+        )
+
+    def _end(self) -> None:
+        self.way = ""
+        for each in (self._sender, self._publisher):
+            if each is not None:
+                each.close()
+        self._sender = self._publisher = None
+        self._publish = lambda clock: None
+
+    def _heard(self, way: str) -> None:
+        now_s = self._clock_s()
+        self._last_s[way] = now_s
+        self._first_s.setdefault(way, now_s)
+
+    def _on_ros(self, payload: bytes, gid: str) -> None:
+        if gid in self._bridge_gids and gid:
+            return
+        try:
+            stamp_ns = read_clock(payload)
+        except DecodeError as error:
+            self._once.warning("clock", "Dropped a message of ROS on /clock: %s", error)
+            return
+        with self._lock:
+            # Where messages do not tell their publisher, this bridge hears itself.
+            if self.way == "to ROS" and not gid:
+                return
+            self._heard("from ROS")
+            publish = self._publish
+        # Without the lock: what is sent comes to this session too, on this thread.
+        publish(Clock(stamp_ns))
+
+    def _on_bus(self, payload: bytes) -> None:
+        if self.way == "from ROS":
+            return
+        try:
+            clock = decode_message(Clock, payload)
+        except DecodeError:
+            return  # those that follow it log it
+        with self._lock:
+            self._heard("to ROS")
+            sender = self._sender
+        if sender is not None and 0 <= clock.stamp_ns <= _LATEST_NS:
+            try:
+                sender.send(write_clock(clock.stamp_ns))
+            except TfbusError as error:
+                self._once.warning("clock", "The time does not go to ROS: %s", error)
+
+
+def read_clock(payload: bytes) -> int:
+    """The time in a message, in ns since the Unix epoch. Raises DecodeError."""
+    reader = CdrReader(payload)
+    seconds, nanoseconds = struct.unpack_from(f"{reader.order}iI", payload, reader.skip(8, 4))
+    reader.finish()
+    if nanoseconds >= _SECOND_NS or seconds < 0:
+        raise DecodeError(f"{seconds} s and {nanoseconds} ns are no time")
+    stamp_ns: int = seconds * _SECOND_NS + nanoseconds
+    return stamp_ns
+
+
+def write_clock(stamp_ns: int) -> bytes:
+    """The message of a time, in ns since the Unix epoch, from 0 to the year 2038."""
+    return HEADER + _TIME.pack(*divmod(stamp_ns, _SECOND_NS))

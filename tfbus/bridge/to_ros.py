@@ -1,0 +1,328 @@
+"""From the bus to ROS: what a listener accepts, as tf2_ros broadcasts it."""
+
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+
+from tfbus.bridge.bus_streams import BusStreams
+from tfbus.bridge.crossed import Crossed
+from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.leg import RosSender
+from tfbus.bridge.options import BridgeOptions
+from tfbus.bridge.rate_limit import RateLimit
+from tfbus.bridge.routes import Route, Routes, chosen, route
+from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.info import Change
+from tfbus.errors import InvalidArgumentException, TfbusError, TransformException
+from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import TransformStamped
+from tfbus.listen.listener import TransformListener
+from tfbus.node.node import Node
+from tfbus.ros.tf_message import TFMessageWriter
+from tfbus.runtime.executor import Executor
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import printable
+
+# Changes after which other static transforms hold.
+_OF_STATICS = (
+    "added",
+    "removed",
+    "reparented",
+    "became static",
+    "became dynamic",
+    "publisher gone",
+    "publisher back",
+)
+
+
+class PassingBuffer(Buffer):
+    """A buffer that passes on what it takes: `on_rows(rows, static, stream)`.
+
+    So ROS gets what a listener accepts: of the right epoch and publisher.
+    """
+
+    on_rows: Callable[[Columns, bool, str], None]
+    is_wanted: Callable[[str], bool]
+
+    def set_transforms(
+        self,
+        batch: TransformBatch | Columns | Iterable[TransformStamped],
+        *,
+        static: bool = False,
+        authority: str = "",
+    ) -> int:
+        """As of any buffer."""
+        if isinstance(batch, TransformBatch):
+            batch = Columns.of_batch(batch)
+        elif not isinstance(batch, Columns):
+            batch = Columns.of_transforms(batch)
+        if not self.is_wanted(authority):
+            return batch.count
+        taken = super().set_transforms(batch, static=static, authority=authority)
+        if taken == batch.count:
+            self.on_rows(batch, static, authority)
+        elif taken:
+            self.on_rows(self._taken_of(batch), static, authority)
+        return taken
+
+    def _taken_of(self, rows: Columns) -> Columns:
+        """The rows of frames of which all are valid and held: rows are rarely refused."""
+        kept = []
+        for child in rows.children():
+            with suppress(TransformException):
+                parents = {each.frame_id for each in rows.only((child,))}
+                if parents == {self.frame(child).parent}:
+                    kept.append(child)
+        return rows.only(kept)
+
+
+class ToRos:
+    """Sends to ROS what comes from the bus, until `close()`.
+
+    `sent_by_senior(child)` is whether another bridge sends a frame there already.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        options: BridgeOptions,
+        names: FrameNames,
+        dynamic: RosSender,
+        static: RosSender,
+        bus: BusStreams,
+        crossed: Crossed,
+        executor: Executor,
+        once: LogOnce,
+        *,
+        sent_by_senior: Callable[[str], bool],
+        on_statics: Callable[[], object],
+    ) -> None:
+        self.transforms = 0
+        self._node = node
+        self._options = options
+        self._names = names
+        self._dynamic = dynamic
+        self._static = static
+        self._bus = bus
+        self._crossed = crossed
+        self._executor = executor
+        self._once = once
+        self._sent_by_senior = sent_by_senior
+        self._on_statics = on_statics
+        self._lock = threading.Lock()
+        self._writer = TFMessageWriter()
+        self._routes: dict[str, Routes] = {}
+        # Frames that go, by the names of the bus, and the stream of each.
+        self._going: dict[str, str] = {}
+        # The static transforms on the bus, and those in ROS, by the names of the bus.
+        self._held: dict[str, tuple[str, TransformStamped]] = {}
+        self._sent_statics: dict[str, TransformStamped] = {}
+        self._static_message = b""
+        self._is_undecided = False
+        self._has_senior = False
+        self._is_closed = False
+        self._limit = (
+            None
+            if options.rate_limit_hz is None
+            else RateLimit(options.rate_limit_hz, self._send, executor)
+        )
+        self._buffer = PassingBuffer()
+        self._buffer.on_rows = self._on_rows
+        self._buffer.is_wanted = lambda stream: not bus.is_own(stream)
+        self._buffer.on_change(self._on_change)
+        self._listener: TransformListener | None = None
+
+    def listen(self) -> None:
+        """Take what comes from now on."""
+        self._listener = TransformListener(self._buffer, self._node)
+
+    def close(self) -> None:
+        """Send nothing more. Twice is fine."""
+        self._is_closed = True
+        if self._listener is not None:
+            self._listener.close()
+        if self._limit is not None:
+            self._limit.close()
+        self._dynamic.close()
+        self._static.close()
+
+    @property
+    def streams(self) -> dict[str, int]:
+        """How many frames go of each stream."""
+        found: dict[str, int] = {}
+        for stream in [*self._going.values()]:
+            found[stream] = found.get(stream, 0) + 1
+        return found
+
+    def sends(self, child: str) -> bool:
+        """Whether a frame goes, by its name on the bus."""
+        return child in self._going
+
+    def static_of(self, child: str) -> TransformStamped | None:
+        """The static transform that it sends of a frame, by its name on the bus."""
+        return self._sent_statics.get(child)
+
+    def reconsider(self) -> None:
+        """What is on the bus, or in ROS, has changed."""
+        for routes in [*self._routes.values()]:
+            routes.forget()
+        with self._lock:
+            left = [child for child, of in self._going.items() if not self._bus.is_there(of)]
+            for child in left:
+                del self._going[child]
+        self._crossed.stays("to ROS", left)
+        self._statics_soon()
+
+    def look(self) -> None:
+        """Call it every second: what was not known may be known now."""
+        if self._is_undecided or self._has_senior:
+            self._is_undecided = self._has_senior = False
+            self.reconsider()
+
+    # From the bus
+
+    def _on_rows(self, rows: Columns, static: bool, stream: str) -> None:
+        if self._is_closed:
+            return
+        if static:
+            with self._lock:
+                for each in rows:
+                    self._held[each.child_frame_id] = stream, each
+            self._statics_soon()
+            return
+        with self._lock:
+            way = self._way(rows, stream)
+            if not self._dynamic.heard or (way.rows is not None and not way.rows):
+                return
+            if way.contested:
+                rows = rows if way.rows is None else chosen(rows, way.rows)
+                rows = chosen(rows, self._crossed.crosses("to ROS", rows))
+                rows = rows.with_frames(way.frames)
+            else:
+                rows = way.renamed(rows)
+        if not rows.count:
+            return
+        if self._limit is not None:
+            self._limit.take(rows)
+        else:
+            self._send(rows)
+
+    def _on_change(self, change: Change) -> None:
+        if change.kind in _OF_STATICS:
+            self._statics_soon()
+
+    def _way(self, rows: Columns, stream: str) -> Route:
+        routes = self._routes.get(stream)
+        if routes is None:
+            routes = self._routes[stream] = Routes(lambda rows: self._route(rows, stream))
+        return routes.of(rows)
+
+    def _route(self, rows: Columns, stream: str) -> Route:
+        goes = self._goes(stream)
+        in_ros = {name: self._names.in_ros(name) for name in rows.frames}
+        found = route(
+            rows,
+            lambda name: in_ros[name] or name,
+            lambda parent, child: goes and self._crosses(parent, child, in_ros),
+        )
+        for child in found.children:
+            self._going[child] = stream
+        is_contested = self._crossed.note("to ROS", found.children)
+        return Route(found.frames, found.rows, found.children, is_contested)
+
+    def _goes(self, stream: str) -> bool:
+        goes = self._bus.goes_to_ros(stream)
+        self._is_undecided |= goes is None
+        return goes is True
+
+    def _crosses(self, parent: str, child: str, in_ros: dict[str, str | None]) -> bool:
+        if not self._options.takes(child):
+            return False
+        there = in_ros[parent], in_ros[child]
+        if None in there or there[0] == there[1]:
+            self._once.warning(
+                ("same name", child),
+                "Frame '%s' does not go to ROS: '%s', without the prefix, is another frame there",
+                printable(child, 60),
+                printable(parent if there[0] is None else child, 60),
+            )
+            return False
+        if self._sent_by_senior(child):
+            self._has_senior = True
+            return False
+        return True
+
+    # To ROS
+
+    def _send(self, rows: Columns) -> None:
+        with self._lock:
+            message = self._written(rows)
+        if message is not None:
+            self._dynamic.send(message)
+            self.transforms += rows.count
+
+    def _written(self, rows: Columns) -> bytes | None:
+        try:
+            return self._writer.write(rows)
+        except InvalidArgumentException as error:
+            self._once.warning("unwritable", "A transform does not go to ROS: %s", error)
+        kept = [at for at in range(rows.count) if self._is_writable(chosen(rows, [at]))]
+        return self._writer.write(chosen(rows, kept)) if kept else None
+
+    def _is_writable(self, row: Columns) -> bool:
+        try:
+            TFMessageWriter().write(row)
+        except InvalidArgumentException:
+            return False
+        return True
+
+    def _statics_soon(self) -> None:
+        if not self._is_closed:
+            self._executor.submit("static transforms to ROS", self._send_statics, limit=1)
+
+    def _send_statics(self) -> None:
+        """Send all static transforms that cross, where they have changed."""
+        with self._lock:
+            crossing = self._crossing_statics()
+            rows = Columns.of_transforms([self._in_ros(each) for each in crossing.values()])
+            message = self._written(rows) or b""
+            self._sent_statics = crossing
+            is_new = message != self._static_message and (crossing or self._static_message)
+            if is_new:
+                self._static_message = message
+        if is_new and not self._is_closed:
+            with suppress(TfbusError):
+                self._static.send(message)
+            self._on_statics()
+
+    def _crossing_statics(self) -> dict[str, TransformStamped]:
+        crossing = {}
+        for child, (stream, transform) in [*self._held.items()]:
+            parent = transform.frame_id
+            try:
+                held = self._buffer.frame(child)
+            except TransformException:
+                del self._held[child]
+                continue
+            is_it = held.static and held.parent == parent and held.authority == stream
+            in_ros = {name: self._names.in_ros(name) for name in (parent, child)}
+            if (
+                is_it
+                and not held.gone
+                and self._goes(stream)
+                and self._crosses(parent, child, in_ros)
+            ):
+                crossing[child] = transform
+                self._going[child] = stream
+        self._crossed.note("to ROS", crossing)
+        return crossing
+
+    def _in_ros(self, transform: TransformStamped) -> TransformStamped:
+        parent, child = transform.frame_id, transform.child_frame_id
+        return TransformStamped(
+            transform.stamp_ns,
+            self._names.in_ros(parent) or parent,
+            self._names.in_ros(child) or child,
+            transform.transform,
+        )

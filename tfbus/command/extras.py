@@ -12,6 +12,7 @@ _MODULES = {
     "foxglove": "foxglove-sdk",
     "plot": "matplotlib",
     "robot": "xacro",
+    "ros2": "cyclonedds",
     "secure": "cryptography",
     "sim": "pygame-ce",
     "top": "textual",

@@ -86,5 +86,10 @@ _ALWAYS = _domain(
     "<Compatibility>"
     f"<IgnoreTypeInformation>{_VENDORS}</IgnoreTypeInformation>"
     "</Compatibility>"
-    f"<Internal><Watermarks><WhcHigh>{_MOST_WAITING}</WhcHigh></Watermarks></Internal>"
+    # Without a hash of the key Fast DDS does not understand that a writer or a whole participant
+    # ends: ROS would show it until its lease ends, for 10 s.
+    "<Internal>"
+    "<GenerateKeyhash>true</GenerateKeyhash>"
+    f"<Watermarks><WhcHigh>{_MOST_WAITING}</WhcHigh></Watermarks>"
+    "</Internal>"
 )

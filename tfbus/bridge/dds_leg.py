@@ -267,8 +267,9 @@ class DdsLeg:
                 subscription.close()
             for condition in (self._end, *self._watch.conditions):
                 self._waits.detach(condition)
-        # What is of the participant ends with it.
-        del self._waits, self._watch, self._graph, self._topics, self._participant
+        # Now, and with all that it has: cyclonedds would wait for the last reference to any of it,
+        # and ROS then for the end of the lease.
+        self._participant.__del__()
         _DOMAINS.give_back(self._number)
 
     def _run(self) -> None:

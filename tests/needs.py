@@ -77,6 +77,17 @@ def python_of_rosbag() -> str:
     return python
 
 
+def python_of_ros2(distro: str) -> str:
+    """The Python of an environment with ROS 2 of this distribution, and tfbus behind it; the test
+    is skipped where there is none.
+    """
+    variable = f"TFBUS_ROS2_{distro.upper()}"
+    folder = os.environ.get(variable)
+    if not folder:
+        skip(f"ROS 2 {distro}", f"{variable}, made by tests/bridge/ros2_environment.sh")
+    return str(Path(folder, "bin", "python"))
+
+
 def python_of_rmw_zenoh() -> str:
     """The Python of an environment with pyzeros and zenoh-ros2-sdk, two implementations of
     rmw_zenoh's wire; the test is skipped where there is none.

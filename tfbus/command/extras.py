@@ -13,6 +13,7 @@ _MODULES = {
     "plot": "matplotlib",
     "robot": "xacro",
     "ros1": "rosbags",
+    "ros2": "cyclonedds",
     "secure": "cryptography",
     "sim": "pygame-ce",
     "top": "textual",

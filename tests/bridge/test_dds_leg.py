@@ -1,0 +1,127 @@
+"""The leg over DDS where there is nothing but such legs: two in this process, on loopback."""
+
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from tests import needs
+from tests.live_bus import eventually
+from tfbus.bridge.dds_config import configuration, domain_of
+from tfbus.bridge.leg import Leg, LegSettings, RosTopic
+from tfbus.errors import TfbusError
+from tfbus.ros.definitions import STRING, TF_MESSAGE
+
+LOG = logging.getLogger("leg")
+DOMAIN = 201
+# "hi", in CDR.
+HI = b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"
+CHATTER = RosTopic("/chatter", STRING)
+KEPT = RosTopic("/kept", STRING, retained=True, depth=1)
+
+
+def open_leg(node: str, namespace: str = "") -> Leg:
+    needs.module("cyclonedds")
+    from tfbus.bridge import dds_leg
+
+    settings = LegSettings(node, namespace, domain=DOMAIN, connect=("lo",))
+    return dds_leg.open_leg(settings, LOG)
+
+
+@pytest.fixture
+def legs() -> Iterator[tuple[Leg, Leg]]:
+    legs = open_leg("one"), open_leg("two", "robot1")
+    yield legs
+    for leg in legs:
+        leg.close()
+
+
+def test_messages_come_as_their_bytes_with_the_gid_of_the_sender(legs: tuple[Leg, Leg]) -> None:
+    """Each message comes as it was sent, to the other leg alone."""
+    one, two = legs
+    heard: list[tuple[str, bytes, str]] = []
+    one.subscribe(CHATTER, lambda data, gid: heard.append(("one", data[: len(HI)], gid)))
+    two.subscribe(CHATTER, lambda data, gid: heard.append(("two", data[: len(HI)], gid)))
+    sender = one.publisher(CHATTER)
+    eventually(lambda: sender.heard)
+    sender.send(HI)
+    eventually(lambda: heard)
+    assert heard == [("two", HI, sender.gid)]
+
+
+def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:
+    """The last message of a retained topic is there for who comes later."""
+    one, two = legs
+    one.publisher(KEPT).send(HI)
+    heard: list[bytes] = []
+    two.subscribe(KEPT, lambda data, _: heard.append(data))
+    eventually(lambda: heard)
+
+
+def test_publishers_have_the_names_of_their_nodes_while_they_are_there(
+    legs: tuple[Leg, Leg],
+) -> None:
+    """Each leg tells the other the full name of its node, and leaves its own publishers out."""
+    one, two = legs
+    sender = two.publisher(CHATTER)
+    eventually(
+        lambda: (
+            [(each.gid, each.node) for each in one.publishers("/chatter")]
+            == [(sender.gid, "/robot1/two")]
+        )
+    )
+    assert two.publishers("/chatter") == []
+    sender.close()
+    eventually(lambda: not one.publishers("/chatter"))
+
+
+def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:
+    """The warnings say who publishes the topic with another type."""
+    one, two = legs
+    one.subscribe(CHATTER, lambda *_: None)
+    two.publisher(RosTopic("/chatter", TF_MESSAGE))
+    eventually(lambda: any("/robot1/two" in said for said in one.warnings()))
+
+
+def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]) -> None:
+    """What no subscriber could read is not sent."""
+    with pytest.raises(TfbusError, match="/chatter"):
+        legs[0].publisher(CHATTER).send(HI[:4] + b"\xff\xff\xff\xff")
+
+
+def test_a_leg_alone_says_so() -> None:
+    """Without any other node the warnings say what to look at."""
+    leg = open_leg("alone")
+    assert ["domain" in said for said in leg.warnings()] == [True]
+    leg.close()
+    leg.close()
+
+
+def test_the_domain_is_that_of_ros() -> None:
+    """The domain is that of the settings, else that of ROS_DOMAIN_ID, else 0."""
+    assert domain_of(LegSettings(domain=5), {"ROS_DOMAIN_ID": "7"}) == 5
+    assert domain_of(LegSettings(), {"ROS_DOMAIN_ID": "7"}) == 7
+    assert domain_of(LegSettings(), {}) == 0
+    with pytest.raises(TfbusError, match="ROS_DOMAIN_ID is 'x'"):
+        domain_of(LegSettings(), {"ROS_DOMAIN_ID": "x"})
+
+
+def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
+    """A name of an interface of this host is one; all else are hosts to ask."""
+    assert '<NetworkInterface name="lo"/>' in configuration(("lo",), {})
+    assert '<Peer Address="10.0.0.2"/>' in configuration(("10.0.0.2",), {})
+
+
+@pytest.mark.parametrize(
+    ("environ", "expected"),
+    [
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, 'address="127.0.0.1"'),
+        ({"ROS_LOCALHOST_ONLY": "1"}, 'address="127.0.0.1"'),
+        ({"ROS_STATIC_PEERS": "10.0.0.2;robot"}, '<Peer Address="robot"/>'),
+        ({"CYCLONEDDS_URI": "file:///etc/cyclone.xml"}, ",file:///etc/cyclone.xml"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
+    """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
+    assert expected in configuration((), environ)

@@ -1,0 +1,353 @@
+"""The leg over DDS, with Cyclone DDS from PyPI: no ROS is needed on the machine."""
+
+import logging
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from tfbus.bridge.dds_config import configuration, domain_of
+from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
+from tfbus.command.extras import install_command
+from tfbus.errors import TfbusError
+from tfbus.ros.dds_graph import (
+    GID_SIZE,
+    GRAPH_TOPIC,
+    HUMBLE_GID_SIZE,
+    NodeEntities,
+    ParticipantNodes,
+    dds_topic,
+    dds_type,
+    encode_nodes,
+    graph_definition,
+)
+from tfbus.ros.definitions import Definition
+from tfbus.ros.type_hash import type_hash
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wording import listed, printable
+
+try:
+    from cyclonedds.core import (
+        DDSException,
+        GuardCondition,
+        Policy,
+        Qos,
+        ReadCondition,
+        WaitSet,
+    )
+    from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    from tfbus.bridge.dds_types import RawSample, raw_type
+    from tfbus.bridge.dds_watch import ANY, MOST_TAKEN, DdsWatch
+except ImportError as error:
+    raise TfbusError(
+        "ROS 2 by DDS needs cyclonedds, which is not installed, and has no wheel for Python 3.14 "
+        f"and later: {install_command('ros2')}"
+    ) from error
+
+# In keyless topics a reader keeps so many messages of all writers together.
+_LEAST_READER_DEPTH = 100
+
+_HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
+
+
+def open_leg(settings: LegSettings, log: logging.Logger) -> "DdsLeg":
+    """Join ROS 2 by DDS. Raises TfbusError where it cannot be joined."""
+    return DdsLeg(settings, log)
+
+
+class _Domains:
+    """The domains of this process, each with its configuration, for as long as a leg is there."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._domains: dict[int, tuple[Domain, int]] = {}
+
+    def take(self, number: int, config: str) -> None:
+        """Make it, or use that which is there. Raises DDSException where it cannot be made."""
+        with self._lock:
+            domain, users = self._domains.get(number) or (Domain(number, config), 0)
+            self._domains[number] = domain, users + 1
+
+    def give_back(self, number: int) -> None:
+        """End it with its last user."""
+        with self._lock:
+            domain, users = self._domains.pop(number)
+            if users > 1:
+                self._domains[number] = domain, users - 1
+
+
+_DOMAINS = _Domains()
+
+
+class DdsSender:
+    """A writer."""
+
+    def __init__(self, leg: "DdsLeg", topic: RosTopic, writer: DataWriter[RawSample]) -> None:
+        self.gid = writer.guid.hex
+        self._leg = leg
+        self._topic = topic.name
+        self._sample = writer.data_type
+        self._writer: DataWriter[RawSample] | None = writer
+
+    @property
+    def heard(self) -> bool:
+        """Whether a reader matches."""
+        writer = self._writer
+        return writer is not None and bool(writer.get_matched_subscriptions())
+
+    def send(self, payload: bytes) -> None:
+        """Publish one message. Raises TfbusError where it is none of the topic's type."""
+        writer = self._writer
+        if writer is None:
+            raise TfbusError(f"the publisher of {self._topic} is closed")
+        try:
+            writer.write(self._sample(payload))
+        except DDSException as error:
+            raise TfbusError(f"DDS does not take the message for {self._topic}: {error}") from error
+
+    def close(self) -> None:
+        """It is gone, and what it kept."""
+        self._writer = None
+        self._leg.drop_sender(self)
+
+
+class DdsSubscription:
+    """A reader."""
+
+    def __init__(
+        self, leg: "DdsLeg", topic: RosTopic, reader: DataReader[RawSample], on_message: OnMessage
+    ) -> None:
+        self.gid = reader.guid.hex
+        self.topic = topic
+        self.condition = ReadCondition(reader, ANY)
+        self._leg = leg
+        self._reader: DataReader[RawSample] | None = reader
+        self._on_message = on_message
+
+    def take(self, watch: "DdsWatch") -> None:
+        """Hand on all that is there."""
+        while (reader := self._reader) is not None and (taken := reader.take(MOST_TAKEN)):
+            for sample in taken:
+                info = sample.sample_info
+                if info.valid_data and self._reader is not None:
+                    self._on_message(sample.data, watch.gid_of(info.publication_handle))
+
+    def close(self) -> None:
+        """It takes no message after this."""
+        self._reader = None
+        self._leg.drop_subscription(self)
+
+
+class DdsLeg:
+    """A participant with one node."""
+
+    name = "DDS"
+    tells_publishers = True
+
+    def __init__(self, settings: LegSettings, log: logging.Logger) -> None:
+        self._settings = settings
+        self._log_once = LogOnce(log)
+        self._number = domain_of(settings)
+        self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
+        try:
+            _DOMAINS.take(self._number, configuration(settings.connect))
+        except DDSException as error:
+            raise TfbusError(
+                f"DDS cannot join domain {self._number}{_by(settings.connect)}; Cyclone DDS says "
+                f"why above: {error}"
+            ) from error
+        try:
+            self._join()
+        except DDSException as error:
+            _DOMAINS.give_back(self._number)
+            raise TfbusError(f"DDS cannot join domain {self._number}: {error}") from error
+
+    def _join(self) -> None:
+        # What makes a participant one of ROS, and in which enclave it is.
+        enclave = Policy.Userdata(b"enclave=/;")
+        self._participant = DomainParticipant(self._number, qos=Qos(enclave))
+        self._gid = self._participant.guid
+        # Of what follows, and of what is told of it to ROS.
+        self._lock = threading.RLock()
+        self._closing = False
+        self._topics: dict[str, Topic[RawSample]] = {}
+        self._senders: list[DdsSender] = []
+        self._subscriptions: list[DdsSubscription] = []
+        graph = RosTopic(GRAPH_TOPIC, graph_definition(self._gid_size), retained=True, depth=1)
+        topic = self._topic(GRAPH_TOPIC, graph.definition)
+        others = Qos(Policy.History.KeepAll, base=_qos(graph) + _IGNORING_OWN)
+        self._graph = DataWriter(self._participant, topic, qos=_qos(graph))
+        nodes = DataReader(self._participant, topic, qos=others)
+        self._watch = DdsWatch(self._participant, nodes, self._gid_size)
+        self._tell_nodes()
+        self._waits = WaitSet(self._participant)
+        self._end = GuardCondition(self._participant)
+        for condition in (self._end, *self._watch.conditions):
+            self._waits.attach(condition)
+        self._thread = threading.Thread(target=self._run, name="tfbus-dds", daemon=True)
+        self._thread.start()
+
+    def publisher(self, topic: RosTopic) -> RosSender:
+        """Begin to publish a topic."""
+        with self._lock:
+            hashed = f"typehash={type_hash(topic.definition)};".encode()
+            qos = Qos(Policy.Userdata(hashed), base=_qos(topic))
+            writer = DataWriter(self._participant, self._ros_topic(topic), qos=qos)
+            sender = DdsSender(self, topic, writer)
+            self._senders.append(sender)
+            self._tell_nodes()
+        return sender
+
+    def subscribe(self, topic: RosTopic, on_message: OnMessage) -> Closing:
+        """Call `on_message(payload, gid)` for each message of others on a topic."""
+        with self._lock:
+            hashed = f"typehash={type_hash(topic.definition)};".encode()
+            qos = Qos(
+                Policy.Userdata(hashed),
+                Policy.History.KeepLast(max(topic.depth, _LEAST_READER_DEPTH)),
+                base=_qos(topic) + _IGNORING_OWN,
+            )
+            reader = DataReader(self._participant, self._ros_topic(topic), qos=qos)
+            subscription = DdsSubscription(self, topic, reader, on_message)
+            self._subscriptions.append(subscription)
+            self._waits.attach(subscription.condition)
+            self._tell_nodes()
+        return subscription
+
+    def publishers(self, topic: str) -> Sequence[RosPublisher]:
+        """The publishers of a topic that are there now."""
+        return [
+            RosPublisher(each.gid, self._watch.node_of(each))
+            for each in self._watch.writers(dds_topic(topic))
+        ]
+
+    def warnings(self) -> Sequence[str]:
+        """That there is no ROS, and whom it cannot listen to."""
+        if not self._watch.sees_ros:
+            return [
+                f"no ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
+                "network interface or hosts that --ros-connect names, must be those of ROS"
+            ]
+        with self._lock:
+            topics = [each.topic for each in self._subscriptions]
+        return [said for topic in topics for said in self._unheard(topic)]
+
+    def drop_sender(self, sender: DdsSender) -> None:
+        """It is closed."""
+        with self._lock:
+            if sender in self._senders:
+                self._senders.remove(sender)
+                self._tell_nodes()
+
+    def drop_subscription(self, subscription: DdsSubscription) -> None:
+        """It is closed."""
+        with self._lock:
+            if subscription in self._subscriptions:
+                self._subscriptions.remove(subscription)
+                self._waits.detach(subscription.condition)
+                self._tell_nodes()
+
+    def close(self) -> None:
+        """Leave ROS."""
+        with self._lock:
+            if self._closing:
+                return
+            self._closing = True
+        self._end.set(True)
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+        with self._lock:
+            for sender in tuple(self._senders):
+                sender.close()
+            for subscription in tuple(self._subscriptions):
+                subscription.close()
+            for condition in (self._end, *self._watch.conditions):
+                self._waits.detach(condition)
+        # Now, and with all that it has: cyclonedds would wait for the last reference to any of it,
+        # and ROS then for the end of the lease.
+        self._participant.__del__()
+        _DOMAINS.give_back(self._number)
+
+    def _run(self) -> None:
+        while True:
+            self._waits.wait(duration(infinite=True))
+            if self._closing:
+                return
+            # Who publishes comes before what is published.
+            self._safely(self._watch.update)
+            with self._lock:
+                subscriptions = list(self._subscriptions)
+            for each in subscriptions:
+                self._safely(each.take, self._watch)
+
+    def _safely(self, call: Any, *values: Any) -> None:
+        try:
+            call(*values)
+        except Exception as error:
+            self._log_once.warning("taking", "A message from ROS was not taken: %s", error)
+
+    def _ros_topic(self, topic: RosTopic) -> "Topic[RawSample]":
+        return self._topic(dds_topic(topic.name), topic.definition)
+
+    def _topic(self, name: str, definition: Definition) -> "Topic[RawSample]":
+        if name not in self._topics:
+            self._topics[name] = Topic(self._participant, name, raw_type(definition))
+        return self._topics[name]
+
+    def _tell_nodes(self) -> None:
+        """Tell ROS what is this node's; at the end the participant is gone with all of it."""
+        if self._closing:
+            return
+        node = NodeEntities(
+            self._settings.full_name,
+            [bytes.fromhex(each.gid) for each in self._subscriptions],
+            [bytes.fromhex(each.gid) for each in self._senders],
+        )
+        info = encode_nodes(ParticipantNodes(self._gid.bytes, [node]), self._gid_size)
+        self._graph.write(self._graph.data_type(info))
+
+    def _unheard(self, topic: RosTopic) -> Sequence[str]:
+        """Who publishes a topic so that it does not come here."""
+        own_type = dds_type(topic.definition.name)
+        best_effort, volatile = [], []
+        said = []
+        for each in self._watch.writers(dds_topic(topic.name)):
+            name = printable(self._watch.node_of(each) or "a node without a name", 100)
+            if each.type != own_type:
+                shown = printable(each.type, 100)
+                said.append(f"{name} publishes {topic.name} as {shown}, not {own_type}")
+            elif not each.is_reliable:
+                best_effort.append(name)
+            elif topic.retained and not each.is_retained:
+                volatile.append(name)
+        if best_effort:
+            said.append(
+                f"{listed(best_effort)} publish {topic.name} as best effort, and it is read "
+                "as reliable: such messages do not come"
+            )
+        if volatile:
+            said.append(
+                f"{listed(volatile)} publish {topic.name} as volatile, and it is read as transient "
+                "local: such messages do not come"
+            )
+        return said
+
+
+def _by(connect: Sequence[str]) -> str:
+    return f" by {listed([printable(each, 60) for each in connect])}" if connect else ""
+
+
+def _qos(topic: RosTopic) -> Qos:
+    return Qos(
+        Policy.Reliability.Reliable(duration(milliseconds=100)),
+        Policy.Durability.TransientLocal if topic.retained else Policy.Durability.Volatile,
+        Policy.History.KeepLast(topic.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+    )
+
+
+_IGNORING_OWN = Qos(Policy.IgnoreLocal.Participant)

@@ -1,0 +1,127 @@
+"""Who publishes in DDS: writers as they come and go, and the nodes of ROS that they are of."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import InstanceState, Policy, ReadCondition, SampleState, ViewState
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.sub import DataReader
+
+from tfbus.errors import DecodeError
+from tfbus.ros.dds_graph import decode_nodes
+
+# Taken at once.
+MOST_TAKEN = 256
+ANY = ViewState.Any | InstanceState.Any | SampleState.Any
+
+# A message may come after its writer is gone. Of so many such writers the gids are known.
+_MOST_GONE = 1000
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A writer of another participant."""
+
+    gid: str
+    participant: str
+    topic: str
+    type: str
+    is_reliable: bool
+    is_retained: bool
+
+
+class DdsWatch:
+    """Knows the writers of other participants, and the names of their nodes. Thread-safe.
+
+    `conditions` tell when there is something new, for `update`.
+    """
+
+    def __init__(
+        self, participant: DomainParticipant, nodes: "DataReader[Any]", gid_size: int
+    ) -> None:
+        self._own = participant.guid.hex
+        self._publications = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+        self._nodes = nodes
+        self._gid_size = gid_size
+        self.conditions = [ReadCondition(each, ANY) for each in (self._publications, nodes)]
+        self._lock = threading.Lock()
+        self._writers: dict[int, Writer] = {}
+        self._gone: dict[int, str] = {}
+        # The full names of nodes by the gids of their writers, for each participant.
+        self._names: dict[str, dict[str, str]] = {}
+
+    def update(self) -> None:
+        """Take in what is new. From one thread at a time."""
+        while taken := self._publications.take(MOST_TAKEN):
+            with self._lock:
+                for each in taken:
+                    self._take_publication(each)
+        while taken := self._nodes.take(MOST_TAKEN):
+            with self._lock:
+                for each in taken:
+                    if each.sample_info.valid_data:
+                        self._take_nodes(each.data)
+
+    def gid_of(self, handle: int) -> str:
+        """The gid of the writer of a message, by the handle in its info; "" where it is unknown."""
+        with self._lock:
+            writer = self._writers.get(handle)
+            return self._gone.get(handle, "") if writer is None else writer.gid
+
+    def writers(self, topic: str | None = None) -> Sequence[Writer]:
+        """The writers of a topic, or all."""
+        with self._lock:
+            return [each for each in self._writers.values() if topic in (None, each.topic)]
+
+    def node_of(self, writer: Writer) -> str:
+        """The full name of the node of a writer, "" where it has told none."""
+        with self._lock:
+            return self._names.get(writer.participant, {}).get(writer.gid, "")
+
+    @property
+    def sees_ros(self) -> bool:
+        """Whether another participant has told of its nodes."""
+        with self._lock:
+            return bool(self._names)
+
+    def _take_publication(self, sample: Any) -> None:
+        handle = sample.sample_info.instance_handle
+        participant = sample.participant_key.hex
+        if participant == self._own:
+            return
+        if sample.sample_info.instance_state != InstanceState.Alive:
+            self._drop(handle)
+        elif sample.sample_info.valid_data:
+            qos = sample.qos
+            self._writers[handle] = Writer(
+                sample.key.hex,
+                participant,
+                sample.topic_name,
+                sample.type_name,
+                qos[Policy.Reliability] != Policy.Reliability.BestEffort,
+                qos[Policy.Durability] != Policy.Durability.Volatile,
+            )
+
+    def _drop(self, handle: int) -> None:
+        gone = self._writers.pop(handle, None)
+        if gone is None:
+            return
+        self._gone[handle] = gone.gid
+        if len(self._gone) > _MOST_GONE:
+            del self._gone[next(iter(self._gone))]
+        if all(each.participant != gone.participant for each in self._writers.values()):
+            self._names.pop(gone.participant, None)
+
+    def _take_nodes(self, payload: bytes) -> None:
+        try:
+            info = decode_nodes(payload, self._gid_size)
+        except DecodeError:
+            # Of a ROS with gids of another size.
+            return
+        participant = info.participant.hex()
+        self._names[participant] = {
+            gid.hex(): node.name for node in info.nodes for gid in node.writers
+        }

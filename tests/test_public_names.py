@@ -1,11 +1,14 @@
 """The public names: what other packages may rely on."""
 
+import importlib
 import importlib.metadata
 import inspect
+import pkgutil
 
 import pytest
 
 import tfbus
+import tfbus.compat
 from tfbus import messages
 
 NAMES = [
@@ -94,6 +97,74 @@ MESSAGES = [
     "Vector3",
 ]
 
+# The modules with ROS's names, and those that each has.
+COMPAT = {
+    "builtin_interfaces.msg": "Duration Time",
+    "geometry_msgs.msg": (
+        "Point Point32 PointStamped Polygon PolygonStamped Pose PoseStamped "
+        "PoseWithCovariance PoseWithCovarianceStamped Quaternion Transform "
+        "TransformStamped Twist Vector3 Vector3Stamped"
+    ),
+    "rclpy": (
+        "callback_groups clock create_node duration exceptions executors init logging "
+        "node ok parameter qos shutdown spin spin_once spin_until_future_complete task "
+        "time try_shutdown utilities"
+    ),
+    "rclpy.callback_groups": (
+        "CallbackGroup MutuallyExclusiveCallbackGroup ReentrantCallbackGroup"
+    ),
+    "rclpy.clock": "Clock ClockType ROSClock",
+    "rclpy.context": "Context",
+    "rclpy.duration": "Duration Infinite",
+    "rclpy.exceptions": (
+        "InvalidHandle NotInitializedException ParameterAlreadyDeclaredException "
+        "ParameterNotDeclaredException"
+    ),
+    "rclpy.executors": (
+        "Executor ExternalShutdownException MultiThreadedExecutor SingleThreadedExecutor"
+    ),
+    "rclpy.logging": "LoggingSeverity get_logger",
+    "rclpy.node": "Node",
+    "rclpy.parameter": "Parameter ParameterValue",
+    "rclpy.qos": (
+        "DurabilityPolicy HistoryPolicy QoSDurabilityPolicy QoSHistoryPolicy QoSProfile "
+        "QoSReliabilityPolicy ReliabilityPolicy qos_profile_sensor_data "
+        "qos_profile_system_default"
+    ),
+    "rclpy.task": "Future",
+    "rclpy.time": "ClockType Duration Time",
+    "rclpy.utilities": "ok remove_ros_args",
+    "sensor_msgs.msg": "JointState",
+    "std_msgs.msg": "Header String",
+    "std_srvs.srv": "Empty",
+    "tf2_geometry_msgs": (
+        "do_transform_point do_transform_polygon_stamped do_transform_pose "
+        "do_transform_pose_stamped do_transform_pose_with_covariance_stamped "
+        "do_transform_vector3 from_msg_msg to_msg_msg transform_covariance"
+    ),
+    "tf2_py": (
+        "BufferCore ConnectivityException ExtrapolationException InvalidArgumentException "
+        "LookupException TimeoutException TransformException"
+    ),
+    "tf2_ros": (
+        "Buffer BufferCore BufferInterface ConnectivityException ConvertRegistration "
+        "ExtrapolationException InvalidArgumentException LookupException "
+        "NotImplementedException Stamped StaticTransformBroadcaster TimeoutException "
+        "TransformBroadcaster TransformException TransformListener TransformRegistration "
+        "TypeException convert"
+    ),
+    "tf2_ros.buffer": "Buffer",
+    "tf2_ros.buffer_interface": (
+        "BufferInterface ConvertRegistration NotImplementedException Stamped "
+        "TransformRegistration TypeException convert"
+    ),
+    "tf2_ros.static_transform_broadcaster": "StaticTransformBroadcaster",
+    "tf2_ros.transform_broadcaster": "TransformBroadcaster",
+    "tf2_ros.transform_listener": "TransformListener",
+    "turtlesim.msg": "Color Pose",
+    "turtlesim.srv": "Kill SetPen Spawn TeleportAbsolute TeleportRelative",
+}
+
 
 def test_the_public_names_are_these() -> None:
     """A name is added to or taken from `tfbus` here and nowhere by accident."""
@@ -144,3 +215,24 @@ def test_names_of_rclpy_are_answered_by_ours(name: str, ours: str) -> None:
     """A function of rclpy's module is missing, with a hint."""
     with pytest.raises(AttributeError, match=f"no attribute '{name}'; use: .*{ours}"):
         getattr(tfbus, name)
+
+
+@pytest.mark.parametrize("module", COMPAT)
+def test_the_ported_names_are_these(module: str) -> None:
+    """Each is there, and each class and function says its job; no other is public."""
+    ported = importlib.import_module(f"tfbus.compat.{module}")
+    assert sorted(COMPAT[module].split()) == sorted(ported.__all__)
+    for name in ported.__all__:
+        value = getattr(ported, name)
+        assert not inspect.isclass(value) or inspect.getdoc(value)
+        assert not inspect.isfunction(value) or inspect.getdoc(value)
+
+
+def test_every_module_of_ported_names_is_listed() -> None:
+    """Those that list names."""
+    found = {
+        name.removeprefix("tfbus.compat.")
+        for _, name, _ in pkgutil.walk_packages(tfbus.compat.__path__, "tfbus.compat.")
+        if hasattr(importlib.import_module(name), "__all__")
+    }
+    assert found == set(COMPAT)

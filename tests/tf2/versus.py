@@ -109,12 +109,12 @@ def first_mismatch(
         if not ours[index].agrees(answer, tolerance):
             before = [step for at, step in for_tf2.items() if at < index]
             mismatch = Mismatch(steps[: index + 1], ours[index], answer)
-            if not _is_meant(tf2, before, mismatch):
+            if not is_meant(tf2, before, mismatch):
                 return mismatch
     return None
 
 
-def _is_meant(tf2: Oracle, before: Sequence[Step], mismatch: Mismatch) -> bool:
+def is_meant(tf2: Oracle, before: Sequence[Step], mismatch: Mismatch) -> bool:
     """Whether it is one of the differences that no choice of steps can keep out.
 
     They are shown in test_tf2_differences.py: a name that cannot be is refused before one that is

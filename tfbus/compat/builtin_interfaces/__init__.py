@@ -1,0 +1,1 @@
+"""ROS's package builtin_interfaces: times as messages hold them."""

@@ -1,0 +1,27 @@
+"""What a module with ROS's names says of names that it has not."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
+
+
+def missing_names(
+    module: str, instead: Mapping[str, str], otherwise: str
+) -> Callable[[str], NoReturn]:
+    """The module's `__getattr__`, whose error says what does the same: `instead` by name, and
+    `otherwise` of all other names that look like ROS's.
+    """
+
+    def missing(name: str) -> NoReturn:
+        if name.startswith("_"):  # what the import system and inspect ask of any module
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        # Of an AttributeError `from ... import` would not show the sentence.
+        raise ImportError(f"{module} has no {name}: {instead.get(name, otherwise)}", name=name)
+
+    return missing
+
+
+def missing_messages(module: str) -> Callable[[str], Any]:
+    """The same for a module of messages."""
+    return missing_names(
+        module, {}, "write it as a dataclass with ROS's fields, which goes over the bus as it is"
+    )

@@ -1,0 +1,224 @@
+"""What a node publishes, subscribes to, serves and calls, and its timers, with ROS's methods."""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future as Answer
+from concurrent.futures import TimeoutError as NotYet
+from typing import Any
+
+from tfbus.compat.bus_types import BusType
+from tfbus.compat.rclpy.executors import Work
+from tfbus.compat.rclpy.task import Future, Task
+from tfbus.errors import ServiceError
+from tfbus.node.endpoint import Endpoint
+from tfbus.node.node import Node as TfbusNode
+from tfbus.node.service import Client as TfbusClient
+from tfbus.node.topic import Publisher as TfbusPublisher
+from tfbus.runtime.executor import Timer as TfbusTimer
+
+# How often a service that waits for its callback looks whether the node still lives.
+_LOOKS_EVERY_S = 0.5
+
+
+class Publisher:
+    """Publishes messages of one type on a topic."""
+
+    def __init__(self, endpoint: TfbusPublisher[Any], on_bus: BusType, message_type: type) -> None:
+        self.endpoint: Endpoint = endpoint
+        self.topic_name = endpoint.name
+        self._publisher = endpoint
+        self._on_bus = on_bus
+        self._type = message_type
+
+    def publish(self, msg: Any) -> None:
+        """Send a message. Raises TypeError for a message of another type."""
+        if not isinstance(msg, self._type):
+            raise TypeError(
+                f"topic {self.topic_name!r} carries {self._type.__name__}, not {type(msg).__name__}"
+            )
+        self._publisher.publish(self._on_bus.to_bus(msg))
+
+    def destroy(self) -> None:
+        """End it."""
+        self.endpoint.close()
+
+
+class Subscription:
+    """Keeps the last messages of a topic, `depth` of them, until the node is spun."""
+
+    def __init__(
+        self, work: Work, on_bus: BusType, callback: Callable[[Any], Any], depth: int
+    ) -> None:
+        self.endpoint: Endpoint | None = None
+        self.callback = callback
+        self._work = work
+        self._on_bus = on_bus
+        self._messages: deque[Any] = deque(maxlen=depth)
+
+    def receive(self, message: Any) -> None:
+        """Take a message of the bus; the oldest gives way where there are too many."""
+        is_full = len(self._messages) == self._messages.maxlen
+        self._messages.append(self._on_bus.from_bus(message))
+        if not is_full:
+            self._work.submit(self._deliver)
+
+    def destroy(self) -> None:
+        """End it, also for messages that wait."""
+        if self.endpoint is not None:
+            self.endpoint.close()
+        self._messages.clear()
+
+    def _deliver(self) -> None:
+        try:
+            message = self._messages.popleft()
+        except IndexError:
+            return
+        self._work.call(self.callback, message)
+
+
+class Timer:
+    """Calls back every `period_s` seconds of the node's clock, while the node is spun."""
+
+    def __init__(
+        self, node: TfbusNode, work: Work, period_s: float, callback: Callable[[], Any]
+    ) -> None:
+        self.callback = callback
+        self._node = node
+        self._work = work
+        self._period_s = period_s
+        self._is_pending = False
+        self._timer = self._start()
+
+    @property
+    def timer_period_ns(self) -> int:
+        """The period, in nanoseconds."""
+        return self._timer.period_ns
+
+    def cancel(self) -> None:
+        """Call back no longer; `reset` begins again."""
+        self._timer.cancel()
+
+    def is_canceled(self) -> bool:
+        """Whether it was cancelled."""
+        return self._timer.cancelled
+
+    def reset(self) -> None:
+        """Begin a new period now."""
+        self._timer.cancel()
+        self._timer = self._start()
+
+    def destroy(self) -> None:
+        """End it."""
+        self._timer.cancel()
+
+    def _start(self) -> TfbusTimer:
+        return self._node.create_timer(self._period_s, self._tick)
+
+    def _tick(self) -> None:
+        # One call waits at most: ticks that a long callback held up are not made up for.
+        if not self._is_pending:
+            self._is_pending = True
+            self._work.submit(self._run)
+
+    def _run(self) -> None:
+        self._is_pending = False
+        if not self._timer.cancelled:
+            self._work.call(self.callback)
+
+
+class Rate:
+    """Sleeps until the next period of the node's clock."""
+
+    def __init__(self, node: TfbusNode, period_s: float) -> None:
+        self._node = node
+        self._period_ns = round(period_s * 1e9)
+        self._next_ns = node.clock.elapsed_ns() + self._period_ns
+
+    def sleep(self) -> None:
+        """Sleep; returns early where the node is shut down."""
+        now_ns = self._node.clock.elapsed_ns()
+        if self._next_ns > now_ns:
+            self._node.wait((self._next_ns - now_ns) / 1e9)
+        self._next_ns = max(self._next_ns, now_ns) + self._period_ns
+
+
+class Service:
+    """Answers requests by `callback(request, response)`, while the node is spun."""
+
+    def __init__(
+        self, node: TfbusNode, work: Work, type_: Any, callback: Callable[[Any, Any], Any]
+    ) -> None:
+        self.endpoint: Endpoint | None = None
+        self.callback = callback
+        self._node = node
+        self._work = work
+        self._type = type_
+
+    def handle(self, request: Any) -> Any:
+        """The response, from the thread that spins the node."""
+        answer: Answer[Any] = Answer()
+        self._work.submit(lambda: self._answer(request, answer))
+        while True:
+            try:
+                return answer.result(_LOOKS_EVERY_S)
+            except NotYet:
+                if not self._node.ok:
+                    raise ServiceError("the node ends") from None
+
+    def destroy(self) -> None:
+        """End it."""
+        if self.endpoint is not None:
+            self.endpoint.close()
+
+    def _answer(self, request: Any, answer: "Answer[Any]") -> None:
+        try:
+            response = self.callback(request, self._type.Response())
+        except BaseException as error:
+            answer.set_exception(ServiceError(f"{type(error).__name__}: {error}"))
+            raise
+        if not hasattr(response, "send"):
+            answer.set_result(response)
+            return
+        task = Task(response, self._work.submit)
+        task.when_ended(lambda: answer.set_result(task.result()))
+        task.step()
+
+
+class Client:
+    """Calls a service of another node."""
+
+    def __init__(self, client: TfbusClient, work: Work) -> None:
+        self.endpoint: Endpoint = client
+        self.srv_name = client.name
+        self._client = client
+        self._work = work
+
+    def service_is_ready(self) -> bool:
+        """Whether it has a server now."""
+        return self._client.served
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait for a server; whether there is one."""
+        return self._client.wait_for_service(timeout_sec)
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """The response; waits for it, also in a callback. Raises ServiceError."""
+        return self._client.call(request, timeout_s=timeout_sec)
+
+    def call_async(self, request: Any) -> Future:
+        """A future of the response; its exception is a ServiceError where the service refuses."""
+        future = Future(run=self._work.submit)
+
+        def call() -> None:
+            try:
+                future.set_result(self._client.call(request, timeout_s=None))
+            except Exception as error:
+                future.set_exception(error)
+
+        threading.Thread(target=call, name=f"call of {self.srv_name}", daemon=True).start()
+        return future
+
+    def destroy(self) -> None:
+        """End it."""
+        self.endpoint.close()

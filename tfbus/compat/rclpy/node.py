@@ -1,0 +1,285 @@
+"""ROS's rclpy.node: a node with ROS's methods, which is a node of tfbus underneath."""
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from tfbus.compat.bus_types import bus_type_of
+from tfbus.compat.rclpy import context as contexts
+from tfbus.compat.rclpy.clock import Clock
+from tfbus.compat.rclpy.endpoints import Client, Publisher, Rate, Service, Subscription, Timer
+from tfbus.compat.rclpy.exceptions import (
+    ParameterAlreadyDeclaredException,
+    ParameterNotDeclaredException,
+)
+from tfbus.compat.rclpy.executors import Work
+from tfbus.compat.rclpy.logging import RosLogger
+from tfbus.compat.rclpy.parameter import Parameter
+from tfbus.compat.rclpy.qos import applied
+from tfbus.compat.rclpy.time import ClockType
+from tfbus.node.node import Node as TfbusNode
+from tfbus.node.parameters import Parameter as TfbusParameter
+
+__all__ = ["Node"]
+
+# What a node of rclpy has, is not here, and what does the same.
+_INSTEAD = {
+    "add_on_set_parameters_callback": "node.tfbus_node.declare_parameter(..., on_change=...)",
+    "create_guard_condition": "node.work.submit(callback)",
+    "get_node_names": "`tfbus node list`",
+    "get_service_names_and_types": "`tfbus service list`",
+    "get_topic_names_and_types": "`tfbus topic list -t`",
+    "count_publishers": "`tfbus topic info`",
+    "count_subscribers": "`tfbus topic info`",
+}
+
+
+class Node:
+    """A node with ROS's methods.
+
+    `tfbus_node` is the node of tfbus that it is. Its callbacks run one at a time, while it is spun
+    and in the thread that spins it, as in ROS. Of the arguments of the process those after
+    `--ros-args` count, and those of `tfbus launch`; and the environment (`TFBUS_...`).
+
+    Raises NotInitializedException before `rclpy.init()`; ends the process with the reason where the
+    bus cannot be joined, or an argument is wrong.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        *,
+        context: "contexts.Context | None" = None,
+        cli_args: list[str] | None = None,
+        namespace: str | None = None,
+        use_global_arguments: bool = True,
+        enable_rosout: bool = True,
+        start_parameter_services: bool = True,
+        parameter_overrides: list[Parameter] | None = None,
+        **unknown: Any,
+    ) -> None:
+        if unknown:
+            raise TypeError(
+                f"a Node of tfbus.compat does not take {', '.join(unknown)}: declare each "
+                "parameter by declare_parameter(name, default)"
+            )
+        self._context = context or contexts.current()
+        given = self._context.node_arguments if use_global_arguments else []
+        given = [*given, *contexts.split_arguments(cli_args or ())[1]]
+        arguments: list[str] = []
+        # What the command line says counts more than what the program says.
+        if namespace is not None and not any(arg.startswith("__ns:=") for arg in given):
+            arguments += ["--namespace", namespace.strip("/")]
+        for each in parameter_overrides or ():
+            arguments += ["--param", f"{each.name}={each.value}"]
+        arguments += given
+        self.tfbus_node = TfbusNode.from_args(node_name, arguments)
+        self.work = Work()
+        self._said: set[str] = set()
+        self._logger = RosLogger(self.tfbus_node.name, self.tfbus_node.log)
+        self._clock = Clock(clock_type=ClockType.ROS_TIME, tfbus_clock=self.tfbus_node.clock)
+        self._declared: dict[str, TfbusParameter] = {}
+        self._context.nodes.append(self)
+
+    def __enter__(self) -> "Node":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.destroy_node()
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """No attribute; the error names what does the same."""
+            instead = _INSTEAD.get(name)
+            hint = f": use {instead}" if instead else "; node.tfbus_node is a tfbus.Node"
+            raise AttributeError(
+                f"a Node of tfbus.compat has no attribute {name!r}{hint}", name=name, obj=self
+            )
+
+    # What it is
+
+    @property
+    def context(self) -> "contexts.Context":
+        """What `rclpy.init()` returned."""
+        return self._context
+
+    def get_name(self) -> str:
+        """Its name, without its namespace."""
+        return self.tfbus_node.name
+
+    def get_namespace(self) -> str:
+        """Its namespace, `/` for none."""
+        return f"/{self.tfbus_node.namespace}"
+
+    def get_fully_qualified_name(self) -> str:
+        """Its namespace and name."""
+        return self.tfbus_node.full_name
+
+    def get_logger(self) -> RosLogger:
+        """Its log."""
+        return self._logger
+
+    def get_clock(self) -> Clock:
+        """Its clock, which follows the topic `clock` where time is simulated."""
+        return self._clock
+
+    def say_once(self, text: str) -> None:
+        """Log a warning, unless this one was logged before."""
+        if text not in self._said:
+            self._said.add(text)
+            self.tfbus_node.log.warning("%s", text)
+
+    def destroy_node(self) -> None:
+        """End it and all that it has created; twice is fine."""
+        if self in self._context.nodes:
+            self._context.nodes.remove(self)
+        self.tfbus_node.close()
+
+    # What it publishes, subscribes to and serves
+
+    def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
+        """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""
+        retained = applied(qos_profile, topic, self.say_once)[1]
+        on_bus = bus_type_of(msg_type)
+        publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
+        return Publisher(publisher, on_bus, msg_type)
+
+    def create_subscription(
+        self,
+        msg_type: type,
+        topic: str,
+        callback: Callable[[Any], Any],
+        qos_profile: Any,
+        *,
+        raw: bool = False,
+        **_: Any,
+    ) -> Subscription:
+        """Call `callback(message)` for each message; of the QoS count the depth and whether it is
+        TRANSIENT_LOCAL.
+        """
+        if raw:
+            raise TypeError(
+                "raw=True is not in tfbus.compat: node.tfbus_node.create_raw_subscription gives "
+                "the bytes of the bus"
+            )
+        depth, retained = applied(qos_profile, topic, self.say_once)
+        on_bus = bus_type_of(msg_type)
+        subscription = Subscription(self.work, on_bus, callback, depth)
+        subscription.endpoint = self.tfbus_node.create_subscription(
+            on_bus.type, topic, subscription.receive, retained=retained
+        )
+        return subscription
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *_: Any, **__: Any
+    ) -> Timer:
+        """Call `callback()` every so many seconds, the first time after one period."""
+        return Timer(self.tfbus_node, self.work, timer_period_sec, callback)
+
+    def create_rate(self, frequency: float, *_: Any) -> Rate:
+        """A rate whose `sleep()` makes a loop of so many Hz."""
+        return Rate(self.tfbus_node, 1.0 / frequency)
+
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **_: Any
+    ) -> Service:
+        """Serve requests: `callback(request, response)` returns the response."""
+        service = Service(self.tfbus_node, self.work, srv_type, callback)
+        service.endpoint = self.tfbus_node.create_service(srv_type, srv_name, service.handle)
+        return service
+
+    def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
+        """A client of a service."""
+        return Client(self.tfbus_node.create_client(srv_type, srv_name), self.work)
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """End it."""
+        publisher.destroy()
+        return True
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """End it."""
+        subscription.destroy()
+        return True
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        """End it."""
+        timer.destroy()
+        return True
+
+    def destroy_service(self, service: Service) -> bool:
+        """End it."""
+        service.destroy()
+        return True
+
+    def destroy_client(self, client: Client) -> bool:
+        """End it."""
+        client.destroy()
+        return True
+
+    # Its parameters
+
+    def declare_parameter(
+        self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
+    ) -> Parameter:
+        """A parameter of the type of `value`, its default; returns it as it is now.
+
+        Raises ParameterAlreadyDeclaredException; TypeError without a default.
+        """
+        if name in self._declared:
+            raise ParameterAlreadyDeclaredException(f"{name!r} is declared already")
+        if value is None or ignore_override:
+            raise TypeError(
+                f"declare_parameter({name!r}, value): a parameter of tfbus has a default, whose "
+                "type is that of the parameter, and a value given at the start counts"
+            )
+        value = list(value) if isinstance(value, tuple) else value
+        description = getattr(descriptor, "description", "") or ""
+        declared = self.tfbus_node.declare_parameter(name, value, description=description)
+        self._declared[name] = declared
+        return self.get_parameter(name)
+
+    def declare_parameters(
+        self, namespace: str, parameters: Iterable[tuple[Any, ...]], **_: Any
+    ) -> list[Parameter]:
+        """Several parameters, each a tuple of its name and default."""
+        prefix = f"{namespace}." if namespace else ""
+        return [self.declare_parameter(f"{prefix}{name}", *rest) for name, *rest in parameters]
+
+    def has_parameter(self, name: str) -> bool:
+        """Whether it is declared."""
+        return name in self._declared
+
+    def get_parameter(self, name: str) -> Parameter:
+        """The parameter as it is now. Raises ParameterNotDeclaredException."""
+        if name == "use_sim_time":
+            return Parameter(name, None, self.tfbus_node.clock.is_simulated)
+        if name not in self._declared:
+            raise ParameterNotDeclaredException(f"{name!r} is not declared")
+        return Parameter(name, None, self._declared[name].value)
+
+    def get_parameters(self, names: Iterable[str]) -> list[Parameter]:
+        """The parameters as they are now."""
+        return [self.get_parameter(name) for name in names]
+
+    def get_parameter_or(self, name: str, alternative_value: Any = None) -> Any:
+        """The parameter as it is now, or the alternative where it is not declared."""
+        return self.get_parameter(name) if name in self._declared else alternative_value
+
+    def set_parameters(self, parameter_list: Iterable[Parameter]) -> None:
+        """Change parameters. Raises ParameterError where one is not as it must be."""
+        for each in parameter_list:
+            self.get_parameter(each.name)
+            self._declared[each.name].set(each.value)
+
+
+def tfbus_node_of(node: Any) -> TfbusNode:
+    """tfbus's node of a node of either kind. Raises TypeError for anything else."""
+    if isinstance(node, TfbusNode):
+        return node
+    if isinstance(node, Node):
+        return node.tfbus_node
+    raise TypeError(
+        "node must be a Node of tfbus.compat.rclpy.node or a tfbus.Node, not a "
+        f"{type(node).__name__}: a node of ROS itself is not on the bus"
+    )

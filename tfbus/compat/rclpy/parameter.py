@@ -1,0 +1,85 @@
+"""ROS's rclpy.parameter."""
+
+from enum import IntEnum
+from typing import Any
+
+__all__ = ["Parameter", "ParameterValue"]
+
+
+class _Type(IntEnum):
+    """Types of parameters."""
+
+    NOT_SET = 0
+    BOOL = 1
+    INTEGER = 2
+    DOUBLE = 3
+    STRING = 4
+    BYTE_ARRAY = 5
+    BOOL_ARRAY = 6
+    INTEGER_ARRAY = 7
+    DOUBLE_ARRAY = 8
+    STRING_ARRAY = 9
+
+
+_SCALARS: dict[type, tuple[_Type, str]] = {
+    bool: (_Type.BOOL, "bool"),
+    int: (_Type.INTEGER, "integer"),
+    float: (_Type.DOUBLE, "double"),
+    str: (_Type.STRING, "string"),
+}
+
+
+class ParameterValue:
+    """A value as ROS's message holds it: in the field of its type, the others are empty."""
+
+    def __init__(self, value: Any) -> None:
+        self.bool_value, self.integer_value, self.double_value = False, 0, 0.0
+        self.string_value = ""
+        self.bool_array_value: list[bool] = []
+        self.integer_array_value: list[int] = []
+        self.double_array_value: list[float] = []
+        self.string_array_value: list[str] = []
+        self.type = type_of(value)
+        if isinstance(value, list):
+            setattr(
+                self, f"{_SCALARS[type(value[0])][1] if value else 'string'}_array_value", value
+            )
+        elif value is not None:
+            setattr(self, f"{_SCALARS[type(value)][1]}_value", value)
+
+
+class Parameter:
+    """A parameter of a node, as it is at this moment."""
+
+    Type = _Type
+
+    def __init__(self, name: str, type_: "_Type | None" = None, value: Any = None) -> None:
+        found = type_of(value)
+        if type_ not in (None, found):
+            raise ValueError(f"parameter {name!r} is {found.name} and not {_Type(type_).name}")
+        self.name = name
+        self.value = value
+        self.type_ = found
+
+    def get_parameter_value(self) -> ParameterValue:
+        """Its value by type, such as `.string_value`."""
+        return ParameterValue(self.value)
+
+    def __repr__(self) -> str:
+        return f"Parameter({self.name!r}, {self.type_.name}, {self.value!r})"
+
+
+def type_of(value: Any) -> _Type:
+    """ROS's type of a value. Raises TypeError where it has none."""
+    if value is None:
+        return _Type.NOT_SET
+    if isinstance(value, list | tuple):
+        kinds = {type(each) for each in value}
+        if len(kinds) > 1 or not kinds <= set(_SCALARS):
+            raise TypeError(f"a list of a parameter must be of one type, not {value!r}")
+        return _Type(_SCALARS[kinds.pop()][0] + 5) if kinds else _Type.STRING_ARRAY
+    if type(value) not in _SCALARS:
+        raise TypeError(
+            f"a parameter must be a bool, int, float, str or a list of one, not {value!r}"
+        )
+    return _SCALARS[type(value)][0]

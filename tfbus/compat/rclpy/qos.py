@@ -1,0 +1,94 @@
+"""ROS's rclpy.qos. Of a profile tfbus applies the depth of a subscription and transient local."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+__all__ = [
+    "DurabilityPolicy",
+    "HistoryPolicy",
+    "QoSDurabilityPolicy",
+    "QoSHistoryPolicy",
+    "QoSProfile",
+    "QoSReliabilityPolicy",
+    "ReliabilityPolicy",
+    "qos_profile_sensor_data",
+    "qos_profile_system_default",
+]
+
+
+class HistoryPolicy(IntEnum):
+    """Which messages are kept."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+
+
+class ReliabilityPolicy(IntEnum):
+    """Whether lost messages are sent again; on the bus they always are."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+
+
+class DurabilityPolicy(IntEnum):
+    """Whether the last message is kept for those who come later: TRANSIENT_LOCAL is `retained`."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+
+
+QoSHistoryPolicy = HistoryPolicy
+QoSReliabilityPolicy = ReliabilityPolicy
+QoSDurabilityPolicy = DurabilityPolicy
+
+
+@dataclass(kw_only=True)
+class QoSProfile:
+    """How messages of a topic are sent. What tfbus does not apply is logged where it is used."""
+
+    depth: int = 10
+    history: HistoryPolicy = HistoryPolicy.KEEP_LAST
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
+    durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+    lifespan: Any = None
+    deadline: Any = None
+    liveliness: Any = None
+    liveliness_lease_duration: Any = None
+    avoid_ros_namespace_conventions: bool = False
+
+
+qos_profile_system_default = QoSProfile(depth=10)
+qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+_NOT_APPLIED = ("lifespan", "deadline", "liveliness", "liveliness_lease_duration")
+
+
+def applied(qos: Any, topic: str, say: Callable[[str], object]) -> tuple[int, bool]:
+    """The depth, and whether the last message is kept; says what is not applied.
+
+    Raises TypeError for what is no profile and no depth.
+    """
+    if isinstance(qos, int) and not isinstance(qos, bool):
+        return _depth(qos), False
+    if not hasattr(qos, "depth") or not hasattr(qos, "durability"):
+        raise TypeError(f"the QoS of {topic!r} must be a QoSProfile or a depth, not {qos!r}")
+    ignored = [name for name in _NOT_APPLIED if getattr(qos, name, None) is not None]
+    if int(qos.reliability) == ReliabilityPolicy.BEST_EFFORT:
+        ignored.insert(0, "reliability BEST_EFFORT")
+    if ignored:
+        say(
+            f"The QoS of topic {topic!r} is not applied in {' and '.join(ignored)}: the bus sends "
+            "all messages reliably"
+        )
+    return _depth(int(qos.depth)), int(qos.durability) == DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def _depth(depth: int) -> int:
+    if depth < 0:
+        raise ValueError(f"the depth of a queue must be 0 or more, not {depth}")
+    return depth or 10

@@ -1,0 +1,16 @@
+"""ROS's rclpy.utilities."""
+
+import sys
+from collections.abc import Sequence
+
+from tfbus.compat.rclpy.context import is_ok as ok
+from tfbus.compat.rclpy.context import split_arguments
+
+__all__ = ["ok", "remove_ros_args"]
+
+
+def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
+    """The arguments, by default `sys.argv`, without those of nodes: from --ros-args to -- or the
+    end, and those of `tfbus launch`.
+    """
+    return split_arguments(sys.argv if args is None else args)[0]

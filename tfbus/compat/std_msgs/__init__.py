@@ -1,0 +1,1 @@
+"""ROS's package std_msgs, as far as transforms need it."""

@@ -1,0 +1,1 @@
+"""ROS's package std_srvs, as far as turtlesim needs it."""

@@ -1,0 +1,60 @@
+"""ROS's package tf2_ros over tfbus: change the imports, and most programs run."""
+
+from typing import TYPE_CHECKING
+
+from tfbus.compat.missing import missing_names
+from tfbus.compat.tf2_py import (
+    BufferCore,
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    TimeoutException,
+    TransformException,
+)
+from tfbus.compat.tf2_ros.buffer import Buffer
+from tfbus.compat.tf2_ros.buffer_interface import (
+    BufferInterface,
+    ConvertRegistration,
+    NotImplementedException,
+    Stamped,
+    TransformRegistration,
+    TypeException,
+    convert,
+)
+from tfbus.compat.tf2_ros.static_transform_broadcaster import StaticTransformBroadcaster
+from tfbus.compat.tf2_ros.transform_broadcaster import TransformBroadcaster
+from tfbus.compat.tf2_ros.transform_listener import TransformListener
+
+__all__ = [
+    "Buffer",
+    "BufferCore",
+    "BufferInterface",
+    "ConnectivityException",
+    "ConvertRegistration",
+    "ExtrapolationException",
+    "InvalidArgumentException",
+    "LookupException",
+    "NotImplementedException",
+    "Stamped",
+    "StaticTransformBroadcaster",
+    "TimeoutException",
+    "TransformBroadcaster",
+    "TransformException",
+    "TransformListener",
+    "TransformRegistration",
+    "TypeException",
+    "convert",
+]
+
+# What tf2_ros has, is not here, and what to do.
+_INSTEAD = {
+    "BufferClient": "each process has a Buffer, which receives only what it needs by "
+    "tfbus.TransformListener(buffer, node, reads='needed')",
+    "BufferServer": "each process has a Buffer",
+    "StaticTransformListener": "a TransformListener receives static transforms too",
+}
+
+
+if not TYPE_CHECKING:  # type checkers find what is missing themselves
+    __getattr__ = missing_names(__name__, _INSTEAD, "tfbus.Buffer and tfbus.Node may have it")

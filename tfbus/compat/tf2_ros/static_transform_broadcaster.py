@@ -1,0 +1,27 @@
+"""ROS's tf2_ros.static_transform_broadcaster."""
+
+from typing import Any
+
+from tfbus.broadcast.broadcaster import StaticTransformBroadcaster as TfbusBroadcaster
+from tfbus.compat.rclpy.node import tfbus_node_of
+from tfbus.compat.tf2_ros.transform_broadcaster import as_tfbus
+from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
+
+__all__ = ["StaticTransformBroadcaster"]
+
+
+class StaticTransformBroadcaster:
+    """Sends static transforms, also to listeners that come later. QoS is not applied, which is
+    logged.
+    """
+
+    def __init__(self, node: Any, qos: Any = None) -> None:
+        warn_of_qos(node, "StaticTransformBroadcaster", qos)
+        self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))
+
+    def sendTransform(self, transform: Any) -> None:
+        """Add a TransformStamped, or several, or replace those of the same child frame.
+
+        Raises as `TransformBroadcaster.sendTransform`.
+        """
+        self.tfbus_broadcaster.send_transform(as_tfbus(transform))

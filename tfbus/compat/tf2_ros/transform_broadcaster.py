@@ -1,0 +1,35 @@
+"""ROS's tf2_ros.transform_broadcaster."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from tfbus.broadcast.broadcaster import TransformBroadcaster as TfbusBroadcaster
+from tfbus.compat.fields import stamped_of
+from tfbus.compat.rclpy.node import tfbus_node_of
+from tfbus.compat.tf2_ros.transform_listener import warn_of_qos
+from tfbus.geometry.transform import TransformStamped
+
+__all__ = ["TransformBroadcaster"]
+
+
+class TransformBroadcaster:
+    """Sends dynamic transforms. QoS is not applied, which is logged."""
+
+    def __init__(self, node: Any, qos: Any = None) -> None:
+        warn_of_qos(node, "TransformBroadcaster", qos)
+        self.tfbus_broadcaster = TfbusBroadcaster(tfbus_node_of(node))
+
+    def sendTransform(self, transform: Any) -> None:
+        """Send a TransformStamped, or several in one message.
+
+        Raises InvalidArgumentException for what tf2's listeners drop with a line in the log, such
+        as a quaternion that is not of length 1.
+        """
+        self.tfbus_broadcaster.send_transform(as_tfbus(transform))
+
+
+def as_tfbus(transform: Any) -> TransformStamped | list[TransformStamped]:
+    """tfbus's transforms of what `sendTransform` takes."""
+    if isinstance(transform, Iterable):
+        return [stamped_of(each) for each in transform]
+    return stamped_of(transform)

@@ -1,0 +1,1 @@
+"""ROS's package turtlesim: what its simulator sends, takes and serves."""

@@ -14,7 +14,7 @@ STREAMS = 50
 STATICS = 20
 
 # On two cores the meeting of fifty processes takes seconds, with any program.
-MET_WITHIN_S = 240.0
+MET_WITHIN_S = 90.0
 
 
 class Joining:

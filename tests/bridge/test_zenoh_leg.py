@@ -57,6 +57,7 @@ class Ros:
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([self.router.endpoint]))
+        config.insert_json5("timestamping/enabled", "true")
         session = zenoh.open(config)
         self._ending.append(session)
         return session
@@ -218,6 +219,27 @@ def test_a_message_without_an_attachment_is_dropped_and_counted(
         "Dropped a message on /tf in ROS: it has no attachment, so that no ROS node takes it "
         "either. Further ones are counted, not logged"
     ]
+
+
+def test_publishers_with_another_gid_are_known_by_their_session(ros: Ros) -> None:
+    """zenoh-ros2-sdk makes gids up: where its session has no other publisher, it is that one."""
+    ros.router.start()
+    leg, stranger = ros.leg(), ros.stranger()
+    heard = Heard()
+    leg.subscribe(TF, heard.add)
+    place = TF_KEY.removeprefix("0/tf/")
+    token = f"@ros2_lv/0/{stranger.zid()}/0/1/MP/%/%/arm/%tf/{place}/::,100:,:,:,,"
+    held = stranger.liveliness().declare_token(token)
+    eventually(lambda: leg.publishers("/tf"))
+    (publisher,) = leg.publishers("/tf")
+    attachment = attachment_bytes(Attachment(1, time.time_ns(), bytes(16)))
+    send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
+    assert heard[0] == (b"x", publisher.gid)
+    held.undeclare()
+    eventually(lambda: not leg.publishers("/tf"))
+    heard.clear()
+    send_until(lambda: stranger.put(TF_KEY, b"y", attachment=attachment), lambda: bool(heard))
+    assert heard[-1] == (b"y", bytes(16).hex())
 
 
 def test_an_exception_of_the_callback_is_logged_once(

@@ -141,6 +141,36 @@ def test_its_own_messages_do_not_come_back(ros: Ros) -> None:
     assert leg.publishers("/tf_static") == []
 
 
+def test_either_side_may_start_again(ros: Ros) -> None:
+    """A publisher of the same name has another gid, and its retained message is heard; a
+    subscriber that starts again has it too.
+    """
+    ros.router.start()
+    heard = Heard()
+    hearing = ros.leg("hearer")
+    hearing.subscribe(TF_STATIC, heard.add)
+    gids = []
+    for payload in (b"first", b"second"):
+        sending = ros.leg("sender")
+        sender = sending.publisher(TF_STATIC)
+        sender.send(payload)
+        eventually(lambda payload=payload, gid=sender.gid: (payload, gid) in heard)
+        eventually(
+            lambda gid=sender.gid: (
+                hearing.publishers("/tf_static") == [RosPublisher(gid, "/sender")]
+            )
+        )
+        gids.append(sender.gid)
+        if payload == b"first":
+            sending.close()
+    assert gids[0] != gids[1]
+    hearing.close()
+    again = Heard()
+    ros.leg("hearer").subscribe(TF_STATIC, again.add)
+    eventually(lambda: again)
+    assert set(again) == {(b"second", gids[1])}
+
+
 def test_what_is_closed_neither_sends_nor_hears(ros: Ros) -> None:
     """And is no longer told; twice is fine."""
     ros.router.start()

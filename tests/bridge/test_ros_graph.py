@@ -56,6 +56,19 @@ def test_publishers_have_the_gids_of_their_tokens() -> None:
     assert [each.node for each in seen.publishers("/tf")] == ["/arm"]
 
 
+def test_the_only_publisher_of_a_session_is_found() -> None:
+    """For messages with a gid that is not that of the token."""
+    camera = token("camera")
+    seen = graph(camera, token("arm", session="b2"), token("arm2", session="b2"))
+    found = seen.only_publisher("/tf", "a1")
+    assert found is not None and found.node == "/camera" and found.gid in seen.gids
+    assert seen.only_publisher("/tf", "b2") is None
+    assert seen.only_publisher("/scan", "a1") is None
+    seen.on_token(camera, False)
+    assert seen.only_publisher("/tf", "a1") is None
+    assert found.gid not in seen.gids
+
+
 def test_a_token_that_comes_twice_is_one() -> None:
     """As when a router is back."""
     seen = graph(token("camera"), token("camera"))

@@ -57,6 +57,7 @@ class Ros:
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([self.router.endpoint]))
+        config.insert_json5("timestamping/enabled", "true")
         session = zenoh.open(config)
         self._ending.append(session)
         return session
@@ -140,6 +141,36 @@ def test_its_own_messages_do_not_come_back(ros: Ros) -> None:
     assert leg.publishers("/tf_static") == []
 
 
+def test_either_side_may_start_again(ros: Ros) -> None:
+    """A publisher of the same name has another gid, and its retained message is heard; a
+    subscriber that starts again has it too.
+    """
+    ros.router.start()
+    heard = Heard()
+    hearing = ros.leg("hearer")
+    hearing.subscribe(TF_STATIC, heard.add)
+    gids = []
+    for payload in (b"first", b"second"):
+        sending = ros.leg("sender")
+        sender = sending.publisher(TF_STATIC)
+        sender.send(payload)
+        eventually(lambda payload=payload, gid=sender.gid: (payload, gid) in heard)
+        eventually(
+            lambda gid=sender.gid: (
+                hearing.publishers("/tf_static") == [RosPublisher(gid, "/sender")]
+            )
+        )
+        gids.append(sender.gid)
+        if payload == b"first":
+            sending.close()
+    assert gids[0] != gids[1]
+    hearing.close()
+    again = Heard()
+    ros.leg("hearer").subscribe(TF_STATIC, again.add)
+    eventually(lambda: again)
+    assert set(again) == {(b"second", gids[1])}
+
+
 def test_what_is_closed_neither_sends_nor_hears(ros: Ros) -> None:
     """And is no longer told; twice is fine."""
     ros.router.start()
@@ -218,6 +249,27 @@ def test_a_message_without_an_attachment_is_dropped_and_counted(
         "Dropped a message on /tf in ROS: it has no attachment, so that no ROS node takes it "
         "either. Further ones are counted, not logged"
     ]
+
+
+def test_publishers_with_another_gid_are_known_by_their_session(ros: Ros) -> None:
+    """zenoh-ros2-sdk makes gids up: where its session has no other publisher, it is that one."""
+    ros.router.start()
+    leg, stranger = ros.leg(), ros.stranger()
+    heard = Heard()
+    leg.subscribe(TF, heard.add)
+    place = TF_KEY.removeprefix("0/tf/")
+    token = f"@ros2_lv/0/{stranger.zid()}/0/1/MP/%/%/arm/%tf/{place}/::,100:,:,:,,"
+    held = stranger.liveliness().declare_token(token)
+    eventually(lambda: leg.publishers("/tf"))
+    (publisher,) = leg.publishers("/tf")
+    attachment = attachment_bytes(Attachment(1, time.time_ns(), bytes(16)))
+    send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
+    assert heard[0] == (b"x", publisher.gid)
+    held.undeclare()
+    eventually(lambda: not leg.publishers("/tf"))
+    heard.clear()
+    send_until(lambda: stranger.put(TF_KEY, b"y", attachment=attachment), lambda: bool(heard))
+    assert heard[-1] == (b"y", bytes(16).hex())
 
 
 def test_an_exception_of_the_callback_is_logged_once(

@@ -24,6 +24,8 @@ class RosGraph:
         self._elsewhere: Counter[int] = Counter()
         self._tokens: dict[str, Token] = {}
         self._publishers: dict[str, dict[str, RosPublisher]] = {}
+        # Those of all publishers.
+        self.gids: set[str] = set()
 
     def on_token(self, text: str, alive: bool) -> None:
         """A token has come, or is gone."""
@@ -44,6 +46,7 @@ class RosGraph:
         elif token.kind == "MP":
             publisher = RosPublisher(gid_of(text).hex(), token.full_node_name)
             self._publishers.setdefault(token.topic, {})[text] = publisher
+            self.gids.add(publisher.gid)
 
     def _forget(self, text: str) -> None:
         token = self._tokens.pop(text, None)
@@ -52,7 +55,8 @@ class RosGraph:
         if token.domain != self._domain:
             self._elsewhere[token.domain] -= 1
         elif publishers := self._publishers.get(token.topic):
-            publishers.pop(text, None)
+            if publisher := publishers.pop(text, None):
+                self.gids.discard(publisher.gid)
             if not publishers:
                 del self._publishers[token.topic]
 
@@ -61,6 +65,16 @@ class RosGraph:
         with self._lock:
             found = list(self._publishers.get(topic, {}).values())
         return sorted(found, key=lambda each: each.gid)
+
+    def only_publisher(self, topic: str, session: str) -> RosPublisher | None:
+        """The publisher of a topic in a session, where it has one alone."""
+        with self._lock:
+            found = [
+                publisher
+                for text, publisher in self._publishers.get(topic, {}).items()
+                if self._tokens[text].session == session
+            ]
+        return found[0] if len(found) == 1 else None
 
     def other_domains(self) -> list[int]:
         """The domains that have nodes, where that of this graph has none."""

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.ros_graph import RosGraph
-from tfbus.bus.ros_session import Publication, RosSession
+from tfbus.bus.ros_session import Publication, RosSession, sender_of
 from tfbus.errors import SettingsError
 from tfbus.ros.rmw_zenoh import (
     GRAPH,
@@ -36,6 +37,9 @@ from tfbus.wording import printable
 
 # DDS has no ports for more, and ROS takes no others.
 _LAST_DOMAIN = 232
+
+# Messages may have made up gids.
+_MOST_GIDS = 1000
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
@@ -66,6 +70,7 @@ class ZenohLeg:
         self.graph = RosGraph(self.domain, self._session.id)
         self._numbers = itertools.count(1)
         self._own_gids: set[bytes] = set()
+        self._known_as: dict[str, str] = {}
         self._topics: dict[str, tuple[str, str, str]] = {}
         self._has_seen_named_fields = False
         # Messages without an attachment of rmw_zenoh's.
@@ -98,14 +103,17 @@ class ZenohLeg:
         key = self._key(topic)
         subscription = _Subscription(on_message)
 
-        def on_sample(payload: bytes, attachment: bytes | None) -> None:
+        def on_sample(payload: bytes, attachment: bytes | None, sample: Any) -> None:
             read = None if attachment is None else read_attachment(attachment)
             if read is None:
                 self._drop(topic.name, attachment)
             elif read.gid not in self._own_gids:
-                subscription.call(payload, read.gid.hex())
-                if has_named_fields(attachment or b"") and not self._has_seen_named_fields:
+                gid = read.gid.hex()
+                if gid not in self.graph.gids:
+                    gid = self._gid_in_graph(topic.name, gid, sample)
+                if not self._has_seen_named_fields and has_named_fields(attachment or b""):
                     self._has_seen_named_fields = True
+                subscription.call(payload, gid)
 
         token = self._token("MS", topic)
         declared = self._session.token(token)
@@ -167,6 +175,21 @@ class ZenohLeg:
                 qos=Qos(topic.retained, topic.depth).text,
             )
         return token.text
+
+    def _gid_in_graph(self, topic: str, gid: str, sample: Any) -> str:
+        """The gid by which the graph knows the publisher that puts another one into its messages,
+        as zenoh-ros2-sdk does: where its session has no other publisher of the topic.
+        """
+        known = self._known_as.get(gid, "")
+        if known in self.graph.gids:
+            return known
+        publisher = self.graph.only_publisher(topic, sender_of(sample))
+        if publisher is None:
+            return gid
+        if len(self._known_as) >= _MOST_GIDS:
+            self._known_as.clear()
+        self._known_as[gid] = publisher.gid
+        return publisher.gid
 
     def _drop(self, topic: str, attachment: bytes | None) -> None:
         self.dropped += 1

@@ -30,10 +30,11 @@ def ros_config(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
     values: dict[str, object] = {
         "id": session_id,
-        "namespace": None,
         # Late joiners order retained messages by their time.
         "timestamping/enabled": True,
         "transport/link/rx/max_message_size": 2 * LARGEST,
+        # Zenoh polls it 30 times a second; ROS then sends by TCP.
+        "transport/shared_memory": {"enabled": False},
     }
     if endpoints or not path:
         values |= _linked(endpoints or [ROUTER])
@@ -42,8 +43,7 @@ def ros_config(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
         for key, value in values.items():
             what = f"endpoints {', '.join(endpoints)}" if endpoints else what
-            if value is not None:
-                config.insert_json5(key, json.dumps(value))
+            config.insert_json5(key, json.dumps(value))
         if not endpoints:
             for key, text in _overrides():
                 what = f"ZENOH_CONFIG_OVERRIDE: {key}"

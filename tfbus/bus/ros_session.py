@@ -38,11 +38,19 @@ _PUBLISHERS_OF_A_SESSION = 1000
 # answers. ROS tries its router every 4 s at the latest.
 _REFRESHING_S = (1.0, 6.0)
 
-# payload, attachment or None
-OnSample = Callable[[bytes, bytes | None], None]
+# payload, attachment or None, and what `sender_of` takes
+OnSample = Callable[[bytes, bytes | None, Any], None]
 OnToken = Callable[[str, bool], None]
 
 _HOW_TO_START = "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd"
+
+
+def sender_of(sample: zenoh.Sample) -> str:
+    """The id of the session that a message is from, "" where it does not say."""
+    if (source := sample.source_info) is not None:
+        return str(source.source_id.zid)
+    # ROS's sessions put their own clocks' times on what they send.
+    return "" if sample.timestamp is None else str(sample.timestamp.get_id())
 
 
 class _Part(Protocol):
@@ -214,9 +222,9 @@ class RosSession:
         return publication
 
     def subscription(self, key: str, callback: OnSample, *, retained: bool = False) -> _Part:
-        """Call `callback(payload, attachment)` for each message of another session; with `retained`
-        also for those that publishers keep for late joiners. From any thread of Zenoh's, at times
-        from several at once.
+        """Call `callback(payload, attachment, sample)` for each message of another session; with
+        `retained` also for those that publishers keep for late joiners. From any thread of
+        Zenoh's, at times from several at once.
         """
         subscription = _Subscription(key, self._on_sample(key, callback), retained)
         self._declare(subscription)
@@ -247,9 +255,9 @@ class RosSession:
                     self._drop_large(key, len(payload))
                     return
                 attachment: Any = sample.attachment
-                callback(
-                    payload.to_bytes(), attachment if attachment is None else attachment.to_bytes()
-                )
+                if attachment is not None:
+                    attachment = attachment.to_bytes()
+                callback(payload.to_bytes(), attachment, sample)
             except Exception:
                 self._report(kind, f"message of {key}")
 

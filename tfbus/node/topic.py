@@ -58,8 +58,8 @@ class RawPublisher(Endpoint):
 class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
-    For tools that measure, record or forward messages of any type. Without `own`, messages of the
-    same node are left out.
+    For tools that measure, record or forward messages of any type. With `others` those of the
+    same node do not come.
     """
 
     def __init__(
@@ -70,11 +70,13 @@ class RawSubscription(Endpoint):
         type_name: str,
         *,
         retained: bool = False,
-        own: bool = True,
+        others: bool = False,
     ):
         super().__init__(topic, type_name, retained=retained)
         self._parts = [
-            _subscriber(session, topic, retained, lambda key, payload: callback(payload), own=own)
+            _subscriber(
+                session, topic, retained, lambda key, payload: callback(payload), others=others
+            )
         ]
 
 
@@ -168,10 +170,10 @@ def _subscriber(
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
     *,
-    own: bool = True,
+    others: bool = False,
 ) -> Declaration:
     if not retained:
-        return session.subscriber(topic, callback, on_too_large, own=own)
+        return session.subscriber(topic, callback, on_too_large, others=others)
     from tfbus.bus.retained import declare_retained_subscriber
 
-    return declare_retained_subscriber(session, topic, callback, on_too_large, own=own)
+    return declare_retained_subscriber(session, topic, callback, on_too_large, others=others)

@@ -145,3 +145,17 @@ def test_a_mistake_has_its_line(tmp_path: Path, text: str, said: str) -> None:
     """And its key, and what is allowed."""
     assert said in mistake(tmp_path, text)
     assert mistake(tmp_path, text).startswith("topics.yaml:")
+
+
+def test_the_page_has_this_table() -> None:
+    """docs/guide/ros2-topics.md has each type, its type in ROS, and the names looked for."""
+    page = (Path(__file__).parents[2] / "docs" / "guide" / "ros2-topics.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| `([\w/]+)` \| (.*) \|$", page, re.M)
+    assert rows == [
+        (
+            line.type_name,
+            line.ros_type,
+            ", ".join([f"`{name}`" for name in line.names]) + ", retained" * line.retained,
+        )
+        for line in TABLE
+    ]

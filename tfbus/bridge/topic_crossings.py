@@ -112,7 +112,7 @@ class ToRos:
                 self._on_message,
                 type_name=line.type_name,
                 retained=line.retained,
-                own=False,
+                others=True,
             )
         except BaseException:
             self._sender.close()

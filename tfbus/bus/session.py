@@ -227,16 +227,16 @@ class Session:
         callback: Callable[[str, bytes], None],
         on_too_large: Callable[[], object] = lambda: None,
         *,
-        own: bool = True,
+        others: bool = False,
     ) -> Declaration:
         """Call `callback(key, payload)` for each message, and `on_too_large()` for one that is
-        dropped unread, since it is larger than the limit of its kind. Without `own`, messages of
-        this session are left out.
+        dropped unread, since it is larger than the limit of its kind. With `others` those of this
+        session itself do not come.
         """
         at, key = self.placed(key)
-        origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
         with self._errors(f"subscribe to {key}"):
             handler = self.callbacks.of_samples(key, callback, on_too_large)
+            origin = zenoh.Locality.REMOTE if others else None
             return Declaration(at.zenoh.declare_subscriber(key, handler, allowed_origin=origin))
 
     # Ask and answer

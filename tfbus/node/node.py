@@ -339,10 +339,10 @@ class Node:
         *,
         type_name: str = "",
         retained: bool = False,
-        own: bool = True,
+        others: bool = False,
     ) -> RawSubscription:
         """Call `callback(payload)` with the bytes of each message, of any type; `retained` as of
-        `create_subscription`. Without `own`, messages of this node are left out.
+        `create_subscription`. With `others` those of this node do not come.
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
@@ -350,7 +350,9 @@ class Node:
         topic = self._resolve(topic)
         return self._info.add(
             "subscribes",
-            RawSubscription(self.session, topic, callback, type_name, retained=retained, own=own),
+            RawSubscription(
+                self.session, topic, callback, type_name, retained=retained, others=others
+            ),
         )
 
     def create_service(

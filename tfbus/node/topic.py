@@ -59,7 +59,7 @@ class RawSubscription(Endpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
     For tools that measure, record or forward messages of any type. Those of ROS 2 are skipped, and
-    without `own` those of the same node.
+    with `others` those of the same node.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class RawSubscription(Endpoint):
         type_name: str,
         *,
         retained: bool = False,
-        own: bool = True,
+        others: bool = False,
     ):
         super().__init__(topic, type_name, retained=retained)
 
@@ -78,7 +78,7 @@ class RawSubscription(Endpoint):
             if not is_of_ros(payload):
                 callback(payload)
 
-        self._parts = [_subscriber(session, topic, retained, on_message, own=own)]
+        self._parts = [_subscriber(session, topic, retained, on_message, others=others)]
 
 
 class Subscription(Endpoint, Generic[M]):
@@ -174,10 +174,10 @@ def _subscriber(
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
     *,
-    own: bool = True,
+    others: bool = False,
 ) -> Declaration:
     if not retained:
-        return session.subscriber(topic, callback, on_too_large, own=own)
+        return session.subscriber(topic, callback, on_too_large, others=others)
     from tfbus.bus.retained import declare_retained_subscriber
 
-    return declare_retained_subscriber(session, topic, callback, on_too_large, own=own)
+    return declare_retained_subscriber(session, topic, callback, on_too_large, others=others)

@@ -50,13 +50,17 @@ def declare_retained_subscriber(
     key: str,
     callback: Callable[[str, bytes], None],
     on_too_large: Callable[[], object] = lambda: None,
+    *,
+    others: bool = False,
 ) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
     of publishers that come later, then for each new message; `on_too_large()` for one that is
-    dropped unread. A message may come again when a link is back.
+    dropped unread. A message may come again when a link is back. With `others` those of this
+    session itself do not come as they are sent.
     """
     at, key = session.placed(key)
-    return _subscriber(at, key, session.callbacks.of_samples(key, callback, on_too_large))
+    handler = session.callbacks.of_samples(key, callback, on_too_large)
+    return _subscriber(at, key, handler, others=others)
 
 
 def declare_signed_subscriber(
@@ -68,12 +72,13 @@ def declare_signed_subscriber(
     return _subscriber(session, key, session.callbacks.of_signed_samples(key, callback))
 
 
-def _subscriber(session: Session, key: str, handler: Any) -> Declaration:
+def _subscriber(session: Session, key: str, handler: Any, *, others: bool = False) -> Declaration:
     with bus_errors(f"subscribe to {key}", session.settings.name):
         subscriber = ext.declare_advanced_subscriber(
             session.zenoh,
             key,
             handler,
+            allowed_origin=zenoh.Locality.REMOTE if others else None,
             history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
             recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             subscriber_detection=True,

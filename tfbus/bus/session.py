@@ -220,14 +220,18 @@ class Session:
         key: str,
         callback: Callable[[str, bytes], None],
         on_too_large: Callable[[], object] = lambda: None,
+        *,
+        others: bool = False,
     ) -> Declaration:
         """Call `callback(key, payload)` for each message, and `on_too_large()` for one that is
-        dropped unread, since it is larger than the limit of its kind.
+        dropped unread, since it is larger than the limit of its kind. With `others` those of this
+        session itself do not come.
         """
         at, key = self.placed(key)
         with self._errors(f"subscribe to {key}"):
             handler = self.callbacks.of_samples(key, callback, on_too_large)
-            return Declaration(at.zenoh.declare_subscriber(key, handler))
+            origin = zenoh.Locality.REMOTE if others else None
+            return Declaration(at.zenoh.declare_subscriber(key, handler, allowed_origin=origin))
 
     # Ask and answer
 

@@ -153,6 +153,7 @@ DOORS = (
     "tfbus",
     "tfbus.messages",
     "tfbus.wording",
+    "tfbus.bridge",
     "tfbus.command",
     "tfbus.foxglove",
     "tfbus.frames",

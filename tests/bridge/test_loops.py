@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ def streams_with(listener: TransformListener, child: str) -> set[str]:
         for each in listener.streams()
         if each.alive and child in {frame for _, frame, _ in each.frames}
     }
+
+
+def is_of(listener: TransformListener, child: str, count: int, stream: str = "") -> bool:
+    """Whether so many streams list a frame, and this one."""
+    streams = streams_with(listener, child)
+    return len(streams) == count and (not stream or stream in streams)
 
 
 def repeated(node: TfNode, child: str) -> int:
@@ -117,11 +124,11 @@ def test_two_bridges_between_the_same_bus_and_the_same_ros(
         send_until(send, lambda: next(numbers) > start + 1000)
         ros.settle()
         for child in ("of_bus", "fixed"):
-            eventually(lambda child=child: streams_with(listener, child) == {"sender"})
+            eventually(partial(is_of, listener, child, 1, "sender"))
         assert not repeated(rviz, "of_ros")
         if tells:
             for child in ("of_ros", "bolted"):
-                eventually(lambda child=child: len(streams_with(listener, child)) == 1)
+                eventually(partial(is_of, listener, child, 1))
             late = TfNode(ros, "late")
             eventually(lambda: set(late.statics) == {"fixed", "bolted"})
             eventually_once(late, "of_bus", send)

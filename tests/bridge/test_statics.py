@@ -1,11 +1,20 @@
 """Static transforms cross, and late joiners on either side have all of them."""
 
+from functools import partial
+
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
-from tests.builders import S, at
+from tests.builders import S, at, x_of
 from tests.live_bus import Bus, eventually
-from tfbus import Buffer, Node, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+from tfbus import (
+    Buffer,
+    Node,
+    StaticTransformBroadcaster,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
 
 
 def test_late_joiners_of_ros_get_one_message_with_all(
@@ -53,15 +62,18 @@ def test_a_changed_static_transform_is_sent_again(
     for x in (1.0, 2.0):
         statics.send_transform(at(x, "of_bus"))
         robot.broadcast_static(at(x, "of_ros"))
-        eventually(
-            lambda x=x: "of_bus" in rviz.statics and rviz.statics["of_bus"] == at(x, "of_bus")
-        )
-        eventually(
-            lambda x=x: (
-                "of_ros" in buffer.frames()
-                and buffer.lookup_transform("world", "of_ros").transform.x == x
-            )
-        )
+        eventually(partial(is_at, rviz.statics, "of_bus", x))
+        eventually(partial(comes_at, buffer, "of_ros", x))
+
+
+def is_at(statics: dict[str, TransformStamped], child: str, x: float) -> bool:
+    """Whether ROS has the frame there."""
+    return child in statics and statics[child] == at(x, child)
+
+
+def comes_at(buffer: Buffer, child: str, x: float) -> bool:
+    """Whether the bus has the frame there."""
+    return x_of(buffer, source=child) == x
 
 
 def test_one_that_is_removed_is_not_in_the_next_message(

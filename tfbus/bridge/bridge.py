@@ -143,7 +143,7 @@ class Bridge:
     def _topic_bridge(self, table: "TopicTable") -> Closing:
         from tfbus.bridge.topics import TopicBridge
 
-        return TopicBridge(
+        bridge: Closing = TopicBridge(
             self._node,
             self._leg,
             table,
@@ -152,6 +152,7 @@ class Bridge:
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
         )
+        return bridge
 
     # What changes
 

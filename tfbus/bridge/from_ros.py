@@ -20,6 +20,8 @@ from tfbus.bridge.valid_rows import invalid_rows
 from tfbus.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
+from tfbus.listen.claims import name_some
+from tfbus.listen.reception import lines_of
 from tfbus.node.node import Node
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.runtime.executor import Executor
@@ -101,6 +103,7 @@ class FromRos:
         self._crossed = crossed
         self._executor = executor
         self._once = once
+        self._lines = lines_of(node.log)
         self._sent_there = sent_there
         self._static_there = static_there
         self._on_names = on_names
@@ -273,6 +276,13 @@ class FromRos:
             self._drop(gid)
             if source.stream.gids:
                 source.stream.close()
+            else:
+                self._lines.warning(
+                    ("gone", source.node),
+                    "%s is gone; its last transforms stay, marked as gone: %s",
+                    source,
+                    name_some(sorted(source.children)),
+                )
 
     def _drop(self, gid: str) -> None:
         source = self._sources.pop(gid, None)

@@ -77,6 +77,12 @@ class PassingBuffer(Buffer):
         return rows.only(kept)
 
 
+class _Listener(TransformListener):
+    """Leaves out what comes from ROS: this session has sent that itself."""
+
+    _hears_itself = False
+
+
 class ToRos:
     """Sends to ROS what comes from the bus, until `close()`.
 
@@ -135,7 +141,7 @@ class ToRos:
 
     def listen(self) -> None:
         """Take what comes from now on."""
-        self._listener = TransformListener(self._buffer, self._node)
+        self._listener = _Listener(self._buffer, self._node)
 
     def close(self) -> None:
         """Send nothing more. Twice is fine."""

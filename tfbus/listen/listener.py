@@ -72,6 +72,9 @@ class TransformListener:
     Raises InvalidArgumentException for any other value of an argument.
     """
 
+    # Whether it takes what its own session sends.
+    _hears_itself = True
+
     def __init__(
         self,
         buffer: Buffer,
@@ -423,8 +426,10 @@ class TransformListener:
         session = self._node.session
         if not name:
             if static:
-                return declare_retained_subscriber(session, key, self._on_message)
-            return session.subscriber(key, self._on_message)
+                return declare_retained_subscriber(
+                    session, key, self._on_message, others=not self._hears_itself
+                )
+            return session.subscriber(key, self._on_message, others=not self._hears_itself)
         stream = self._registry.stream(key)
         on_message = self._while_read(stream, key)
         state = stream.state

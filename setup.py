@@ -88,6 +88,11 @@ class AllOrNothing(build_ext):
     """
 
     def run(self) -> None:
+        # What tells at runtime why, since pip shows nothing of this.
+        reasons = [Path(folder, "tfbus", "not_compiled.txt") for folder in ("", self.build_lib)]
+        for reason in reasons:
+            reason.unlink(missing_ok=True)
+        reason = reasons[0] if self.inplace else reasons[1]
         try:
             super().run()
         except (CCompilerError, CompileError, ExecError, PlatformError, OSError) as error:
@@ -96,8 +101,10 @@ class AllOrNothing(build_ext):
                     path = Path(folder, self.get_ext_filename(extension.name))
                     path.unlink(missing_ok=True)
             self.extensions = []
+            reason.parent.mkdir(parents=True, exist_ok=True)
+            reason.write_text(" ".join(str(error).split()), encoding="utf-8")
             self.warn(
-                f"tfbus is installed without its compiled kernel, about 20 times slower: {error}. "
+                f"tfbus is installed without its compiled kernel, about 70 times slower: {error}. "
                 "Install a C compiler and the headers of Python, then tfbus again."
             )
 

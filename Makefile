@@ -7,10 +7,12 @@ SECONDS ?= 0
 
 .PHONY: demo test check types sanitize docs-api bench clean
 
+# The first demo does not wait for the compiler.
 demo: $(VENV)/demo.stamp
-	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
+	@$(BIN)/python scripts/environment.py run \
+	  $(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
-test: $(VENV)/dev.stamp
+test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 3 $(ARGS)
 
 check: $(VENV)/dev.stamp
@@ -22,7 +24,7 @@ types: $(VENV)/dev.stamp
 	$(BIN)/mypy -p tfbus -p nodes
 
 # The buffer's tests and a fuzz of it in a build that reports every undefined operation of C.
-sanitize: $(VENV)/dev.stamp
+sanitize: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python tests/sanitized.py $(ARGS)
 
 # docs/reference/api.md, from the docstrings.
@@ -49,13 +51,15 @@ clean:
 # An extra of pyproject.toml, installed: demo.stamp stands for [sim,view], dev.stamp for [dev].
 $(VENV)/demo.stamp: EXTRA := sim,view
 $(VENV)/dev.stamp: EXTRA := dev
-# [dev] holds all of [sim,view]: the demo needs no second build after it.
+# [dev] holds all of [sim,view].
 $(VENV)/dev.stamp: ALSO := $(VENV)/demo.stamp
-$(VENV)/%.stamp: pyproject.toml setup.py | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'
-	touch $@ $(ALSO)
-
-$(BIN)/python:
+$(VENV)/%.stamp: pyproject.toml scripts/environment.py
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "tfbus needs Python 3.11 or newer: make $(MAKECMDGOALS) PYTHON=python3.11"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) scripts/environment.py packages $(EXTRA)
+	@touch $@ $(ALSO)
+
+# The compiled modules, in place; those whose sources did not change stay.
+$(VENV)/kernel.stamp: setup.py $(wildcard tfbus/*/*.p*) | $(VENV)/dev.stamp
+	@$(BIN)/python scripts/environment.py kernel
+	@touch $@

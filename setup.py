@@ -53,8 +53,13 @@ if sys.platform == "win32" or "-O0" in os.environ.get("CFLAGS", ""):
     ARITHMETIC = FLAGS = []
 
 
+# pip also asks for names and files, for which nothing has to be translated.
+BUILDS = {"bdist_wheel", "build", "build_ext", "develop", "editable_wheel", "install"}
+
+
 def kernel_extensions() -> list[Extension]:
-    if os.environ.get("TFBUS_PURE_PYTHON", "") not in ("", "0"):
+    is_pure = os.environ.get("TFBUS_PURE_PYTHON", "") not in ("", "0")
+    if is_pure or not BUILDS.intersection(sys.argv):
         return []
     from Cython.Build import cythonize
 
@@ -68,6 +73,7 @@ def kernel_extensions() -> list[Extension]:
             for name in KERNEL
         ],
         build_dir="build",
+        nthreads=0 if sys.platform == "win32" else os.cpu_count(),
         compiler_directives={
             "language_level": "3",
             "annotation_typing": False,
@@ -109,15 +115,21 @@ class AllOrNothing(build_ext):
             )
 
 
-setup(
-    # `nodes` and `configs` stand beside the library here, and inside it when installed.
-    packages=[
-        *find_packages(include=["tfbus", "tfbus.*"]),
-        *(f"tfbus.{name}" for name in find_packages(include=["nodes", "nodes.*"])),
-        "tfbus.configs",
-    ],
-    ext_modules=kernel_extensions(),
-    cmdclass={"build_ext": AllOrNothing},
-    # A compiler for each processor, instead of one file after the other.
-    options={"build_ext": {"parallel": os.cpu_count()}},
-)
+def build() -> None:
+    setup(
+        # `nodes` and `configs` stand beside the library here, and inside it when installed.
+        packages=[
+            *find_packages(include=["tfbus", "tfbus.*"]),
+            *(f"tfbus.{name}" for name in find_packages(include=["nodes", "nodes.*"])),
+            "tfbus.configs",
+        ],
+        ext_modules=kernel_extensions(),
+        cmdclass={"build_ext": AllOrNothing},
+        # A compiler for each processor, instead of one file after the other.
+        options={"build_ext": {"parallel": os.cpu_count()}},
+    )
+
+
+# The processes that translate modules import this file, on systems that do not fork.
+if __name__ == "__main__":
+    build()

@@ -3,7 +3,7 @@
     python scripts/environment.py packages EXTRA    tfbus in place, interpreted, and what it needs
     .venv/bin/python scripts/environment.py kernel  compile what has changed, and wait for it
     .venv/bin/python scripts/environment.py run COMMAND...
-                                                    compile while COMMAND runs; the next start uses it
+                                                    compile while COMMAND runs, for the next
 
 Each step is a line, and each 3 s that it takes one more. uv does what pip does where it is
 installed, in less time.
@@ -138,7 +138,7 @@ def run(command: list[str]) -> int:
         compile_kernel()
         return wait_for(subprocess.Popen(command))
     build = [str(PYTHON), "setup.py", "--quiet", "build_ext"]
-    say("The kernel is compiled while the demo runs, which is interpreted this once")
+    say("The kernel is compiled while the demo runs, and used from the next start on")
     # In a session of its own: Ctrl-C is for the command.
     with tempfile.TemporaryFile() as out:
         behind = subprocess.Popen(
@@ -198,7 +198,7 @@ def last_line(out: int) -> str:
     """What the command said last; its own words, cut."""
     size = os.fstat(out).st_size
     lines = os.pread(out, 4096, max(0, size - 4096)).decode(errors="replace").splitlines()
-    texts = [line.strip() for line in lines if line.strip()]
+    texts = [line.strip() for line in lines if line.strip() and not line.startswith("WARN")]
     return texts[-1][:_WIDTH] if texts else "at work"
 
 

@@ -8,6 +8,7 @@ from 3.11 on that is there: the wheel without a compiler, the sdist with one and
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -21,6 +22,7 @@ HERE = Path(__file__).parents[1]
 POLICY = "manylinux_2_17_"
 # Of Python; more are looked for as pyenv lays them out.
 MINORS = range(11, 20)
+COMPILER = re.compile(r"gcc|g\+\+|clang|^(.*-)?(cc|c\+\+|c89|c99|tcc|cpp)(-[0-9.]+)?$")
 
 
 def main() -> None:
@@ -133,16 +135,11 @@ def without_compiler(folder: Path) -> str:
     """A PATH of all programs but compilers."""
     folder.mkdir()
     for place in os.environ["PATH"].split(os.pathsep):
-        for program in Path(place).glob("*") if Path(place).is_dir() else ():
-            is_compiler = program.name.split("-")[-1].rstrip("0123456789.") in COMPILERS
+        for program in Path(place).glob("*"):
             link = folder / program.name
-            if not is_compiler and not any(c in program.name for c in ("gcc", "g++", "clang")):
-                if not link.is_symlink():
-                    link.symlink_to(program)
+            if not COMPILER.search(program.name) and not link.is_symlink():
+                link.symlink_to(program)
     return str(folder)
-
-
-COMPILERS = {"cc", "c++", "c89", "c99", "cpp", "tcc"}
 
 
 def files_in(wheel: Path) -> set[str]:

@@ -1,11 +1,11 @@
-# demo, test, check, sanitize, docs-api, bench: each sets up what it needs, in .venv (bench: .venv-bench).
+# demo, test, check, sanitize, docs-api, release-check, bench: each sets up what it needs, in .venv (bench: .venv-bench).
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types sanitize docs-api bench clean
+.PHONY: demo test check types sanitize docs-api release-check bench clean
 
 # The first demo does not wait for the compiler.
 demo: $(VENV)/demo.stamp
@@ -30,6 +30,10 @@ sanitize: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 # docs/reference/api.md, from the docstrings.
 docs-api: $(VENV)/dev.stamp
 	$(BIN)/python docs/api.py
+
+# The sdist, wheels, and the package as it is installed, on each Python that is there; some minutes.
+release-check: $(VENV)/dev.stamp
+	$(PYTHON) scripts/release_check.py $(ARGS)
 
 # The peers have an environment of their own, of the newest Python there is: schiebung wants 3.12.
 bench: $(VENV)-bench/bench.stamp

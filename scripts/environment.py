@@ -33,13 +33,13 @@ _UV = shutil.which("uv")
 def main() -> None:
     """Do what the command line says."""
     os.chdir(HERE)
-    # Each process would compile all that it imports.
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    # Each process here would compile all that it imports.
+    writes_bytecode = os.environ.pop("PYTHONDONTWRITEBYTECODE", "") == ""
     use_ccache()
     match sys.argv[1:]:
         case ["packages", extra]:
             make_environment()
-            install(extra)
+            install(extra, compiled=extra == "dev" and not writes_bytecode)
         case ["kernel"]:
             compile_kernel()
         case ["run", *command]:
@@ -67,18 +67,19 @@ def make_environment() -> None:
         step("Make an environment in .venv", [sys.executable, "-m", "venv", "--clear", str(VENV)])
 
 
-def install(extra: str) -> None:
-    """The packages of an extra, what compiles the kernel, and tfbus itself, interpreted."""
+def install(extra: str, *, compiled: bool) -> None:
+    """The packages of an extra, what compiles the kernel, and tfbus itself, interpreted.
+
+    Python writes the bytecode of what it imports. To write it for all modules at once is most of
+    pip's time, and serves only those for whom Python writes none: then it is `compiled`.
+    """
     project = tomllib.loads((HERE / "pyproject.toml").read_text())
     packages = [*project["build-system"]["requires"], *needed(project["project"], extra)]
     title = f"Install {len(packages)} packages, and those that they need"
-    # What is imported gets compiled then; pip would compile everything, which is most of its time.
-    with_pip("install", title, ["--no-compile"], packages)
+    with_pip(title, ["--compile" if compiled else "--no-compile"], packages)
     # The kernel comes later, by `kernel` or `run`.
     os.environ["TFBUS_PURE_PYTHON"] = "1"
-    with_pip(
-        "install", "Install tfbus in place", ["--no-deps", "--no-build-isolation"], ["-e", "."]
-    )
+    with_pip("Install tfbus in place", ["--no-deps", "--no-build-isolation"], ["-e", "."])
 
 
 def needed(project: dict[str, object], extra: str) -> list[str]:
@@ -99,19 +100,19 @@ def needed(project: dict[str, object], extra: str) -> list[str]:
     return list(found)
 
 
-def with_pip(command: str, title: str, options: list[str], packages: list[str]) -> None:
+# What uv calls it; it compiles nothing by default.
+_IN_UV = {"--compile": ["--compile-bytecode"], "--no-compile": []}
+
+
+def with_pip(title: str, options: list[str], packages: list[str]) -> None:
     """By uv, or by pip where that is not there or fails: it may know other indexes."""
     if _UV:
-        # uv compiles nothing unless it is asked to.
-        ours = [each for each in options if each != "--no-compile"]
-        if step(
-            f"{title} (uv)",
-            [_UV, "pip", command, "--python", str(PYTHON), *ours, *packages],
-            may_fail=True,
-        ):
+        ours = [word for option in options for word in _IN_UV.get(option, [option])]
+        uv = [_UV, "pip", "install", "--python", str(PYTHON)]
+        if step(f"{title} (uv)", [*uv, *ours, *packages], may_fail=True):
             return
-    pip = [str(PYTHON), "-m", "pip", command, "--disable-pip-version-check", "--progress-bar=off"]
-    step(title, [*pip, *options, *packages])
+    pip = [str(PYTHON), "-m", "pip", "install", "--disable-pip-version-check"]
+    step(title, [*pip, "--progress-bar=off", *options, *packages])
 
 
 def compile_kernel() -> None:

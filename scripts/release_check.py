@@ -1,6 +1,8 @@
 """Check what a release would publish: `make release-check`.
 
-    python scripts/release_check.py [FOLDER]     # keeps the wheel and the sdist there
+    python scripts/release_check.py [FOLDER]       # keeps the sdist and a wheel of it there
+    python scripts/release_check.py --wheel FILE   # only whether it runs on old systems
+    python scripts/release_check.py --tag v1.2.3   # only whether it is the version, and dated
 
 Builds the sdist, a wheel of the clone and one of the sdist, and compares their files; looks whether
 the wheel runs on systems of manylinux_2_17; and runs tests/installed.py with both on every Python
@@ -15,6 +17,7 @@ import sys
 import tarfile
 import tempfile
 import time
+import tomllib
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -22,12 +25,30 @@ HERE = Path(__file__).parents[1]
 POLICY = "manylinux_2_17_"
 # Of Python; more are looked for as pyenv lays them out.
 MINORS = range(11, 20)
+NEEDED = tomllib.loads((HERE / "pyproject.toml").read_text())["project"]["dependencies"]
+# In the table of docs/reference/compatibility.md.
+OTHER_ZENOHS = ("1.6.2", "1.9.0")
 COMPILER = re.compile(r"gcc|g\+\+|clang|^(.*-)?(cc|c\+\+|c89|c99|tcc|cpp)(-[0-9.]+)?$")
 
 
 def main() -> None:
     """Stop at the first that does not hold."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    match sys.argv[1:]:
+        case ["--tag", tag]:
+            check_tag(tag)
+        case ["--wheel", wheel]:
+            with tempfile.TemporaryDirectory() as folder:
+                tools = environment(Path(folder), sys.executable, "auditwheel")
+                check_policy(tools, Path(wheel))
+        case [] | [_]:
+            check_all()
+        case _:
+            sys.exit(__doc__)
+
+
+def check_all() -> None:
+    """What takes some minutes."""
     with tempfile.TemporaryDirectory(prefix="tfbus-release-") as folder:
         work = Path(folder)
         dist = Path(sys.argv[1]).absolute() if len(sys.argv) > 1 else work / "dist"
@@ -46,7 +67,20 @@ def main() -> None:
         bare = without_compiler(work / "bin")
         for python in pythons():
             check_installed(work, python, sdist, bare)
+        check_other_zenohs(work)
     print("All of it holds.")
+
+
+def check_tag(tag: str) -> None:
+    """It is the version, of which the changelog has a section with a date."""
+    version = tomllib.loads((HERE / "pyproject.toml").read_text())["project"]["version"]
+    if tag != f"v{version}":
+        sys.exit(f"The tag {tag} is not v{version}, the version in pyproject.toml")
+    heading = rf"^## \[{re.escape(version)}\] - \d{{4}}-\d{{2}}-\d{{2}}$"
+    if not re.search(heading, (HERE / "CHANGELOG.md").read_text(), re.MULTILINE):
+        sys.exit(f"CHANGELOG.md has no section '## [{version}] - YYYY-MM-DD' with a date")
+    if not (HERE / "tests" / "wire" / "frozen" / f"{version}.json").exists():
+        sys.exit(f"tests/wire/frozen has no {version}.json: python -m tests.wire.frozen_wire")
 
 
 def check_sdist(clone: Path, sdist: Path) -> None:
@@ -83,12 +117,9 @@ def check_installed(work: Path, python: str, sdist: Path, bare: str) -> None:
         ("the sdist without a compiler", sdist, False),
     ):
         began_s = time.monotonic()
-        there = environment(work / f"{version}-{source.suffix[1:]}", python)
-        pip = [there, "-m", "pip", "install", "--quiet", "--no-cache-dir"]
-        run(there, "-m", "pip", "install", "--quiet", "pytest", "numpy", "eclipse-zenoh", "click",
-            "msgpack", "PyYAML", "hypothesis")  # fmt: skip
+        there = environment(work / f"{version}-{source.suffix[1:]}", python, "pytest", *NEEDED)
         installed_s = time.monotonic()
-        run(*pip, source, PATH=bare)
+        run(there, "-m", "pip", "install", "--quiet", "--no-cache-dir", source, PATH=bare)
         taken_s = time.monotonic() - installed_s
         said = run(there, "-m", "tfbus", "--version", cwd=work)
         if ("runs without its compiled kernel" in said) == is_compiled:
@@ -100,6 +131,24 @@ def check_installed(work: Path, python: str, sdist: Path, bare: str) -> None:
             f"passes its tests ({time.monotonic() - began_s:.0f} s in all)",
             flush=True,
         )
+
+
+def check_other_zenohs(work: Path) -> None:
+    """Older releases of Zenoh and this one talk to each other; needs `make test`'s environment."""
+    tests = HERE / ".venv" / "bin" / "python"
+    if not tests.exists():
+        print("Older releases of Zenoh: not tested, there is no .venv (make test)")
+        return
+    others = [
+        environment(
+            work / f"zenoh-{version}", sys.executable, f"eclipse-zenoh=={version}", "msgpack"
+        )
+        for version in OTHER_ZENOHS
+    ]
+    file = "tests/processes/test_other_releases.py"
+    joined = os.pathsep.join(map(str, others))
+    run(tests, "-m", "pytest", "-q", file, cwd=HERE, TFBUS_OTHER_ZENOH=joined)
+    print(f"Zenoh {' and '.join(OTHER_ZENOHS)}: peers of theirs and ours understand each other")
 
 
 def environment(folder: Path, python: str, *packages: str) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.live_bus import Bus, eventually, keep_sending, send_static
+from tests.live_bus import Bus, eventually, free_port, keep_sending, send_static
 from tfbus import Buffer, TransformListener
 from tfbus.messages import Spawn
 
@@ -16,8 +16,13 @@ RELEASES = sorted((HERE / "wire" / "frozen").glob("*.json"))
 PYTHONS = [sys.executable, *filter(None, os.environ.get("TFBUS_OTHER_ZENOH", "").split(":"))]
 
 
+every_python = pytest.mark.parametrize(
+    "python", PYTHONS, ids=lambda path: Path(path).parents[1].name
+)
+
+
 @pytest.mark.parametrize("release", RELEASES, ids=lambda path: path.stem)
-@pytest.mark.parametrize("python", PYTHONS, ids=lambda path: Path(path).parents[1].name)
+@every_python
 def test_a_peer_of_another_release_is_understood(bus: Bus, release: Path, python: str) -> None:
     """Its dynamic and static transforms, its token, description and service arrive here; ours
     arrive there, also the static ones that were sent before it came.
@@ -45,3 +50,23 @@ def test_a_peer_of_another_release_is_understood(bus: Bus, release: Path, python
     assert node.create_client(Spawn, "spawn").call(Spawn.Request(1.0, 2.0)).name == "a text"
     peer.kill()
     eventually(lambda: not any(s.alive for s in listener.streams() if s.name == "sim"))
+
+
+@every_python
+def test_a_router_of_another_release_passes_everything_on(bus: Bus, python: str) -> None:
+    """Dynamic transforms, and static ones that were sent before the listener came."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    program = str(HERE / "processes" / "plain_router.py")
+    router = bus.start_command([python, "-I", program, endpoint])
+    router.wait_for_line("ready eclipse-zenoh")
+    sender = bus.node("sender", mode="client", connect=(endpoint,), config="")
+    send_static(sender, "world", "house")
+    keep_sending(sender, "world", "robot")
+    receiver = bus.node("receiver", mode="client", connect=(endpoint,), config="")
+    buffer = Buffer()
+    listener = TransformListener(buffer, receiver)
+    for child in ("house", "robot"):
+        eventually(lambda child=child: buffer.can_transform("world", child))
+    eventually(lambda: [stream.name for stream in listener.streams() if stream.alive])
+    sender.close()
+    eventually(lambda: not [stream.name for stream in listener.streams() if stream.alive])

@@ -61,13 +61,19 @@ def check_all() -> None:
         (sdist,) = dist.glob("*.tar.gz")
         (wheel,) = dist.glob("*.whl")
         check_sdist(clone, sdist)
-        run(tools, "-m", "build", "--wheel", "--outdir", work / "from_clone", clone)
+        # Compiled modules come all or none: without them this takes no time.
+        run(tools, "-m", "build", "--wheel", "--outdir", work / "from_clone", clone,
+            TFBUS_PURE_PYTHON="1")  # fmt: skip
         (other,) = (work / "from_clone").glob("*.whl")
-        same(files_in(wheel), files_in(other), "the wheel of the sdist", "that of the clone")
+        ours = files_in(wheel)
+        compiled = {name for name in ours if name.endswith((".so", ".pyd"))}
+        same(ours - compiled, files_in(other), "the wheel of the sdist", "that of the clone")
+        if not compiled:
+            sys.exit(f"{wheel.name} has no compiled modules: is there a compiler?")
         check_policy(tools, wheel)
         bare = without_compiler(work / "bin")
         for python in pythons():
-            check_installed(work, python, sdist, bare)
+            check_installed(work, python, sdist, wheel, bare)
         check_other_zenohs(work)
     print("All of it holds.")
 
@@ -106,13 +112,14 @@ def check_policy(tools: Path, wheel: Path) -> None:
     print(f"{wheel.name}: {POLICY}*")
 
 
-def check_installed(work: Path, python: str, sdist: Path, bare: str) -> None:
+def check_installed(work: Path, python: str, sdist: Path, wheel: Path, bare: str) -> None:
     """The tests of what is installed: a wheel of this Python, and the sdist without a compiler."""
     version = run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
-    wheels = work / f"wheels{version}"
-    builder = environment(work / f"builder{version}", python)
-    run(builder, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", wheels, sdist)
-    (wheel,) = wheels.glob("tfbus-*.whl")
+    if f"-cp{version.replace('.', '')}-" not in wheel.name:
+        wheels = work / f"wheels{version}"
+        builder = environment(work / f"builder{version}", python)
+        run(builder, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", wheels, sdist)
+        (wheel,) = wheels.glob("tfbus-*.whl")
     for what, source, is_compiled in (
         ("the wheel", wheel, True),
         ("the sdist without a compiler", sdist, False),

@@ -1,16 +1,19 @@
-# demo, test, check, sanitize, docs, bench: each sets up what it needs, in .venv (bench: .venv-bench).
+# demo, test, check, sanitize, docs, release-check, bench: each sets up what it needs, in .venv
+# (bench: .venv-bench).
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?= 0
 
-.PHONY: demo test check types sanitize docs pictures docs-api bench clean
+.PHONY: demo test check types sanitize docs pictures docs-api release-check bench clean
 
+# The first demo does not wait for the compiler.
 demo: $(VENV)/demo.stamp
-	$(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
+	@$(BIN)/python scripts/environment.py run \
+	  $(BIN)/tfbus launch demo view:=true $(if $(filter-out 0,$(SECONDS)),--for $(SECONDS))
 
-test: $(VENV)/dev.stamp
+test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 3 $(ARGS)
 
 check: $(VENV)/dev.stamp
@@ -22,7 +25,7 @@ types: $(VENV)/dev.stamp
 	$(BIN)/mypy -p tfbus -p nodes
 
 # The buffer's tests and a fuzz of it in a build that reports every undefined operation of C.
-sanitize: $(VENV)/dev.stamp
+sanitize: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python tests/sanitized.py $(ARGS)
 
 # The site, in build/site/html; a broken link fails.
@@ -37,6 +40,10 @@ pictures: $(VENV)/dev.stamp
 docs-api: $(VENV)/dev.stamp
 	$(BIN)/python -m docs.api
 	$(BIN)/python -m docs.commands
+
+# The sdist, wheels, and the package as it is installed, on each Python that is there; some minutes.
+release-check: $(VENV)/dev.stamp
+	$(PYTHON) scripts/release_check.py $(ARGS)
 
 # The peers have an environment of their own, of the newest Python there is: schiebung wants 3.12.
 bench: $(VENV)-bench/bench.stamp
@@ -58,13 +65,15 @@ clean:
 # An extra of pyproject.toml, installed: demo.stamp stands for [sim,view], dev.stamp for [dev].
 $(VENV)/demo.stamp: EXTRA := sim,view
 $(VENV)/dev.stamp: EXTRA := dev
-# [dev] holds all of [sim,view]: the demo needs no second build after it.
+# [dev] holds all of [sim,view].
 $(VENV)/dev.stamp: ALSO := $(VENV)/demo.stamp
-$(VENV)/%.stamp: pyproject.toml setup.py | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[$(EXTRA)]'
-	touch $@ $(ALSO)
-
-$(BIN)/python:
+$(VENV)/%.stamp: pyproject.toml scripts/environment.py
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "tfbus needs Python 3.11 or newer: make $(MAKECMDGOALS) PYTHON=python3.11"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) scripts/environment.py packages $(EXTRA)
+	@touch $@ $(ALSO)
+
+# The compiled modules, in place; those whose sources did not change stay.
+$(VENV)/kernel.stamp: setup.py $(wildcard tfbus/*/*.p*) | $(VENV)/dev.stamp
+	@$(BIN)/python scripts/environment.py kernel
+	@touch $@

@@ -1,5 +1,6 @@
 """The build: every extension, or none; and sources that are not installed."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -48,6 +49,26 @@ def test_one_extension_that_fails_leaves_all_out(tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert "without its compiled kernel" in done.stdout + done.stderr
     assert [*tmp_path.rglob("*.so"), *tmp_path.rglob("*.pyd")] == []
+    assert "bad.c" in (tmp_path / "tfbus" / "not_compiled.txt").read_text()
+
+
+def test_a_failed_compiler_is_said_at_the_import(tmp_path: Path):
+    """pip hides what a build says, so that `import tfbus` has to: why, and the way out."""
+    shutil.copytree(
+        HERE / "tfbus", tmp_path / "tfbus", ignore=shutil.ignore_patterns("*.so", "*.pyd", "__py*")
+    )
+    shutil.copytree(HERE / "nodes", tmp_path / "tfbus" / "nodes")
+    (tmp_path / "tfbus" / "not_compiled.txt").write_text("command 'gcc' failed")
+    done = subprocess.run(
+        [sys.executable, "-c", "import tfbus; tfbus.Buffer(); tfbus.Buffer()"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("InterpretedWarning: ") == 1
+    assert ": command 'gcc' failed. Install a C compiler" in done.stderr
 
 
 def test_the_tfbus_under_test_is_installed():

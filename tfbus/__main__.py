@@ -3,6 +3,7 @@
 import io
 import signal
 import sys
+import warnings
 
 
 def main() -> None:
@@ -16,16 +17,20 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     # `tfbus launch` holds back from its nodes what comes before this line.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     # A letter that the terminal's encoding lacks, or half of one on the command line, is printed as
     # an escape instead of a traceback.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    from tfbus.runtime.interpreted import InterpretedWarning
     from tfbus.runtime.sources import why_not_installed
 
     if mistake := why_not_installed():
         sys.exit(f"Error: {mistake}")
+    # `tfbus --version` and `tfbus doctor` say it, in place of every process.
+    warnings.simplefilter("ignore", InterpretedWarning)
     from tfbus.cli import main as command_line  # click and more: 60 ms
 
     command_line()

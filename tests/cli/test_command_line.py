@@ -8,12 +8,14 @@ import sys
 import click
 import pytest
 
+import tfbus
 from tests.live_bus import Bus, Process, eventually, free_port
 from tfbus import GoalHandle
 from tfbus.bus.handles import Declaration
 from tfbus.bus.query import Query
 from tfbus.cli import NODES, TOOLS, main
 from tfbus.messages import RotateAbsolute, SetPen, Spawn, TeleportRelative
+from tfbus.runtime.version import version_and_origin
 from tfbus.wire.codec import encode_map
 
 _RESULT = RotateAbsolute.Result(-1.5)
@@ -354,8 +356,10 @@ class TestCommands:
         ]
 
     def test_version(self, bus: Bus) -> None:
-        """`tfbus --version` prints the version."""
-        assert run(bus, "--version") == (0, ["tfbus 0.1.0"], [])
+        """`tfbus --version` prints the version, and of a clone the commit."""
+        code, (version, *_), err = run(bus, "--version")
+        assert (code, version, err) == (0, f"tfbus {version_and_origin()}", [])
+        assert version.startswith(f"tfbus {tfbus.__version__}")
 
 
 class TestEnding:

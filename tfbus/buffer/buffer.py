@@ -39,6 +39,7 @@ from tfbus.geometry.transform import (
 )
 from tfbus.geometry.transform_array import TransformArray
 from tfbus.runtime.clock import SYSTEM_CLOCK
+from tfbus.runtime.interpreted import InterpretedWarning, why_interpreted
 from tfbus.runtime.signature import SourceSignature
 from tfbus.runtime.sources import why_not_installed
 
@@ -68,8 +69,11 @@ _LEAST_SAMPLES = 100_000
 # Whether the buffer is compiled, or interpreted.
 COMPILED: bool = cython.compiled
 
-if not COMPILED and (_mistake := why_not_installed()):
-    warnings.warn(_mistake, RuntimeWarning, stacklevel=2)
+if not COMPILED:
+    if _mistake := why_not_installed():
+        warnings.warn(_mistake, RuntimeWarning, stacklevel=2)
+    elif _mistake := why_interpreted():
+        warnings.warn(_mistake, InterpretedWarning, stacklevel=2)
 
 
 class Buffer:

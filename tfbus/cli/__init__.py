@@ -167,7 +167,14 @@ _CALLED_IN_ROS = {
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="To get started: tfbus launch turtle",
 )
-@click.version_option(package_name="tfbus", message="%(package)s %(version)s")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=lambda context, _, is_given: _print_version(context) if is_given else None,
+    help="Show the version and exit.",
+)
 @click.option(
     "--secure",
     type=click.Path(),
@@ -179,6 +186,17 @@ def main(secure: str | None) -> None:
     if secure:
         # Also for the processes that a command starts.
         os.environ["TFBUS_SECURE"] = os.path.abspath(secure)
+
+
+def _print_version(context: click.Context) -> None:
+    from tfbus.buffer.buffer import COMPILED
+    from tfbus.runtime.interpreted import SLOWER, why_interpreted
+    from tfbus.runtime.version import version_and_origin
+
+    click.echo(f"tfbus {version_and_origin()}")
+    if not COMPILED:
+        click.echo(why_interpreted() or f"The buffer is interpreted: {SLOWER}.")
+    context.exit()
 
 
 def entry_points() -> dict[str, Any]:

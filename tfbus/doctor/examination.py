@@ -18,7 +18,8 @@ class Host:
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
-    `listens_beyond` are the endpoints that other hosts can reach.
+    `listens_beyond` are the endpoints that other hosts can reach. `why_interpreted` is why the
+    compiler failed, where it did.
     """
 
     versions: Mapping[str, str]
@@ -28,6 +29,7 @@ class Host:
     routers: int
     unreachable: Mapping[str, str] = field(default_factory=dict)
     listens_beyond: tuple[str, ...] = ()
+    why_interpreted: str = ""
 
 
 @dataclass(frozen=True)

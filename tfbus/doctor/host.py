@@ -13,8 +13,10 @@ from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.bus.zenoh_config import has_scouting, listens_beyond_loopback, zenoh_config
 from tfbus.doctor.examination import Host
+from tfbus.runtime.interpreted import why_interpreted
+from tfbus.runtime.version import version_and_origin
 
-_PACKAGES = ("tfbus", "eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
+_PACKAGES = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
 _CONNECT_WITHIN_S = 2.0
 _SCOUT_S = 1.5
 
@@ -24,9 +26,11 @@ def examine_host(settings: NodeSettings, routers: int) -> Host:
     return Host(
         versions={
             "Python": platform.python_version(),
+            "tfbus": version_and_origin(),
             **{name: _version(name) for name in _PACKAGES},
         },
         is_compiled=COMPILED,
+        why_interpreted="" if COMPILED else why_interpreted(),
         interfaces=tuple(interfaces()),
         scouted=_is_scouted(settings),
         routers=routers,

@@ -2,6 +2,7 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, found, ok, skipped
+from tfbus.runtime.interpreted import SLOWER
 from tfbus.wording import counted
 
 _NEEDED = ("eclipse-zenoh", "numpy", "msgpack", "click", "PyYAML")
@@ -14,7 +15,7 @@ def check_install(seen: Examination) -> Finding:
     """tfbus and what it needs are installed."""
     versions = seen.host.versions
     missing = [f"{name} is not installed" for name in _NEEDED if not versions.get(name)]
-    fine = f"tfbus {versions.get('tfbus', '?')} on Python {versions.get('Python', '?')}"
+    fine = f"tfbus {versions.get('tfbus') or '?'} on Python {versions.get('Python', '?')}"
     return found("fail", missing, "pip install tfbus", fine)
 
 
@@ -24,7 +25,7 @@ def check_kernel(seen: Examination) -> Finding:
         return ok("the buffer is compiled")
     return Finding(
         "warn",
-        ("the buffer is interpreted: lookups take about 70 times as long",),
+        (seen.host.why_interpreted or f"the buffer is interpreted: {SLOWER}",),
         "reinstall tfbus with a C compiler present, without TFBUS_PURE_PYTHON",
     )
 

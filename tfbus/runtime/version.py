@@ -20,3 +20,11 @@ def installed_version() -> str:
     from importlib.metadata import version
 
     return version("tfbus")
+
+
+def version_and_origin() -> str:
+    """For people, as in "0.1.0 (clone at 1a2b3c4, changed)"; asks git where there is a clone."""
+    from tfbus.runtime.clone import commit_of_clone  # subprocess: 8 ms
+
+    origin = commit_of_clone()
+    return installed_version() + (f" ({origin})" if origin else "")

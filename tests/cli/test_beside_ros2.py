@@ -50,3 +50,9 @@ def test_a_tool_is_silent_about_ros_2(beside: Bus, arguments: list[str], shown: 
     assert (done.returncode, logged) == (0, [])
     assert shown in done.stdout
     assert "dds_" not in done.stdout and "bot1" not in done.stdout
+
+
+def test_top_shows_streams_alone(beside: Bus) -> None:
+    """As the other tools, in a terminal."""
+    shown = beside.run_in_terminal("top", "--fleet", until="robot7/laser")
+    assert "dds_" not in shown and "bot1" not in shown and "Dropped" not in shown

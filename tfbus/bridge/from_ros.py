@@ -449,6 +449,8 @@ class FromRos:
         if bridge is not None:
             # It comes from this bus.
             if self._bridges.is_senior(bridge):
+                if len(self._of_seniors_s) >= _MOST_STATICS:
+                    self._of_seniors_s.clear()
                 self._of_seniors_s[child] = self._clock_s()
             return False
         if not self._options.from_ros or not self._options.takes(child):

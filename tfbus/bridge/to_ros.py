@@ -171,9 +171,8 @@ class ToRos:
 
     def reconsider(self) -> None:
         """What is on the bus, or in ROS, has changed."""
-        for routes in [*self._routes.values()]:
-            routes.forget()
         with self._lock:
+            self._routes.clear()
             left = [child for child, of in self._going.items() if not self._bus.is_there(of)]
             for child in left:
                 del self._going[child]

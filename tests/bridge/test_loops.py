@@ -162,6 +162,35 @@ def eventually_once(late: TfNode, child: str, send: object) -> None:
     eventually(comes_once)
 
 
+@pytest.mark.parametrize("ways", [("to_ros", "from_ros"), ("to_ros", "to_ros")])
+def test_bridges_of_one_direction_each(
+    ways: tuple[str, str],
+    ros: FakeRos,
+    bridged: Bridged,
+    sender: Node,
+    receiver: Node,
+) -> None:
+    """One to ROS and one from it are as good as one of both; of two to ROS one sends."""
+    buffer = Buffer()
+    with TransformListener(buffer, receiver) as listener:
+        robot, rviz = TfNode(ros, "robot"), TfNode(ros, "rviz")
+        numbers = iter(range(1, 100_000))
+        broadcaster = TransformBroadcaster(sender)
+
+        def send() -> None:
+            broadcaster.send_transform(at(1.0, "of_bus", next(numbers) * S // 100))
+            robot.broadcast(at(1.0, "of_ros", next(numbers) * S // 100))
+
+        for number, way in enumerate(ways):
+            bridged(f"bridge_{number}", **{"to_ros": False, "from_ros": False, way: True})
+        send_until(send, lambda: "of_bus" in rviz.frames_heard())
+        if "from_ros" in ways:
+            send_until(send, lambda: "of_ros" in buffer.frames())
+        eventually_once(rviz, "of_bus", send)
+        assert streams_with(listener, "of_bus") == {"sender"}
+        assert not repeated(rviz, "of_ros")
+
+
 def test_bridges_of_two_robots_exchange_frames(
     bus: Bus, ros: FakeRos, other_ros: FakeRos, bridged: Bridged
 ) -> None:

@@ -40,3 +40,12 @@ def test_a_description_with_a_name_that_cannot_be_shown_is_refused(field: str, n
     values = {"v": 1, "node": "/node", "epoch": 1, "frames": [], field: name}
     with pytest.raises(DecodeError, match=f"field '{field}' is 'a"):
         read_description(msgpack.packb(values))
+
+
+def test_the_origin_of_a_stream_is_known_where_it_is_said() -> None:
+    """The publishers of ROS that it stands for; older processes do not say any."""
+    told = encode_message(description([], host="h", origin=("ab", "cd")))
+    assert read_description(told)[0].origin == ("ab", "cd")
+    values = msgpack.unpackb(told)
+    del values["origin"]
+    assert read_description(msgpack.packb(values))[0].origin == ()

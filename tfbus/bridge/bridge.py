@@ -114,6 +114,8 @@ class Bridge:
             self._from_ros.listen(self._dynamic, self._static)
         self._started_s = time.monotonic()
         self._said: dict[str, bool] = {}
+        # The sessions of other bridges between this bus and this ROS.
+        self._met: set[str] = set()
         self._seen: dict[str, tuple[dict[str, int], int]] = {}
         self._is_built = True
         self._timer = self._executor.every(_LOOK_EVERY_S, self._look)
@@ -175,8 +177,10 @@ class Bridge:
         for other in self._bridges.others if self._is_built else ():
             if not any(gid in there for gid in other.gids):
                 continue
-            self._once.warning(
-                ("bridge", other.session),
+            if other.session in self._met:
+                continue
+            self._met.add(other.session)
+            self._node.log.warning(
                 "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
                 "frame crosses by the one that was started first",
                 printable(other.node, 60),
@@ -202,9 +206,8 @@ class Bridge:
 
     def _meet_new_bridges(self) -> None:
         there = self._publishers.nodes
-        met = self._once.counts
         if any(
-            ("bridge", other.session) not in met and any(gid in there for gid in other.gids)
+            other.session not in self._met and any(gid in there for gid in other.gids)
             for other in self._bridges.others
         ):
             self._meet_bridges()

@@ -7,8 +7,9 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tfbus.errors import DecodeError
+from tfbus.errors import DecodeError, RightsError
 from tfbus.node.node import Node
+from tfbus.node.topic import Publisher
 from tfbus.wire.codec import decode_message
 
 TOPIC = "ros_bridges"
@@ -44,8 +45,12 @@ class Bridges:
         self._on_change = on_change
         self._lock = threading.Lock()
         self._others: dict[str, RosBridge] = {}
-        self._publisher = node.create_publisher(RosBridge, TOPIC, retained=True)
-        self._publisher.publish(own)
+        self._publisher: Publisher[RosBridge] | None = None
+        try:
+            self._publisher = node.create_publisher(RosBridge, TOPIC, retained=True)
+            self._publisher.publish(own)
+        except RightsError as error:
+            node.log.warning("Other bridges do not know of this one: %s", error)
         self._subscription = node.create_raw_subscription(
             TOPIC, self._on_message, type_name=RosBridge.__name__, retained=True
         )
@@ -69,12 +74,14 @@ class Bridges:
         """Tell the others, where that is new."""
         if own != self._own:
             self._own = own
-            self._publisher.publish(own)
+            if self._publisher is not None:
+                self._publisher.publish(own)
 
     def close(self) -> None:
         """Tell and hear nothing more. Twice is fine."""
         self._subscription.close()
-        self._publisher.close()
+        if self._publisher is not None:
+            self._publisher.close()
 
     def _on_message(self, payload: bytes) -> None:
         try:

@@ -118,6 +118,7 @@ class FromRos:
         # Frames that a bridge of this bus, which was there first, sends to ROS: when last.
         self._of_seniors_s: dict[str, float] = {}
         self._alone_looks = 0
+        self._standing_by: set[str] = set()
         self._is_closed = False
         self._subscriptions: list[Closing] = []
 
@@ -172,8 +173,7 @@ class FromRos:
         with self._lock:
             if self._is_closed:
                 return
-            for gid in gone:
-                self._lose(gid)
+            self._lose(gone)
             self._look_for_unknown()
             self._look_whether_alone()
             for source in self._sources.values():
@@ -209,9 +209,11 @@ class FromRos:
 
     def _other_bridge_of(self, stream: RosStream) -> str:
         other = self._bus.imported_by_another(stream.gids - {""}, stream.since)
-        if other:
-            self._once.info(
-                ("other bridge", stream.name),
+        if not other:
+            self._standing_by.discard(stream.name)
+        elif stream.name not in self._standing_by:
+            self._standing_by.add(stream.name)
+            self._node.log.info(
                 "Stream %r of another bridge brings what this one would as %r: it stands by",
                 other,
                 stream.name,
@@ -268,20 +270,25 @@ class FromRos:
         self._say_origins()
         return source
 
-    def _lose(self, gid: str) -> None:
-        """A publisher is gone; what others of the same node have sent goes on in a new epoch."""
-        self._unknown.pop(gid, None)
-        source = self._sources.get(gid)
-        if source is not None:
-            self._drop(gid)
+    def _lose(self, gids: Collection[str]) -> None:
+        """Publishers are gone; what others of the same node send goes on in a new epoch."""
+        lost: dict[str, tuple[_Source, set[str]]] = {}
+        for gid in gids:
+            self._unknown.pop(gid, None)
+            source = self._sources.get(gid)
+            if source is not None:
+                self._drop(gid)
+                _, children = lost.setdefault(source.stream.name, (source, set()))
+                children |= source.children
+        for source, children in lost.values():
             if source.stream.gids:
                 source.stream.close()
-            else:
+            elif children:
                 self._lines.warning(
                     ("gone", source.node),
                     "%s is gone; its last transforms stay, marked as gone: %s",
                     source,
-                    name_some(sorted(source.children)),
+                    name_some(sorted(children)),
                 )
 
     def _drop(self, gid: str) -> None:
@@ -442,6 +449,8 @@ class FromRos:
         if bridge is not None:
             # It comes from this bus.
             if self._bridges.is_senior(bridge):
+                if len(self._of_seniors_s) >= _MOST_STATICS:
+                    self._of_seniors_s.clear()
                 self._of_seniors_s[child] = self._clock_s()
             return False
         if not self._options.from_ros or not self._options.takes(child):

@@ -171,9 +171,8 @@ class ToRos:
 
     def reconsider(self) -> None:
         """What is on the bus, or in ROS, has changed."""
-        for routes in [*self._routes.values()]:
-            routes.forget()
         with self._lock:
+            self._routes.clear()
             left = [child for child, of in self._going.items() if not self._bus.is_there(of)]
             for child in left:
                 del self._going[child]
@@ -232,10 +231,18 @@ class ToRos:
             lambda name: in_ros[name] or name,
             lambda parent, child: goes and self._crosses(parent, child, in_ros),
         )
+        for child in rows.children() - set(found.children):
+            self._stays(child, stream)
         for child in found.children:
             self._going[child] = stream
         is_contested = self._crossed.note("to ROS", found.children)
         return Route(found.frames, found.rows, found.children, is_contested)
+
+    def _stays(self, child: str, stream: str) -> None:
+        """A frame of a stream does not go, or no longer."""
+        if self._going.get(child) == stream:
+            del self._going[child]
+            self._crossed.stays("to ROS", (child,))
 
     def _goes(self, stream: str) -> bool:
         goes = self._bus.goes_to_ros(stream)
@@ -321,6 +328,8 @@ class ToRos:
             ):
                 crossing[child] = transform
                 self._going[child] = stream
+            elif is_it:
+                self._stays(child, stream)
         self._crossed.note("to ROS", crossing)
         return crossing
 

@@ -154,19 +154,3 @@ def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
     for topic, child in ((TF, "second_moving"), (TF_STATIC, "second_fixed")):
         scene.late.wait_for(topic, child)
     assert second.process.stop(signal.SIGINT) == 0
-
-
-@pytest.mark.parametrize("distro", DISTROS)
-def test_a_host_is_asked_where_multicast_does_not_reach(distro: str) -> None:
-    """With the address of a host of ROS both have each other's frames without multicast."""
-    network = Ros2Network("dds", distro)
-    try:
-        network.hosts.set_multicast("desk", on=False)
-        leg = network.start_leg("leg_moving", "leg_fixed", network.hosts.address["robot"])
-        node = network.start_node("node", "--tf", "node_moving", "--static", "node_fixed")
-        leg.wait_for(TF, "node_moving")
-        leg.wait_for(TF_STATIC, "node_fixed")
-        node.wait_for(TF, "leg_moving")
-        node.wait_for(TF_STATIC, "leg_fixed")
-    finally:
-        network.close()

@@ -77,8 +77,8 @@ def _discovery(peers: Sequence[str]) -> str:
     if not peers:
         return ""
     listed = "".join(f"<Peer Address={quoteattr(each)}/>" for each in peers)
-    # At a port that others try when they ask this host. Hosts are asked again and again, for as long
-    # as there is no ROS on them: Cyclone would give up after 30 s.
+    # At a port that others try when they ask this host. Hosts are asked for as long as there is no
+    # ROS on them: Cyclone would give up after 30 s.
     settings = (
         "<ParticipantIndex>auto</ParticipantIndex>"
         "<SPDPInterval>2 s</SPDPInterval>"

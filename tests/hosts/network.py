@@ -53,6 +53,14 @@ class Hosts:
         """Drop all that the host sends, or none of it."""
         _set_dropping(self._space[host], "eth0", mute)
 
+    def set_multicast(self, host: str, *, on: bool) -> None:
+        """Carry packets for many to and from the host, or drop them."""
+        # From the host, the only one that is asked for it; to the host, as an access point may.
+        bridge = self._space[BRIDGE]
+        state = "on" if on else "off"
+        _ip("-n", bridge, "link", "set", host, "type", "bridge_slave", "mcast_flood", state)
+        _ip("-n", self._space[host], "link", "set", "eth0", "multicast", state)
+
     def close(self) -> None:
         """Take the network down; processes on it are ended by who started them."""
         for space in self._space.values():

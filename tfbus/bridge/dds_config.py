@@ -77,9 +77,14 @@ def _discovery(peers: Sequence[str]) -> str:
     if not peers:
         return ""
     listed = "".join(f"<Peer Address={quoteattr(each)}/>" for each in peers)
-    # At a port that others try when they ask this host.
-    index = "<ParticipantIndex>auto</ParticipantIndex>"
-    return f"<Discovery>{index}<Peers>{listed}</Peers></Discovery>"
+    # At a port that others try when they ask this host. Hosts are asked for as long as there is no
+    # ROS on them: Cyclone would give up after 30 s.
+    settings = (
+        "<ParticipantIndex>auto</ParticipantIndex>"
+        "<SPDPInterval>2 s</SPDPInterval>"
+        "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
+    )
+    return f"<Discovery>{settings}<Peers>{listed}</Peers></Discovery>"
 
 
 _ALWAYS = _domain(

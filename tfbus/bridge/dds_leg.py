@@ -219,10 +219,11 @@ class DdsLeg:
         return subscription
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """The publishers of a topic that are there now."""
+        """The publishers of a topic that are there now, each once its node is known."""
         return [
-            RosPublisher(each.gid, self._watch.node_of(each))
+            RosPublisher(each.gid, node)
             for each in self._watch.writers(dds_topic(topic))
+            if (node := self._watch.node_of(each)) or self._watch.is_nameless(each)
         ]
 
     def warnings(self) -> Sequence[str]:

@@ -1,6 +1,7 @@
 """Who publishes in DDS: writers as they come and go, and the nodes of ROS that they are of."""
 
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,9 @@ ANY = ViewState.Any | InstanceState.Any | SampleState.Any
 # A message may come after its writer is gone. Of so many such writers the gids are known.
 _MOST_GONE = 1000
 
+# The name of a node comes shortly after its writer, if it comes.
+_NAMELESS_S = 2.0
+
 
 @dataclass(frozen=True)
 class Writer:
@@ -31,6 +35,7 @@ class Writer:
     type: str
     is_reliable: bool
     is_retained: bool
+    since_s: float
 
 
 class DdsWatch:
@@ -81,6 +86,10 @@ class DdsWatch:
         with self._lock:
             return self._names.get(writer.participant, {}).get(writer.gid, "")
 
+    def is_nameless(self, writer: Writer) -> bool:
+        """Whether a writer has told no name for so long that none will come."""
+        return time.monotonic() > writer.since_s + _NAMELESS_S
+
     @property
     def sees_ros(self) -> bool:
         """Whether another participant has told of its nodes."""
@@ -103,6 +112,7 @@ class DdsWatch:
                 sample.type_name,
                 qos[Policy.Reliability] != Policy.Reliability.BestEffort,
                 qos[Policy.Durability] != Policy.Durability.Volatile,
+                time.monotonic(),
             )
 
     def _drop(self, handle: int) -> None:

@@ -32,6 +32,10 @@ except ImportError as error:
 # All publishers together are behind one subscription: each of their last messages must fit.
 _LEAST_READER_DEPTH = 100
 
+# In the place of the name of a node.
+_NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
+_OF_NO_NODE = "_CREATED_BY_BARE_DDS_APP_"
+
 # Own messages that have not come back yet, where they can only be told by what is in them.
 _MOST_OWN = 1000
 
@@ -199,11 +203,11 @@ class RclpyLeg:
         return subscription
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """The publishers of a topic that are there now."""
+        """The publishers of a topic that are there now, each once ROS knows its node."""
         return [
             RosPublisher(_gid(each.endpoint_gid), _node_name(each))
             for each in self._endpoints(topic)
-            if not self._is_own_node(each)
+            if not self._is_own_node(each) and each.node_name != _NOT_YET_KNOWN
         ]
 
     def warnings(self) -> Sequence[str]:
@@ -334,9 +338,7 @@ def _tells_publishers() -> bool:
 
 def _node_name(endpoint: Any) -> str:
     """The full name of a node, "" of one that ROS has no name of."""
-    if not endpoint.node_name or endpoint.node_name.startswith("_NODE_NAME_UNKNOWN"):
-        return ""
-    if endpoint.node_name == "_CREATED_BY_BARE_DDS_APP_":
+    if endpoint.node_name in ("", _NOT_YET_KNOWN, _OF_NO_NODE):
         return ""
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 

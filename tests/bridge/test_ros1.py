@@ -133,13 +133,18 @@ def test_a_robot_of_ros_is_on_the_bus(bus: Bus, ros: Ros1) -> None:
 
 
 def test_topics_cross_without_an_echo(bus: Bus, ros: Ros1) -> None:
-    """Both sides publish one topic; each gets the other's messages alone."""
+    """Both sides publish one topic; each gets the other's messages alone. A second bridge of the
+    same name does not push the first out.
+    """
     node = bus.node("here")
     heard: set[float] = set()
     publisher = node.create_publisher(Twist, "cmd_vel")
     other = bus.node("other")
     other.create_subscription(Twist, "cmd_vel", lambda twist: heard.add(twist.linear.x))
     ros.bridge()
+    second = bus.run("ros1", env=ros.env)
+    assert second.returncode == 1
+    assert "ROS has a node /tfbus_ros1 already" in second.stderr
     there = ros.node("there", "twist", "2.0")
     send_until(lambda: publisher.publish(Twist(Vector3(x=1.0))), lambda: heard == {1.0, 2.0})
     there.wait_for_line("heard 1.0 from /tfbus_ros1")

@@ -1,7 +1,9 @@
 """Joint states and descriptions of robots, which ROS has under its own names."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -68,6 +70,50 @@ def test_what_ros_cannot_hold_is_kept_as_it_is(values: dict[str, object]) -> Non
     codec, data = MessageCodecs().encode("JointState", values)
     assert codec.definition.name != JOINT_STATE.name
     assert codec.decode(data) == values
+
+
+POSE = messages.PoseStamped(7_000_000_005, "map", messages.Vector3(1.0, 2.0), (0.0, 0.0, 0.6, 0.8))
+ODOM = messages.Odometry(
+    7_000_000_005,
+    "odom",
+    "base_link",
+    messages.Vector3(1.5),
+    twist=messages.Twist(messages.Vector3(x=0.5)),
+    pose_covariance=(0.25, *[0.0] * 34, 0.5),
+)
+
+
+@pytest.mark.parametrize("message", [POSE, ODOM], ids=lambda message: type(message).__name__)
+def test_poses_and_odometry_come_back(message: object) -> None:
+    """As types of ROS, with every field."""
+    name = type(message).__name__
+    codec, data = MessageCodecs().encode(name, as_map(message))
+    assert codec.definition == COUNTERPARTS[name].definition
+    assert codec.decode(data) == as_map(message)
+
+
+def test_ros_reads_odometry() -> None:
+    """An Odometry is a nav_msgs/msg/Odometry of ROS 2, field by field."""
+    _, data = MessageCodecs().encode("Odometry", as_map(ODOM))
+    read = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(data, "nav_msgs/msg/Odometry")
+    assert (read.header.frame_id, read.child_frame_id) == ("odom", "base_link")
+    assert (read.pose.pose.position.x, read.pose.pose.orientation.w) == (1.5, 1.0)
+    assert (read.pose.covariance[0], read.pose.covariance[35]) == (0.25, 0.5)
+    assert read.twist.twist.linear.x == 0.5
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"quat_xyzw": (0.0, 0.0, 0.0, 0.0)}, "must be a unit quaternion"),
+        ({"pose_covariance": (0.0,)}, "must be 36 numbers, not 1"),
+        ({"stamp_ns": -1}, "must be nanoseconds"),
+    ],
+)
+def test_odometry_says_what_is_wrong(given: dict[str, Any], said: str) -> None:
+    """A value that cannot be is named."""
+    with pytest.raises(ValueError, match=said):
+        replace(ODOM, **given)
 
 
 @given(texts, texts, texts)

@@ -36,7 +36,8 @@ _DONE = 1
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     """Join ROS 1: `connect` has the URI of its master, or is () for that of ROS_MASTER_URI.
 
-    Waits for the master, and says so. Raises TfbusError where rospy is not there.
+    Waits for the master, and says so. Raises TfbusError where rospy is not there, or where ROS has
+    a node of this name.
     """
     if settings.connect:
         os.environ["ROS_MASTER_URI"] = settings.connect[0]
@@ -45,6 +46,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     os.environ["ROS_NAMESPACE"] = f"/{settings.namespace}"
     rospy = _imported_rospy()
     _wait_for_master(master, settings.full_name, log)
+    _check_name_is_free(master, settings.full_name)
     level, handlers = log.level, list(logging.getLogger().handlers)
     # Signals and time are the node's affair; what rospy logs goes to its own file.
     rospy.init_node(
@@ -87,6 +89,18 @@ def _wait_for_master(master: str, caller: str, log: logging.Logger) -> None:
                 log.warning("Waiting for the ROS master at %s (%s)", master, error)
             said = True
         time.sleep(_LOOK_EVERY_S / 2)
+
+
+def _check_name_is_free(master: str, name: str) -> None:
+    """ROS would end the node that has the name already."""
+    try:
+        uri = _Master(master, name).call("lookupNode", name)
+        pid = _Master(uri, name).call("getPid")
+    except (OSError, TfbusError):
+        return  # it is not there, or was killed
+    raise TfbusError(
+        f"ROS has a node {name} already (pid {pid} at {uri}): give this one another name by --name"
+    )
 
 
 class _Master:

@@ -78,6 +78,8 @@ class Around:
         """A program of the ROS side, with this on its standard input."""
         env = {name: text for name, text in os.environ.items() if not name.startswith("ZENOH_")}
         env |= {"ROS_DOMAIN_ID": "0", "PYTHONUNBUFFERED": "1"}
+        # pyzeros would write what it compiles where it runs.
+        env["CYDR_CACHE_DIR"] = str(Path(command[0]).parents[1] / "compiled")
         process = Process(["sh", "-c", 'printf %s "$0" | exec "$@"', stdin, *command], env)
         self._processes.append(process)
         return process
@@ -115,7 +117,8 @@ class TestPyzeros:
         heard = Heard()
         leg.subscribe(TF, heard.add)
         gid = process.wait_for_line("^gid ", within_s=START_S).split()[1]
-        eventually(lambda: heard)
+        # The first time it compiles how it writes an attachment.
+        eventually(lambda: heard, within_s=2 * START_S)
         assert {gid} == {each for _, each in heard}
         assert leg.publishers("/tf") == [RosPublisher(gid, "/robot1/pyzeros_node")]
         assert children(heard[0][0]) == ["pyzeros_arm"]

@@ -2,10 +2,12 @@
 
 import json
 import os
+import re
 from collections.abc import Sequence
 
 import zenoh
 
+from tfbus.bus.settings import check_endpoint
 from tfbus.bus.zenoh_errors import first_sentence
 from tfbus.errors import SettingsError
 
@@ -14,6 +16,9 @@ ROUTER = "tcp/localhost:7447"
 
 # Before an endpoint: link to other processes as well, as ROS's own do, instead of to it alone.
 _PEER = "peer:"
+
+# As Zenoh says what is wrong in JSON.
+_MESSAGE = re.compile(r'msg: "(.*?)"')
 
 # Larger messages are not read.
 LARGEST = 16 << 20
@@ -28,6 +33,8 @@ def ros_config(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
     over it. Raises SettingsError for what is no endpoint or no configuration.
     """
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
+    for each in endpoints:
+        check_endpoint(each.removeprefix(_PEER))
     values: dict[str, object] = {
         "id": session_id,
         # Late joiners order retained messages by their time.
@@ -42,16 +49,20 @@ def ros_config(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
     try:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
         for key, value in values.items():
-            what = f"endpoints {', '.join(endpoints)}" if endpoints else what
             config.insert_json5(key, json.dumps(value))
         if not endpoints:
             for key, text in _overrides():
                 what = f"ZENOH_CONFIG_OVERRIDE: {key}"
                 config.insert_json5(key, text)
     except (zenoh.ZError, OSError) as error:
-        reason = first_sentence(str(error)).splitlines()[0]
-        raise SettingsError(f"Zenoh does not take {what}: {reason}") from error
+        raise SettingsError(f"Zenoh does not take {what}: {_reason(error)}") from error
     return config
+
+
+def _reason(error: Exception) -> str:
+    text = first_sentence(str(error)).splitlines()[0]
+    said = _MESSAGE.search(text)
+    return said[1] if said else text
 
 
 def _linked(endpoints: Sequence[str]) -> dict[str, object]:

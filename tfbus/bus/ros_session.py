@@ -86,7 +86,7 @@ class RosSession:
         self.zenoh: Any = None
         self._log = log
         self._once = LogOnce(log)
-        # What is the matter while it is not open, and whether the log says so.
+        # What is the matter while it has no link, and whether it ever had none.
         self._why = ""
         self._has_missed = False
         self._lock = threading.Lock()
@@ -112,7 +112,9 @@ class RosSession:
         return "" if self.is_linked else self._why
 
     def _missing(self) -> str:
-        return f"No Zenoh router of ROS answers at {self.where}: {_HOW_TO_START}"
+        return (
+            f"No Zenoh router of ROS answers at {self.where}, tried until one does: {_HOW_TO_START}"
+        )
 
     # Opening
 
@@ -139,8 +141,6 @@ class RosSession:
         if error is not None and not is_router_missing(error):
             reason = printable(first_sentence(str(error)))
             self._why = f"Could not join ROS at {self.where}: {reason}"
-        if not self._has_missed:
-            self._log.warning("%s. Trying on", self._why)
         self._has_missed = True
 
     def _begin(self, session: zenoh.Session) -> None:

@@ -107,7 +107,7 @@ class NodeSettings:
         set_field(self, "log_level", log_level_of(self.log_level))
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):
-            _check_endpoint(endpoint)
+            check_endpoint(endpoint)
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
@@ -192,7 +192,8 @@ def _endpoints(endpoints: object, what: str) -> tuple[str, ...]:
     return found
 
 
-def _check_endpoint(endpoint: str) -> None:
+def check_endpoint(endpoint: str) -> None:
+    """Raise SettingsError for what is no endpoint of Zenoh's, as tcp/host:7447."""
     if not endpoint.isprintable():
         shown = printable(endpoint, 60)
         raise SettingsError(f"endpoint '{shown}' has a character that cannot be printed")

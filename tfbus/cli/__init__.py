@@ -65,6 +65,7 @@ NODES = {
     "mimic": "Copy the speeds of input/pose to output/cmd_vel.",
     "robot_state": "Publish the frames of a robot from its URDF and from joint states.",
     "ros1": "Bridge to ROS 1: transforms, static ones, the clock, and topics that both know.",
+    "ros2": "Bridge to ROS 2: transforms, static ones, the clock, and topics that both know.",
     "share": "Show frames of one robot to others.",
     "simulator": "Simulate turtles to drive and to watch (turtlesim).",
     "static": "Publish static transforms.",

@@ -56,6 +56,7 @@ def main(via: str, dynamic: str, static: str, *connect: str) -> None:
     for topic in (TF, TF_STATIC):
         leg.subscribe(topic, hears(topic))
     statics, sender = leg.publisher(TF_STATIC), leg.publisher(TF)
+    say(gids={TF.name: sender.gid, TF_STATIC.name: statics.gid})
     statics.send(message(static))
     seen: dict[str, Any] = {}
     while not ended.wait(PERIOD_S):

@@ -64,6 +64,7 @@ class Reporter(Node):
         endpoints = [
             {
                 "topic": topic,
+                "gid": bytes(each.endpoint_gid)[:16].hex(),
                 "node": f"{each.node_namespace.rstrip('/')}/{each.node_name}",
                 "type": each.topic_type,
                 "hash": str(each.topic_type_hash),

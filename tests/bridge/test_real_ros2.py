@@ -106,6 +106,7 @@ def test_ros_sees_type_hash_and_qos(scene: Scene, topic: str, retained: bool) ->
     """`ros2 topic info --verbose` has type, hash, QoS and node as of a node of ROS."""
     expected = {
         "topic": topic,
+        "gid": scene.leg.last("gids")[topic],
         "node": NODE,
         "type": TF_MESSAGE.name,
         "hash": type_hash(TF_MESSAGE),
@@ -143,11 +144,15 @@ def test_a_publisher_that_cannot_be_heard_is_named(scene: Scene) -> None:
 
 def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
     """A leg that ends is gone from ROS at once; the next has all again, and ROS its frames."""
-    # Of the early node and both legs.
     scene.late.wait_for(TF_STATIC, "first_fixed")
-    eventually(lambda: len(endpoints(scene.late, TF_STATIC)) == 3)
+    gid = scene.first.last("gids")[TF_STATIC]
+
+    def is_seen() -> bool:
+        return gid in [each["gid"] for each in endpoints(scene.late, TF_STATIC)]
+
+    eventually(is_seen)
     assert scene.first.process.stop(signal.SIGINT) == 0
-    eventually(lambda: len(endpoints(scene.late, TF_STATIC)) == 2, within_s=AT_ONCE_S)
+    eventually(lambda: not is_seen(), within_s=AT_ONCE_S)
     second = scene.network.start_leg("second_moving", "second_fixed")
     for topic, child in ((TF, "early_moving"), (TF_STATIC, "early_fixed")):
         second.wait_for(topic, child)

@@ -21,8 +21,9 @@ ANY = ViewState.Any | InstanceState.Any | SampleState.Any
 # A message may come after its writer is gone. Of so many such writers the gids are known.
 _MOST_GONE = 1000
 
-# The name of a node comes shortly after its writer, if it comes.
-_NAMELESS_S = 2.0
+# The name of a node comes after its writer, together with its first messages, if it comes: from
+# Fast DDS in 3 s.
+_NAMELESS_S = 10.0
 
 
 @dataclass(frozen=True)

@@ -101,14 +101,22 @@ def example(kind: Any) -> Any:
     """A value of the type, with each of its fields."""
     if is_dataclass(kind) and isinstance(kind, type):
         hints = get_type_hints(kind)
-        return kind(**{field.name: example(hints[field.name]) for field in fields(kind)})
+        values = {field.name: example(hints[field.name]) for field in fields(kind)}
+        # A covariance has 36 numbers, as its default.
+        whole = {each.name: each.default for each in fields(kind) if _is_whole(each.default)}
+        return kind(**(values | whole))
     if get_origin(kind) is tuple:
         inner = get_args(kind)
         return tuple(map(example, inner[:1] if inner[-1] is Ellipsis else inner))
     if get_origin(kind) is list:
         return [example(get_args(kind)[0])]
-    values = {float: 1.5, int: 7, str: "a text", bool: True, bytes: b"\x01\x02"}
+    # A half: four of them are a unit quaternion.
+    values = {float: 0.5, int: 7, str: "a text", bool: True, bytes: b"\x01\x02"}
     return values[kind]
+
+
+def _is_whole(default: object) -> bool:
+    return isinstance(default, tuple) and len(default) > 1
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -5,7 +5,10 @@ time of installing: all of them, or none. The rest of the packaging is in pyproj
 """
 
 import os
+import shlex
+import shutil
 import sys
+import sysconfig
 from pathlib import Path
 
 from setuptools import Extension, find_packages, setup
@@ -60,10 +63,23 @@ if sys.platform == "win32" or "-O0" in os.environ.get("CFLAGS", ""):
 BUILDS = {"bdist_wheel", "build", "build_ext", "develop", "editable_wheel", "install"}
 
 
+def compiler() -> str:
+    """The command that compiles, as Python was told."""
+    return shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
+
+
+def has_compiler() -> bool:
+    """False where there certainly is none."""
+    return sys.platform == "win32" or shutil.which(compiler()) is not None
+
+
 def kernel_extensions() -> list[Extension]:
     is_pure = os.environ.get("TFBUS_PURE_PYTHON", "") not in ("", "0")
     if is_pure or not BUILDS.intersection(sys.argv):
         return []
+    if not has_compiler():
+        # Nothing has to be translated: the build says that there is none.
+        return [Extension(name, [f"{name.replace('.', '/')}.c"]) for name in KERNEL]
     from Cython.Build import cythonize
 
     extensions: list[Extension] = cythonize(
@@ -103,6 +119,8 @@ class AllOrNothing(build_ext):
             reason.unlink(missing_ok=True)
         reason = reasons[0] if self.inplace else reasons[1]
         try:
+            if not has_compiler():
+                raise CompileError("there is no C compiler")
             super().run()
         except (CCompilerError, CompileError, ExecError, PlatformError, OSError) as error:
             for extension in self.extensions:
@@ -111,7 +129,8 @@ class AllOrNothing(build_ext):
                     path.unlink(missing_ok=True)
             self.extensions = []
             reason.parent.mkdir(parents=True, exist_ok=True)
-            reason.write_text(" ".join(str(error).split()), encoding="utf-8")
+            why = "failed, as pip install -v shows" if has_compiler() else "is not there"
+            reason.write_text(f"the C compiler '{compiler()}' {why}", encoding="utf-8")
             self.warn(
                 f"tfbus is installed without its compiled kernel, about 70 times slower: {error}. "
                 "Install a C compiler and the headers of Python, then tfbus again."

@@ -51,7 +51,8 @@ def main() -> None:
 def use_ccache() -> None:
     """A kernel that was compiled once, also in another clone, is not compiled again."""
     links = Path("/usr/lib/ccache")
-    if links.is_dir() and not os.environ.get("CC"):
+    has_compiler = shutil.which("gcc") or shutil.which("clang")
+    if links.is_dir() and has_compiler and not os.environ.get("CC"):
         os.environ["PATH"] = f"{links}{os.pathsep}{os.environ['PATH']}"
 
 

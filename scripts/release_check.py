@@ -28,7 +28,7 @@ MINORS = range(11, 20)
 NEEDED = tomllib.loads((HERE / "pyproject.toml").read_text())["project"]["dependencies"]
 # In the table of docs/reference/compatibility.md.
 OTHER_ZENOHS = ("1.6.2", "1.9.0")
-COMPILER = re.compile(r"gcc|g\+\+|clang|^(.*-)?(cc|c\+\+|c89|c99|tcc|cpp)(-[0-9.]+)?$")
+COMPILER = re.compile(r"^ccache$|gcc|g\+\+|clang|^(.*-)?(cc|c\+\+|c89|c99|tcc|cpp)(-[0-9.]+)?$")
 
 
 def main() -> None:

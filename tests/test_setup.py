@@ -49,7 +49,7 @@ def test_one_extension_that_fails_leaves_all_out(tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert "without its compiled kernel" in done.stdout + done.stderr
     assert [*tmp_path.rglob("*.so"), *tmp_path.rglob("*.pyd")] == []
-    assert "bad.c" in (tmp_path / "tfbus" / "not_compiled.txt").read_text()
+    assert "failed" in (tmp_path / "tfbus" / "not_compiled.txt").read_text()
 
 
 def test_a_failed_compiler_is_said_at_the_import(tmp_path: Path):

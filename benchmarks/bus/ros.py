@@ -9,6 +9,8 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from benchmarks.bus.intake import SECONDS, Intake, during
 from benchmarks.bus.place import Place, Process, free_port, place, say
@@ -28,8 +30,6 @@ def measure(rows: int, runs: int) -> Intake:
     """The cost of tf2_ros.TransformListener for messages with `rows` transforms; the run with
     the median CPU. Raises NotInstalled.
     """
-    if not _is_installed():
-        raise NotInstalled(f"apt-get install {PACKAGES}")
     taken = []
     for _ in range(runs):
         with place() as at:
@@ -46,6 +46,17 @@ def _is_installed() -> bool:
 
 
 def _once(at: Place, rows: int) -> Intake:
+    with master(at) as env:
+        listener = Process(at, "ros:listen", env, python=PYTHON, seconds=SECONDS)
+        with listener, Process(at, "ros:flood", env, python=PYTHON, rows=rows):
+            return Intake(**listener.hear())
+
+
+@contextmanager
+def master(at: Place) -> Iterator[dict[str, str]]:
+    """The environment of nodes beside a master of their own. Raises NotInstalled."""
+    if not _is_installed():
+        raise NotInstalled(f"apt-get install {PACKAGES}")
     port = free_port()
     env = {
         **at.env,
@@ -54,20 +65,18 @@ def _once(at: Place, rows: int) -> Intake:
         "ROS_LOG_DIR": str(at.folder),
         "ROS_HOME": str(at.folder),
     }
-    master = subprocess.Popen(
+    process = subprocess.Popen(
         ["rosmaster", "--core", "-p", str(port)],
         env=env,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     try:
-        _wait_for(master, port)
-        listener = Process(at, "ros:listen", env, python=PYTHON, seconds=SECONDS)
-        with listener, Process(at, "ros:flood", env, python=PYTHON, rows=rows):
-            return Intake(**listener.hear())
+        _wait_for(process, port)
+        yield env
     finally:
-        master.terminate()
-        master.wait()
+        process.terminate()
+        process.wait()
 
 
 def _wait_for(master: "subprocess.Popen[bytes]", port: int) -> None:

@@ -84,6 +84,19 @@ def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
     assert last == "at 1.0 s: [0.  2.4 0.7]"
 
 
+def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
+    """hand_eye.py finds the camera to a millimetre, and others look it up while it runs."""
+    calibration = start(bus, "hand_eye.py")
+    drawn = calibration.wait_for_line(r"of the URDF: .* degrees off")
+    assert drawn == "of the URDF: 7.8 mm and 5.42 degrees off"
+    found = calibration.wait_for_line(r"^found: .* degrees off").split()
+    assert float(found[1]) < 1.0 and float(found[4]) < 0.1
+    calibration.wait_for_line("ready")
+    echo = bus.run("echo", "hand", "camera_found", "--once")
+    assert echo.returncode == 0, echo.stderr
+    assert calibration.stop() == 0
+
+
 def test_a_scan_is_undistorted(bus: Bus) -> None:
     """undistort_scan.py finds the wall at one distance, that of the end of the scan."""
     raw, straight = run(bus, "undistort_scan.py")

@@ -1,8 +1,12 @@
 """Each file of examples/ does what its first lines say."""
 
 import ast
+import json
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -73,6 +77,49 @@ def test_the_buffer_works_alone(bus: Bus) -> None:
     assert track == "track: 1001 poses from [0.2 0.  0.5] to [10.2  0.   0.5]"
     assert refused.startswith("FutureExtrapolationException: ")
     assert beyond == "extrapolated: [10.3  0.   0.5]"
+
+
+def cells_of(name: str) -> list[dict[str, Any]]:
+    """The cells of a notebook."""
+    cells: list[dict[str, Any]] = json.loads((ROOT / "examples" / name).read_text())["cells"]
+    return cells
+
+
+def run_cell(source: str, names: dict[str, Any]) -> tuple[str, Any]:
+    """What a cell prints, and the value of its last line where that is an expression."""
+    body = ast.parse(source).body
+    last = body[-1]
+    value = None
+    with redirect_stdout(StringIO()) as printed:
+        if isinstance(last, ast.Expr):
+            exec(compile(ast.Module(body[:-1], []), "cell", "exec"), names)
+            value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        else:
+            exec(compile(ast.Module(body, []), "cell", "exec"), names)
+    return printed.getvalue(), value
+
+
+def test_a_notebook_says_what_it_shows_and_how_to_run_it() -> None:
+    """Its first cell is a title, and has the command that opens it."""
+    text = "".join(cells_of("buffer_notebook.ipynb")[0]["source"])
+    assert text.startswith("# ")
+    assert "jupyter lab examples/buffer_notebook.ipynb" in text
+
+
+def test_the_cells_of_a_notebook_still_say_what_is_kept_in_it() -> None:
+    """Run one after the other, each cell of buffer_notebook.ipynb has the outputs in the file."""
+    names: dict[str, Any] = {}
+    for cell in cells_of("buffer_notebook.ipynb"):
+        if cell["cell_type"] != "code":
+            continue
+        printed, value = run_cell("".join(cell["source"]), names)
+        (kept,) = cell["outputs"]
+        if kept["output_type"] == "execute_result":
+            assert repr(value) == "".join(kept["data"]["text/plain"])
+            assert printed == ""
+        else:  # what `show` draws in a notebook it prints elsewhere
+            text = kept["text"] if "text" in kept else kept["data"]["text/plain"]
+            assert printed.rstrip("\n") == "".join(text).rstrip("\n")
 
 
 def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests import needs
 from tests.docs.pages import ROOT
 from tests.live_bus import Bus, Process
 
@@ -142,6 +143,15 @@ def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
     echo = bus.run("echo", "hand", "camera_found", "--once")
     assert echo.returncode == 0, echo.stderr
     assert calibration.stop() == 0
+
+
+def test_a_marker_is_found_in_the_world(bus: Bus) -> None:
+    """marker_in_world.py finds its tag to a centimetre, and shows the path to it."""
+    needs.module("cv2")
+    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py")
+    assert path == "   └─ tag *  (1 sample)"
+    words = off.split()
+    assert float(words[2]) < 10.0 and float(words[5]) < 5.0
 
 
 def test_a_scan_is_undistorted(bus: Bus) -> None:

@@ -188,6 +188,18 @@ def test_a_fleet_is_seen_and_a_robot_that_goes_is_marked(bus: Bus) -> None:
     assert tower.stop() == 0
 
 
+def test_two_robots_see_each_other(bus: Bus) -> None:
+    """two_robots.py prints where each is for the other, and others see both in one map."""
+    robots = start(bus, "two_robots.py")
+    robots.wait_for_line(r"robot1 sees robot2 at \(-?\d\.\d, -?\d\.\d\) m")
+    robots.wait_for_line(r"robot2 sees robot1 at \(-?\d\.\d, -?\d\.\d\) m")
+    pair = ("robot1/base_link", "robot2/base_link", "--fleet", "--shared", "map")
+    echo = bus.run("echo", *pair, "--once")
+    assert echo.returncode == 0, echo.stderr
+    assert robots.stop() == 0, robots.err
+    assert not [line for line in robots.err if "Traceback" in line]
+
+
 def test_simulated_time_drives_a_timer(bus: Bus) -> None:
     """simulated_time.py lets ten simulated seconds pass, in which a timer ticks four times."""
     seconds, ticks = run(bus, "simulated_time.py")

@@ -200,6 +200,19 @@ def test_two_robots_see_each_other(bus: Bus) -> None:
     assert not [line for line in robots.err if "Traceback" in line]
 
 
+def test_the_bodies_of_a_simulation_are_frames(bus: Bus) -> None:
+    """mujoco_world.py publishes those that move and those that do not, in one tree."""
+    needs.module("mujoco")
+    simulation = start(bus, "mujoco_world.py")
+    simulation.wait_for_line("ready")
+    echo = bus.run("echo", "world", "camera", "--once", "--format", "json")
+    assert echo.returncode == 0, echo.stderr
+    x, y, z = json.loads(echo.stdout)["xyz"]
+    assert y == pytest.approx(0.2)
+    assert (x * x + (z - 2.0) ** 2) ** 0.5 < 1.001
+    assert simulation.stop() == 0, simulation.err
+
+
 def test_simulated_time_drives_a_timer(bus: Bus) -> None:
     """simulated_time.py lets ten simulated seconds pass, in which a timer ticks four times."""
     seconds, ticks = run(bus, "simulated_time.py")

@@ -8,11 +8,13 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests import needs
 from tests.docs.pages import ROOT
-from tests.live_bus import Bus, Process
+from tests.live_bus import Bus, Process, eventually
+from tfbus import Buffer, TransformListener
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
@@ -211,6 +213,21 @@ def test_the_bodies_of_a_simulation_are_frames(bus: Bus) -> None:
     assert y == pytest.approx(0.2)
     assert (x * x + (z - 2.0) ** 2) ** 0.5 < 1.001
     assert simulation.stop() == 0, simulation.err
+
+
+def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
+    """imu_1khz.py says what it sends, and its samples are a millisecond apart."""
+    imu = start(bus, "imu_1khz.py")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener")):
+        eventually(lambda: "imu" in buffer.frames() and len(buffer.samples("imu")) > 500)
+        steps_ns = np.diff(buffer.samples("imu").stamps_ns)
+    assert steps_ns.min() == 1_000_000
+    assert not (steps_ns % 1_000_000).any()
+    imu.wait_for_line(
+        r"\d+ samples/s in \d+ messages/s, \d+\.\d % of a core, \d+\.\d\d degrees off"
+    )
+    assert imu.stop() == 0, imu.err
 
 
 def test_simulated_time_drives_a_timer(bus: Bus) -> None:

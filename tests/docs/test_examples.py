@@ -3,10 +3,12 @@
 import ast
 import json
 import sys
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -71,6 +73,42 @@ def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
     ]
     for process in (sensors, mast):
         assert process.stop() == 0
+
+
+def test_asyncio_ends_with_ctrl_c(bus: Bus) -> None:
+    """wait_asyncio.py ends without a traceback while it waits."""
+    waiting = start(bus, "wait_asyncio.py")
+    eventually(lambda: bus.run("node", "list").stdout.count("async_listener"))
+    assert waiting.stop() == 0, waiting.err
+    assert waiting.err == []
+
+
+def test_frames_are_served_over_http(bus: Bus) -> None:
+    """http_service.py answers a transform, the reason why there is none, and a wrong request."""
+    mast = start(bus, "broadcaster.py")
+    command = [sys.executable, str(ROOT / "examples" / "http_service.py"), "--param", "port=0"]
+    service = bus.start_command(command)
+    address = service.wait_for_line("http://127").removesuffix("/TARGET/SOURCE")
+
+    def status(path: str) -> int:
+        with suppress(HTTPError), urlopen(address + path) as answer:
+            assert json.load(answer)["xyz"] == pytest.approx([1.0, 0.0, 1.5])
+            return 200
+        return 0
+
+    eventually(lambda: status("/world/camera") == 200)
+    for path, code, reason in (
+        ("/world/none", 404, "there is no frame 'none'"),
+        ("/world", 400, "ask for /TARGET/SOURCE"),
+    ):
+        with pytest.raises(HTTPError) as refused:
+            urlopen(address + path)
+        with refused.value as answer:
+            assert answer.code == code
+            assert reason in json.load(answer)["error"]
+    for process in (service, mast):
+        assert process.stop() == 0, process.err
+    assert not [line for line in service.err if "Traceback" in line]
 
 
 def test_the_buffer_works_alone(bus: Bus) -> None:

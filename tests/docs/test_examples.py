@@ -16,7 +16,7 @@ import pytest
 from tests import needs
 from tests.docs.pages import ROOT
 from tests.live_bus import Bus, Process, eventually
-from tfbus import Buffer, TransformListener
+from tfbus import Buffer, Recording, TransformListener
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
@@ -266,6 +266,23 @@ def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
         r"\d+ samples/s in \d+ messages/s, \d+\.\d % of a core, \d+\.\d\d degrees off"
     )
     assert imu.stop() == 0, imu.err
+
+
+def test_the_log_of_a_drone_is_recorded_and_played(bus: Bus, tmp_path: Path) -> None:
+    """drone_log.py turns GPS and angles into frames as robots have them, and plays them."""
+    needs.module("mcap")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener")):
+        program = str(ROOT / "examples" / "drone_log.py")
+        player = bus.start_command([sys.executable, program], cwd=tmp_path)
+        eventually(lambda: buffer.can_transform("map", "drone"))
+        assert player.stop() == 0, player.err
+    with Recording(tmp_path / "drone_example.mcap") as recording:
+        way = recording.trajectory("map", "drone")
+    # A quarter of the round to the right: from heading north to heading east.
+    assert way.xyz[25] == pytest.approx([30.0, 30.0, 2.5], abs=0.01)
+    assert way[25].transform.as_rpy(degrees=True) == pytest.approx((20.0, -2.0, 0.0), abs=0.01)
+    assert way[0].transform.as_rpy(degrees=True)[2] == pytest.approx(90.0)
 
 
 def test_simulated_time_drives_a_timer(bus: Bus) -> None:

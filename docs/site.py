@@ -19,7 +19,7 @@ WORK = ROOT / "build" / "site"
 # Pages in the root of the repository, which the pages of docs/ link to.
 _BESIDE = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 _LANGUAGES = {".json5": "json", ".py": "python", ".toml": "toml", ".yaml": "yaml", ".c": "c"}
-_LANGUAGES |= {".js": "js", ".urdf": "xml"}
+_LANGUAGES |= {".ipynb": "json", ".js": "js", ".urdf": "xml"}
 
 _LINK = re.compile(r"(\]\()([^)#\s]+)")
 _FENCE = re.compile(r"^```.*?^```", re.M | re.S)

@@ -6,6 +6,7 @@ It ends when broadcaster.py and static_frames.py run, or with an error after ten
 """
 
 import asyncio
+from contextlib import suppress
 
 from tfbus import Buffer, Node, TimeoutException, TransformListener
 
@@ -29,4 +30,5 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(main())
+    with suppress(KeyboardInterrupt):
+        asyncio.run(main())

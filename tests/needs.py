@@ -26,6 +26,9 @@ _PROGRAMS = {
     "zsh": ("zsh", "zsh"),
 }
 
+# Modules whose packages have other names.
+_PACKAGES = {"cv2": "opencv-python-headless"}
+
 
 def skip(need: str, how: str = "") -> NoReturn:
     """Skip the test that runs, which needs this."""
@@ -46,7 +49,8 @@ def module(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        skip(name, f"pip install {name.partition('.')[0]}")
+        top = name.partition(".")[0]
+        skip(name, f"pip install {_PACKAGES.get(top, top)}")
 
 
 @cache

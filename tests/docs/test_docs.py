@@ -107,7 +107,7 @@ def test_every_page_and_example_is_in_the_index() -> None:
     """docs/README.md links to every page of docs/ and every program of examples/."""
     index = (ROOT / "docs" / "README.md").read_text()
     paths = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
-    paths |= {f"../examples/{path.name}" for path in (ROOT / "examples").glob("*.py")}
+    paths |= {f"../examples/{path.name}" for path in (ROOT / "examples").glob("*.*")}
     assert {path for path in paths - {"README.md"} if f"({path})" not in index} == set()
 
 

@@ -1,13 +1,22 @@
 """Each file of examples/ does what its first lines say."""
 
 import ast
+import json
 import sys
+from contextlib import redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
+import numpy as np
 import pytest
 
+from tests import needs
 from tests.docs.pages import ROOT
-from tests.live_bus import Bus, Process
+from tests.live_bus import Bus, Process, eventually
+from tfbus import Buffer, Recording, TransformListener
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
@@ -66,6 +75,42 @@ def test_asyncio_waits_for_static_and_dynamic_frames(bus: Bus) -> None:
         assert process.stop() == 0
 
 
+def test_asyncio_ends_with_ctrl_c(bus: Bus) -> None:
+    """wait_asyncio.py ends without a traceback while it waits."""
+    waiting = start(bus, "wait_asyncio.py")
+    eventually(lambda: bus.run("node", "list").stdout.count("async_listener"))
+    assert waiting.stop() == 0, waiting.err
+    assert waiting.err == []
+
+
+def test_frames_are_served_over_http(bus: Bus) -> None:
+    """http_service.py answers a transform, the reason why there is none, and a wrong request."""
+    mast = start(bus, "broadcaster.py")
+    command = [sys.executable, str(ROOT / "examples" / "http_service.py"), "--param", "port=0"]
+    service = bus.start_command(command)
+    address = service.wait_for_line("http://127").removesuffix("/TARGET/SOURCE")
+
+    def status(path: str) -> int:
+        with suppress(HTTPError), urlopen(address + path) as answer:
+            assert json.load(answer)["xyz"] == pytest.approx([1.0, 0.0, 1.5])
+            return 200
+        return 0
+
+    eventually(lambda: status("/world/camera") == 200)
+    for path, code, reason in (
+        ("/world/none", 404, "there is no frame 'none'"),
+        ("/world", 400, "ask for /TARGET/SOURCE"),
+    ):
+        with pytest.raises(HTTPError) as refused:
+            urlopen(address + path)
+        with refused.value as answer:
+            assert answer.code == code
+            assert reason in json.load(answer)["error"]
+    for process in (service, mast):
+        assert process.stop() == 0, process.err
+    assert not [line for line in service.err if "Traceback" in line]
+
+
 def test_the_buffer_works_alone(bus: Bus) -> None:
     """buffer_alone.py interpolates, answers many stamps, refuses, and extrapolates."""
     at, track, refused, beyond = run(bus, "buffer_alone.py")
@@ -75,6 +120,49 @@ def test_the_buffer_works_alone(bus: Bus) -> None:
     assert beyond == "extrapolated: [10.3  0.   0.5]"
 
 
+def cells_of(name: str) -> list[dict[str, Any]]:
+    """The cells of a notebook."""
+    cells: list[dict[str, Any]] = json.loads((ROOT / "examples" / name).read_text())["cells"]
+    return cells
+
+
+def run_cell(source: str, names: dict[str, Any]) -> tuple[str, Any]:
+    """What a cell prints, and the value of its last line where that is an expression."""
+    body = ast.parse(source).body
+    last = body[-1]
+    value = None
+    with redirect_stdout(StringIO()) as printed:
+        if isinstance(last, ast.Expr):
+            exec(compile(ast.Module(body[:-1], []), "cell", "exec"), names)
+            value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        else:
+            exec(compile(ast.Module(body, []), "cell", "exec"), names)
+    return printed.getvalue(), value
+
+
+def test_a_notebook_says_what_it_shows_and_how_to_run_it() -> None:
+    """Its first cell is a title, and has the command that opens it."""
+    text = "".join(cells_of("buffer_notebook.ipynb")[0]["source"])
+    assert text.startswith("# ")
+    assert "jupyter lab examples/buffer_notebook.ipynb" in text
+
+
+def test_the_cells_of_a_notebook_still_say_what_is_kept_in_it() -> None:
+    """Run one after the other, each cell of buffer_notebook.ipynb has the outputs in the file."""
+    names: dict[str, Any] = {}
+    for cell in cells_of("buffer_notebook.ipynb"):
+        if cell["cell_type"] != "code":
+            continue
+        printed, value = run_cell("".join(cell["source"]), names)
+        (kept,) = cell["outputs"]
+        if kept["output_type"] == "execute_result":
+            assert repr(value) == "".join(kept["data"]["text/plain"])
+            assert printed == ""
+        else:  # what `show` draws in a notebook it prints elsewhere
+            text = kept["text"] if "text" in kept else kept["data"]["text/plain"]
+            assert printed.rstrip("\n") == "".join(text).rstrip("\n")
+
+
 def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
     """camera_on_arm.py shows the path, and a point ahead of the camera as the arm turns."""
     *_, first, middle, last = out = run(bus, "camera_on_arm.py")
@@ -82,6 +170,28 @@ def test_a_camera_on_an_arm_sees_the_same_from_other_places(bus: Bus) -> None:
     assert first == "at 0.0 s: [2.4 0.  0.7]"
     assert middle == "at 0.5 s: [1.697 1.697 0.7  ]"
     assert last == "at 1.0 s: [0.  2.4 0.7]"
+
+
+def test_a_camera_on_an_arm_is_found(bus: Bus) -> None:
+    """hand_eye.py finds the camera to a millimetre, and others look it up while it runs."""
+    calibration = start(bus, "hand_eye.py")
+    drawn = calibration.wait_for_line(r"of the URDF: .* degrees off")
+    assert drawn == "of the URDF: 7.8 mm and 5.42 degrees off"
+    found = calibration.wait_for_line(r"^found: .* degrees off").split()
+    assert float(found[1]) < 1.0 and float(found[4]) < 0.1
+    calibration.wait_for_line("ready")
+    echo = bus.run("echo", "hand", "camera_found", "--once")
+    assert echo.returncode == 0, echo.stderr
+    assert calibration.stop() == 0
+
+
+def test_a_marker_is_found_in_the_world(bus: Bus) -> None:
+    """marker_in_world.py finds its tag to a centimetre, and shows the path to it."""
+    needs.module("cv2")
+    *_, path, _, _, _, _, off = run(bus, "marker_in_world.py")
+    assert path == "   └─ tag *  (1 sample)"
+    words = off.split()
+    assert float(words[2]) < 10.0 and float(words[5]) < 5.0
 
 
 def test_a_scan_is_undistorted(bus: Bus) -> None:
@@ -116,6 +226,63 @@ def test_a_fleet_is_seen_and_a_robot_that_goes_is_marked(bus: Bus) -> None:
     assert robots[1].stop() == 0
     tower.wait_for_line(r"robot7: \(7\.0, 0\.0\) m \(gone\)")
     assert tower.stop() == 0
+
+
+def test_two_robots_see_each_other(bus: Bus) -> None:
+    """two_robots.py prints where each is for the other, and others see both in one map."""
+    robots = start(bus, "two_robots.py")
+    robots.wait_for_line(r"robot1 sees robot2 at \(-?\d\.\d, -?\d\.\d\) m")
+    robots.wait_for_line(r"robot2 sees robot1 at \(-?\d\.\d, -?\d\.\d\) m")
+    pair = ("robot1/base_link", "robot2/base_link", "--fleet", "--shared", "map")
+    echo = bus.run("echo", *pair, "--once")
+    assert echo.returncode == 0, echo.stderr
+    assert robots.stop() == 0, robots.err
+    assert not [line for line in robots.err if "Traceback" in line]
+
+
+def test_the_bodies_of_a_simulation_are_frames(bus: Bus) -> None:
+    """mujoco_world.py publishes those that move and those that do not, in one tree."""
+    needs.module("mujoco")
+    simulation = start(bus, "mujoco_world.py")
+    simulation.wait_for_line("ready")
+    echo = bus.run("echo", "world", "camera", "--once", "--format", "json")
+    assert echo.returncode == 0, echo.stderr
+    x, y, z = json.loads(echo.stdout)["xyz"]
+    assert y == pytest.approx(0.2)
+    assert (x * x + (z - 2.0) ** 2) ** 0.5 < 1.001
+    assert simulation.stop() == 0, simulation.err
+
+
+def test_an_imu_sends_a_sample_each_millisecond(bus: Bus) -> None:
+    """imu_1khz.py says what it sends, and its samples are a millisecond apart."""
+    imu = start(bus, "imu_1khz.py")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener")):
+        eventually(lambda: "imu" in buffer.frames() and len(buffer.samples("imu")) > 500)
+        steps_ns = np.diff(buffer.samples("imu").stamps_ns)
+    assert steps_ns.min() == 1_000_000
+    assert not (steps_ns % 1_000_000).any()
+    imu.wait_for_line(
+        r"\d+ samples/s in \d+ messages/s, \d+\.\d % of a core, \d+\.\d\d degrees off"
+    )
+    assert imu.stop() == 0, imu.err
+
+
+def test_the_log_of_a_drone_is_recorded_and_played(bus: Bus, tmp_path: Path) -> None:
+    """drone_log.py turns GPS and angles into frames as robots have them, and plays them."""
+    needs.module("mcap")
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("listener")):
+        program = str(ROOT / "examples" / "drone_log.py")
+        player = bus.start_command([sys.executable, program], cwd=tmp_path)
+        eventually(lambda: buffer.can_transform("map", "drone"))
+        assert player.stop() == 0, player.err
+    with Recording(tmp_path / "drone_example.mcap") as recording:
+        way = recording.trajectory("map", "drone")
+    # A quarter of the round to the right: from heading north to heading east.
+    assert way.xyz[25] == pytest.approx([30.0, 30.0, 2.5], abs=0.01)
+    assert way[25].transform.as_rpy(degrees=True) == pytest.approx((20.0, -2.0, 0.0), abs=0.01)
+    assert way[0].transform.as_rpy(degrees=True)[2] == pytest.approx(90.0)
 
 
 def test_simulated_time_drives_a_timer(bus: Bus) -> None:

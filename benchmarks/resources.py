@@ -85,7 +85,7 @@ KINDS = (
 
 
 def measure(kind: Kind, seconds: float) -> Taken:
-    """One process of a kind, for so long."""
+    """One process of a kind, for this many seconds."""
     with place() as at, ExitStack() as running:
         if kind.with_frames:
             publisher = running.enter_context(Process(at, "at_rest:publish", at.listening()))

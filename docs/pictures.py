@@ -67,7 +67,7 @@ def robot() -> None:
         page.get_by_role("tab", name="Robot").click()
         page.get_by_role("button", name="All (H)").click()
         page.wait_for_timeout(4000)
-        # What a machine without a graphics card is told, and the hint under the mouse.
+        # The notice of a machine without a graphics card, and the hint under the mouse.
         for notice in page.locator(".mantine-Notification-closeButton").all():
             notice.click()
         page.mouse.move(480, 780)

@@ -2,17 +2,18 @@
 
     python examples/wire/listen.py
 
-Start `tfbus launch demo`, or talk.py, before or after it. It prints a frame when it comes, and each
-dynamic one once a second. Ctrl-C ends it. Needs eclipse-zenoh and msgpack only; each comment names a
-section of docs/reference/wire.md.
+Start `tfbus launch demo`, or talk.py, before or after it. It prints a frame when it comes, and
+each dynamic one once a second. Ctrl-C ends it. Needs eclipse-zenoh and msgpack only; each comment
+names a section of docs/reference/wire.md.
 """
 
 import queue
 import time
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
-import zenoh
 from tfbus_wire import (
     Description,
     Message,
@@ -27,7 +28,6 @@ from tfbus_wire import (
 )
 from zenoh import ConsolidationMode, Reply, ReplyKeyExpr, Sample, SampleKind, Session, ext
 
-CACHE_NS = 10_000_000_000
 MOST_HELD = 100  # messages of a stream that wait for its description
 
 
@@ -46,20 +46,20 @@ class Stream:
 
     epoch: int | None = None
     gone: bool = False
-    # By the session that sent it
+    # By the session that sent it; those that are not from the session that they name as of ""
     descriptions: dict[str, Description] = field(default_factory=dict)
     held: list[tuple[bool, Message]] = field(default_factory=list)
     smaller_since_s: float | None = None
 
 
 class Listener:
-    """The frames of all streams. One thread reads a queue of what arrived, so there are no locks."""
+    """The frames of all streams. One thread reads what arrived, so it needs no locks."""
 
     def __init__(self, session: Session):
         self.session = session
         self.streams: dict[str, Stream] = {}
         self.frames: dict[str, Frame] = {}  # by child
-        self.arrived: queue.SimpleQueue = queue.SimpleQueue()
+        self.arrived: queue.SimpleQueue[tuple[Callable[[Any], None], Any]] = queue.SimpleQueue()
         put = self.arrived.put
         # How messages are sent: an advanced subscriber also receives what is retained. Without one,
         # query tf_static/<stream>/@adv/pub/** when the token comes, as read_description() does.
@@ -134,10 +134,14 @@ class Listener:
         except ValueError as error:
             say(f"refused the description of {name!r}: {error}")
             return
-        # Epochs: a description that is not from the session that it names is ignored
-        if new.session != session:
-            return
         stream = self.streams.setdefault(name, Stream())
+        # Epochs: one that is not from the session that it names counts only before all others
+        if new.session != session or not session:
+            session = ""
+        if not session and stream.descriptions.keys() - {""}:
+            return
+        if session:
+            stream.descriptions.pop("", None)
         old = stream.descriptions.get(session)
         stream.descriptions[session] = new
         if old is None:
@@ -206,14 +210,13 @@ class Listener:
                 return
             above = self.frames[above].transform[0] if above in self.frames else None
         old = self.frames.get(child)
-        if old and not old.static and not frame.static:
-            if stamp_ns < old.transform[2]:
-                return  # A buffer would take it, unless it is older than this one by CACHE_NS
+        if old and not old.static and not frame.static and stamp_ns < old.transform[2]:
+            return  # a buffer would keep it, for lookups in the past
         self.frames[child] = frame
-        if old is None or (frame.static and old.transform != frame.transform):
+        if old is None or (frame.static and old.transform[::3] != frame.transform[::3]):
             say(line_of(frame))
 
-    def forget(self, children) -> None:
+    def forget(self, children: Iterable[str]) -> None:
         for child in list(children):
             if self.frames.pop(child, None):
                 say(f"frame {child!r} was removed")
@@ -222,7 +225,9 @@ class Listener:
 
     def counts(self, name: str, stream: Stream, static: bool, message: Message) -> bool:
         """Whether a message is of the epoch that counts; begins the epoch where it is a new one."""
-        described = {description.epoch for description in stream.descriptions.values()}
+        described = {
+            description.epoch for session, description in stream.descriptions.items() if session
+        }
         if described and message.epoch not in described:
             if len(stream.held) < MOST_HELD:
                 stream.held.append((static, message))

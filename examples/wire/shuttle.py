@@ -23,11 +23,18 @@ from zenoh import CongestionControl, Priority, Reply, ReplyKeyExpr, Sample, Samp
 
 
 def main() -> None:
-    with open_session() as session, subprocess.Popen(
-        sys.argv[1:], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as program, suppress(KeyboardInterrupt, BrokenPipeError):  # fmt: skip
-        threading.Thread(target=to_bus, args=(session, program), daemon=True).start()
-        from_bus(session, program)
+    with open_session() as session:
+        program = subprocess.Popen(
+            sys.argv[1:], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        reader = threading.Thread(target=to_bus, args=(session, program))
+        reader.start()
+        with suppress(KeyboardInterrupt):
+            from_bus(session, program)
+        code = program.poll() or 0
+        program.terminate()
+        reader.join()
+    sys.exit(code)
 
 
 def from_bus(session: Session, program: subprocess.Popen[str]) -> None:

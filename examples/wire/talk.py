@@ -3,9 +3,9 @@
     python examples/wire/talk.py
     python examples/wire/talk.py NAME
 
-`tfbus frames`, `tfbus echo world talk_camera` and listen.py show them. NAME is that of the node, its
-stream and its frames, by default `talk`. Ctrl-C ends it. Needs eclipse-zenoh and msgpack only; each
-comment names a section of docs/reference/wire.md.
+`tfbus frames`, `tfbus echo world talk_camera` and listen.py show them. NAME is that of the node,
+its stream and its frames, by default `talk`. Ctrl-C ends it. Needs eclipse-zenoh and msgpack only;
+each comment names a section of docs/reference/wire.md.
 """
 
 import math
@@ -14,11 +14,12 @@ import socket
 import sys
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 
 import msgpack
 from tfbus_wire import Description, chunk, encode_description, encode_transforms, open_session
-from zenoh import CongestionControl, Priority, Query, Session, ext
+from zenoh import CongestionControl, Priority, Query, Queryable, Session, ext
 
 PERIOD_S = 0.05
 HISTORY_S = 5.0
@@ -66,26 +67,31 @@ def publish(session: Session, name: str) -> None:
         "calls": {},
         "parameters": [],
     }
-    node_queryable = answer(session, node_key, lambda: msgpack.packb(node))
-    clock_queryable = answer(
-        session, f"@tfbus/clock/{chunk(name)}", lambda: msgpack.packb({"now": time.time_ns()})
-    )
-    node_token = session.liveliness().declare_token(node_key)
+
+    def clock() -> bytes:
+        return msgpack.packb({"now": time.time_ns()})
+
+    # What is declared lives for as long as its variable.
+    declared = [
+        answer(session, node_key, lambda: msgpack.packb(node)),
+        answer(session, f"@tfbus/clock/{chunk(name)}", clock),
+        session.liveliness().declare_token(node_key),
+    ]
 
     descriptions = retained(session, stream_key)
     descriptions.put(encode_description(description))
-    stream_token = session.liveliness().declare_token(stream_key)
+    declared.append(session.liveliness().declare_token(stream_key))
 
     # A message of transforms: on tf_static each one holds all static transforms of the stream
     camera = (0.1, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0)
     static = encode_transforms(started_ns, 0, [(name, f"{name}_camera", started_ns, camera)])
     statics = retained(session, tf_static)
     statics.put(static)
-    static_queryable = answer(session, tf_static, lambda: static)
+    declared.append(answer(session, tf_static, lambda: static))
 
     # History
     kept: Kept = deque()
-    history_queryable = session.declare_queryable(tf, lambda query: answer_history(query, tf, kept))
+    declared.append(session.declare_queryable(tf, lambda query: answer_history(query, tf, kept)))
 
     # How messages are sent
     dynamic = session.declare_publisher(
@@ -93,7 +99,7 @@ def publish(session: Session, name: str) -> None:
     )
     print(f"{name}: publishing world -> {name} -> {name}_camera", flush=True)
     seq = 0
-    while True:
+    while declared:
         now_ns = time.time_ns()
         angle = now_ns / 1e9 % math.tau
         pose = (math.cos(angle), math.sin(angle), 0.0)
@@ -118,7 +124,7 @@ def retained(session: Session, key: str) -> ext.AdvancedPublisher:
     )
 
 
-def answer(session: Session, key: str, payload):
+def answer(session: Session, key: str, payload: Callable[[], bytes]) -> Queryable[None]:
     """A queryable whose only answer is what `payload` returns at the time."""
     return session.declare_queryable(key, lambda query: query.reply(key, payload()))
 

@@ -1,16 +1,17 @@
 """Reads and writes tfbus's wire without tfbus: what to port to another language first.
 
     pip install eclipse-zenoh msgpack
-    python examples/wire/talk.py
-    python examples/wire/listen.py
+    python examples/wire/tfbus_wire.py < MESSAGE
 
-Keys and bytes, no network: talk.py and listen.py, beside this file, send and receive them. Each
-comment names the section of docs/reference/wire.md that the lines below it follow.
+Keys and bytes; talk.py and listen.py, beside this file, send and receive them. Run as a program it
+prints the message of transforms that it reads. Each comment names the section of
+docs/reference/wire.md that the lines below it follow.
 """
 
 import math
 import os
 import struct
+import sys
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -48,7 +49,7 @@ def name_of(chunk: str) -> str:
 
 
 def stream_of(key: str) -> str:
-    """The stream that sends transforms at this key; "" where it is not tfbus's (Beside ROS 2)."""
+    """The stream that sends transforms at this key, "" where it is not tfbus's (Beside ROS 2)."""
     root, *chunks = key.split("/")
     most = {"tf": 2, "tf_static": 1}.get(root, 0)
     if not 1 <= len(chunks) <= most or "::dds_::" in chunks[0]:
@@ -58,12 +59,17 @@ def stream_of(key: str) -> str:
 
 def is_cdr(payload: bytes) -> bool:
     """Whether it is a message of a bridge to ROS 2 (Beside ROS 2)."""
-    return len(payload) >= 2 and payload[0] == 0 and payload[1] <= 11
+    return len(payload) >= 4 and payload[0] == 0 and payload[1] <= 11
 
 
-def is_name(name: Any) -> bool:
-    """Whether it is the name of a frame, stream, node or host (Names in keys)."""
-    return isinstance(name, str) and 1 <= len(name) <= 255 and name.isprintable()
+def is_name(name: str) -> bool:
+    """Whether it can be the name of a stream, node or host (Names in keys)."""
+    return len(name) <= 255 and name.isprintable()
+
+
+def is_frame_name(name: str) -> bool:
+    """Whether it can be the name of a frame (Names in keys)."""
+    return is_name(name) and name != "" and not name.startswith("/")
 
 
 # ------------------------------------------------------------------- A message of transforms
@@ -109,7 +115,7 @@ def decode_transforms(payload: bytes) -> Message:
         raise ValueError("an index in 'edges' is not one of 'frames'")
     seq = _typed(message, "seq", int) if "seq" in message else None
     result = Message(_typed(message, "epoch", int), seq)
-    for (parent, child), (stamp_ns,), pose in zip(edges, stamps, poses):
+    for (parent, child), (stamp_ns,), pose in zip(edges, stamps, poses, strict=True):
         mistake = _mistake(frames[parent], frames[child], pose)
         if mistake:
             result.refused.append(mistake)
@@ -123,7 +129,7 @@ def decode_transforms(payload: bytes) -> Message:
 def _mistake(parent: str, child: str, pose: tuple[float, ...]) -> str:
     # The edge that would close a loop is for the listener: only it knows the tree.
     for name in (parent, child):
-        if not is_name(name) or name.startswith("/"):
+        if not is_frame_name(name):
             return f"{name!r:.100} is no frame name"
     if parent == child:
         return f"{child!r} is its own parent"
@@ -151,7 +157,9 @@ def _typed(message: dict[str, Any], key: str, kind: type) -> Any:
     if key not in message:
         raise ValueError(f"{key!r} is missing")
     value = message[key]
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+    if type(value) is int and (kind is float or (kind is bool and value in (0, 1))):
+        value = kind(value)  # Topics says what stands for what
+    if type(value) is not kind or (kind is int and not -(2**63) <= value < 2**63):
         raise ValueError(f"{key!r} is not of type {kind.__name__}")
     return value
 
@@ -191,20 +199,22 @@ def encode_description(description: Description) -> bytes:
 def decode_description(payload: bytes) -> Description:
     """What a stream says about itself; ValueError where it cannot be read."""
     message = _map(payload)
-    frames = _typed(message, "frames", list)
-    if not all(_is_edge(edge) for edge in frames):
-        raise ValueError("'frames' is not an array of [text, text, boolean]")
     result = Description(_typed(message, "node", str), _typed(message, "epoch", int), [])
-    result.frames = [tuple(edge) for edge in frames]
+    for edge in _typed(message, "frames", list):
+        if not isinstance(edge, list) or len(edge) != 3:
+            raise ValueError("'frames' is not an array of [text, text, boolean]")
+        named = dict(zip(("parent", "child", "static"), edge, strict=True))
+        parent, child = _typed(named, "parent", str), _typed(named, "child", str)
+        if is_frame_name(parent) and is_frame_name(child):
+            result.frames.append((parent, child, _typed(named, "static", bool)))
     for key in ("host", "pid", "session", "priority", "split", "history_s", "started_ns"):
         if key in message:
-            kind = type(getattr(result, key))
-            if kind is float and isinstance(message[key], int):
-                message[key] = float(message[key])
-            setattr(result, key, _typed(message, key, kind))
+            setattr(result, key, _typed(message, key, type(getattr(result, key))))
+    for name in (result.node, result.host, result.session):
+        if not is_name(name):
+            raise ValueError(f"{name!r:.100} is no name")
     return result
 
 
-def _is_edge(edge: Any) -> bool:
-    types = [str, str, bool]
-    return isinstance(edge, list) and [type(part) for part in edge] == types
+if __name__ == "__main__":
+    print(decode_transforms(sys.stdin.buffer.read()))

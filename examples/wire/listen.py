@@ -125,6 +125,7 @@ class Listener:
         self.describe(sample, str(source.source_id.zid) if source else "")
 
     def on_description_reply(self, reply: Reply) -> None:
+        assert reply.ok  # others are not put into the queue
         self.describe(reply.ok, str(reply.replier_id.zid) if reply.replier_id else "")
 
     def describe(self, sample: Sample, session: str) -> None:

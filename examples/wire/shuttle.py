@@ -15,6 +15,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from talk import answer, retained
@@ -39,13 +40,14 @@ def main() -> None:
 
 def from_bus(session: Session, program: subprocess.Popen[str]) -> None:
     """Write to the program what comes, and ten times a second the time."""
-    lock = threading.Lock()
+    lock, given = threading.Lock(), program.stdin
+    assert given
 
     def write(line: str) -> None:
         if line.isprintable():  # as every key of tfbus is
             with lock, suppress(BrokenPipeError, ValueError):
-                program.stdin.write(line + "\n")
-                program.stdin.flush()
+                given.write(line + "\n")
+                given.flush()
 
     def on_sample(sample: Sample) -> None:
         write(f"message {sample.payload.to_bytes().hex()} {sample.key_expr}")
@@ -80,6 +82,7 @@ def from_bus(session: Session, program: subprocess.Popen[str]) -> None:
 def to_bus(session: Session, program: subprocess.Popen[str]) -> None:
     """Send what the program writes."""
     declared: dict[str, Any] = {}
+    assert program.stdout
     for line in program.stdout:
         verb, _, rest = line.rstrip("\n").partition(" ")
         data, _, key = rest.partition(" ")
@@ -91,7 +94,7 @@ def to_bus(session: Session, program: subprocess.Popen[str]) -> None:
         elif verb == "retain":
             declared.setdefault(key, retained(session, key)).put(bytes.fromhex(data))
         elif verb == "answer":
-            declared[key] = answer(session, key, lambda data=data: bytes.fromhex(data))
+            declared[key] = answer(session, key, partial(bytes.fromhex, data))
         else:
             print(line, end="", flush=True)
 

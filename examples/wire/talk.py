@@ -69,7 +69,8 @@ def publish(session: Session, name: str) -> None:
     }
 
     def clock() -> bytes:
-        return msgpack.packb({"now": time.time_ns()})
+        payload: bytes = msgpack.packb({"now": time.time_ns()})
+        return payload
 
     # What is declared lives for as long as its variable.
     declared = [
@@ -146,6 +147,8 @@ def answer_history(query: Query, key: str, kept: Kept) -> None:
     try:
         last_s = HISTORY_S if text is None else float(text)
     except ValueError:
+        last_s = -1.0
+    if not last_s >= 0.0:
         query.reply_err(f"last_s is {text!r}: give seconds, as in last_s=2.5")
         return
     for sent_s, payload in list(kept):

@@ -104,7 +104,7 @@ def decode_transforms(payload: bytes) -> Message:
     """What a payload holds; ValueError where the whole is refused (What to ignore and refuse)."""
     message = _map(payload)
     frames = _typed(message, "frames", list)
-    edges = list(_rows(message, "edges", "<2I"))
+    edges: list[tuple[int, int]] = list(_rows(message, "edges", "<2I"))
     stamps = list(_rows(message, "stamps", "<q"))
     poses = list(_rows(message, "poses", "<7d"))
     if not all(isinstance(name, str) for name in frames):
@@ -159,8 +159,10 @@ def _typed(message: dict[str, Any], key: str, kind: type) -> Any:
     value = message[key]
     if type(value) is int and (kind is float or (kind is bool and value in (0, 1))):
         value = kind(value)  # Topics says what stands for what
-    if type(value) is not kind or (kind is int and not -(2**63) <= value < 2**63):
+    if type(value) is not kind:
         raise ValueError(f"{key!r} is not of type {kind.__name__}")
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError(f"{key!r} is beyond a signed 64-bit integer")
     return value
 
 

@@ -18,6 +18,7 @@ import pytest
 
 # The program, what people call it, and how Debian has it.
 _PROGRAMS = {
+    "cc": ("a C compiler", "gcc"),
     "chromium": ("Chromium", "chromium"),
     "fish": ("fish", "fish"),
     "ip": ("network namespaces", "iproute2"),

@@ -1,0 +1,222 @@
+"""Reads and writes tfbus's wire without tfbus: what to port to another language first.
+
+    pip install eclipse-zenoh msgpack
+    python examples/wire/tfbus_wire.py < MESSAGE
+
+Keys and bytes; talk.py and listen.py, beside this file, send and receive them. Run as a program it
+prints the message of transforms that it reads. Each comment names the section of
+docs/reference/wire.md that the lines below it follow.
+"""
+
+import math
+import os
+import struct
+import sys
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgpack
+import zenoh
+
+Transform = tuple[str, str, int, tuple[float, ...]]  # parent, child, stamp_ns, x y z qx qy qz qw
+
+# How large messages may be
+MOST_BYTES = 16_000_000
+MOST_VALUES = 1_000_000
+
+
+def open_session() -> zenoh.Session:
+    """A session by the file that ZENOH_CONFIG names, or one that finds its peers by multicast."""
+    if "ZENOH_CONFIG" in os.environ:
+        return zenoh.open(zenoh.Config.from_env())
+    config = zenoh.Config()
+    config.insert_json5("timestamping/enabled", "true")  # How messages are sent
+    return zenoh.open(config)
+
+
+# ------------------------------------------------------------------------ Keys: Names in keys
+
+
+def chunk(name: str) -> str:
+    """A name as one chunk of a key."""
+    return "".join(f"%{ord(letter):02X}" if letter in "%*$?#/@" else letter for letter in name)
+
+
+def name_of(chunk: str) -> str:
+    """The name that a chunk stands for."""
+    first, *rest = chunk.split("%")
+    return first + "".join(chr(int(part[:2], 16)) + part[2:] for part in rest)
+
+
+def stream_of(key: str) -> str:
+    """The stream that sends transforms at this key, "" where it is not tfbus's (Beside ROS 2)."""
+    root, *chunks = key.split("/")
+    most = {"tf": 2, "tf_static": 1}.get(root, 0)
+    if not 1 <= len(chunks) <= most or "::dds_::" in chunks[0]:
+        return ""
+    return name_of(chunks[0])
+
+
+def is_cdr(payload: bytes) -> bool:
+    """Whether it is a message of a bridge to ROS 2 (Beside ROS 2)."""
+    return len(payload) >= 4 and payload[0] == 0 and payload[1] <= 11
+
+
+def is_name(name: str) -> bool:
+    """Whether it can be the name of a stream, node or host (Names in keys)."""
+    return len(name) <= 255 and name.isprintable()
+
+
+def is_frame_name(name: str) -> bool:
+    """Whether it can be the name of a frame (Names in keys)."""
+    return is_name(name) and name != "" and not name.startswith("/")
+
+
+# ------------------------------------------------------------------- A message of transforms
+
+
+@dataclass
+class Message:
+    """What one message holds, and the reasons why single transforms of it are refused."""
+
+    epoch: int
+    seq: int | None
+    transforms: list[Transform] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+
+def encode_transforms(epoch: int, seq: int, transforms: list[Transform]) -> bytes:
+    """The payload for tf/<stream>, or of all static transforms for tf_static/<stream>."""
+    index: dict[str, int] = {}
+    edges = stamps = poses = b""
+    for parent, child, stamp_ns, pose in transforms:
+        indices = [index.setdefault(name, len(index)) for name in (parent, child)]
+        edges += struct.pack("<2I", *indices)
+        stamps += struct.pack("<q", stamp_ns)
+        poses += struct.pack("<7d", *pose)
+    columns = {"edges": edges, "stamps": stamps, "poses": poses}
+    message = {"v": 1, "epoch": epoch, "seq": seq, "frames": list(index), **columns}
+    payload: bytes = msgpack.packb(message)
+    return payload
+
+
+def decode_transforms(payload: bytes) -> Message:
+    """What a payload holds; ValueError where the whole is refused (What to ignore and refuse)."""
+    message = _map(payload)
+    frames = _typed(message, "frames", list)
+    edges: list[tuple[int, int]] = list(_rows(message, "edges", "<2I"))
+    stamps = list(_rows(message, "stamps", "<q"))
+    poses = list(_rows(message, "poses", "<7d"))
+    if not all(isinstance(name, str) for name in frames):
+        raise ValueError("'frames' is not an array of texts")
+    if not len(edges) == len(stamps) == len(poses):
+        raise ValueError("the columns differ in their number of rows")
+    if any(index >= len(frames) for edge in edges for index in edge):
+        raise ValueError("an index in 'edges' is not one of 'frames'")
+    seq = _typed(message, "seq", int) if "seq" in message else None
+    result = Message(_typed(message, "epoch", int), seq)
+    for (parent, child), (stamp_ns,), pose in zip(edges, stamps, poses, strict=True):
+        mistake = _mistake(frames[parent], frames[child], pose)
+        if mistake:
+            result.refused.append(mistake)
+            continue
+        norm = math.sqrt(sum(part * part for part in pose[3:]))
+        unit = (*pose[:3], *(part / norm for part in pose[3:]))
+        result.transforms.append((frames[parent], frames[child], stamp_ns, unit))
+    return result
+
+
+def _mistake(parent: str, child: str, pose: tuple[float, ...]) -> str:
+    # The edge that would close a loop is for the listener: only it knows the tree.
+    for name in (parent, child):
+        if not is_frame_name(name):
+            return f"{name!r:.100} is no frame name"
+    if parent == child:
+        return f"{child!r} is its own parent"
+    if not all(math.isfinite(part) for part in pose):
+        return f"{child!r} has a number that is not finite"
+    if abs(sum(part * part for part in pose[3:]) - 1.0) > 0.01:
+        return f"{child!r} has a quaternion that is not of length 1"
+    return ""
+
+
+def _map(payload: bytes) -> dict[str, Any]:
+    if len(payload) > MOST_BYTES:
+        raise ValueError(f"{len(payload)} bytes are more than {MOST_BYTES}")
+    # ValueError for all that is not exactly one MessagePack value
+    value = msgpack.unpackb(payload, max_array_len=MOST_VALUES, max_map_len=MOST_VALUES)
+    if not isinstance(value, dict):
+        raise ValueError("it is not a map")
+    version = _typed(value, "v", int)
+    if version != 1:
+        raise ValueError(f"it is of version {version}, and this program reads version 1")
+    return value
+
+
+def _typed(message: dict[str, Any], key: str, kind: type) -> Any:
+    if key not in message:
+        raise ValueError(f"{key!r} is missing")
+    value = message[key]
+    if type(value) is int and (kind is float or (kind is bool and value in (0, 1))):
+        value = kind(value)  # Topics says what stands for what
+    if type(value) is not kind:
+        raise ValueError(f"{key!r} is not of type {kind.__name__}")
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError(f"{key!r} is beyond a signed 64-bit integer")
+    return value
+
+
+def _rows(message: dict[str, Any], key: str, row: str) -> Any:
+    column = _typed(message, key, bytes)
+    if len(column) % struct.calcsize(row):
+        raise ValueError(f"{key!r} is not a whole number of rows")
+    return struct.iter_unpack(row, column)
+
+
+# ------------------------------------------------------------------------- Streams and nodes
+
+
+@dataclass
+class Description:
+    """What a stream says about itself."""
+
+    node: str
+    epoch: int
+    frames: list[tuple[str, str, bool]]  # parent, child, whether it is static
+    host: str = ""
+    pid: int = 0
+    session: str = ""
+    priority: int = 0
+    split: bool = False
+    history_s: float = 0.0
+    started_ns: int = 0
+
+
+def encode_description(description: Description) -> bytes:
+    """The payload for @tfbus/stream/<stream>."""
+    payload: bytes = msgpack.packb({"v": 1, **vars(description)})
+    return payload
+
+
+def decode_description(payload: bytes) -> Description:
+    """What a stream says about itself; ValueError where it cannot be read."""
+    message = _map(payload)
+    result = Description(_typed(message, "node", str), _typed(message, "epoch", int), [])
+    for edge in _typed(message, "frames", list):
+        if not isinstance(edge, list) or len(edge) != 3:
+            raise ValueError("'frames' is not an array of [text, text, boolean]")
+        named = dict(zip(("parent", "child", "static"), edge, strict=True))
+        parent, child = _typed(named, "parent", str), _typed(named, "child", str)
+        if is_frame_name(parent) and is_frame_name(child):
+            result.frames.append((parent, child, _typed(named, "static", bool)))
+    for key in ("host", "pid", "session", "priority", "split", "history_s", "started_ns"):
+        if key in message:
+            setattr(result, key, _typed(message, key, type(getattr(result, key))))
+    for name in (result.node, result.host, result.session):
+        if not is_name(name):
+            raise ValueError(f"{name!r:.100} is no name")
+    return result
+
+
+if __name__ == "__main__":
+    print(decode_transforms(sys.stdin.buffer.read()))

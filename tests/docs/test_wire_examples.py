@@ -1,0 +1,288 @@
+"""The programs of examples/wire, written by docs/reference/wire.md alone, speak with tfbus."""
+
+import json
+import random
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import msgpack
+import pytest
+
+from tests import needs
+from tests.docs.pages import ROOT
+from tests.live_bus import Bus, Process, eventually, keep_sending, send_static, send_until
+from tfbus import (
+    Buffer,
+    Transform,
+    TransformBroadcaster,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.errors import DecodeError
+from tfbus.wire.descriptions import read_description
+from tfbus.wire.transforms import decode_transforms
+
+FOLDER = ROOT / "examples" / "wire"
+SANITIZED = "-fsanitize=address,undefined"
+POSE = (1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8)
+
+
+def compile_program(folder: Path, *flags: str) -> str | None:
+    """The C program, compiled; None where the compiler does not take these flags."""
+    program = folder / "tfbus_wire"
+    source = str(FOLDER / "tfbus_wire.c")
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra"]
+    command = [needs.program("cc"), *strict, *flags, "-o", str(program), source, "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode and flags:
+        return None
+    assert done.returncode == 0, done.stderr
+    return str(program)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The C program, with the sanitizers where the compiler has them."""
+    folder = tmp_path_factory.mktemp("wire")
+    flags = ("-g", SANITIZED, "-fno-sanitize-recover=all")
+    compiled = compile_program(folder, *flags) or compile_program(folder)
+    assert compiled
+    return compiled
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """examples/wire/tfbus_wire.py."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    return import_module("tfbus_wire")
+
+
+def start(bus: Bus, tmp_path: Path, *command: str) -> Process:
+    """A program of examples/wire on the bus, which Zenoh's own variable names to it."""
+    config = tmp_path / "plain.json5"
+    connect = f"connect: {{endpoints: ['{bus.endpoint}']}}, "
+    config.write_text("{" + connect + bus.quick_config.read_text()[1:])
+    name, *arguments = command
+    line = [sys.executable, str(FOLDER / name), *arguments]
+    return bus.start_command(line, env={"ZENOH_CONFIG": str(config)})
+
+
+def talker(bus: Bus, tmp_path: Path, program: str) -> Process:
+    """The program that sends the frames of `crow`: in Python, or in C where there is one."""
+    if program:
+        return start(bus, tmp_path, "shuttle.py", program, "talk", "crow")
+    return start(bus, tmp_path, "talk.py", "crow")
+
+
+def listener(bus: Bus, tmp_path: Path, program: str) -> Process:
+    """The program that prints the frames of others: in Python, or in C where there is one."""
+    if program:
+        return start(bus, tmp_path, "shuttle.py", program, "listen")
+    return start(bus, tmp_path, "listen.py")
+
+
+@pytest.fixture(params=["python", "c"])
+def language(request: pytest.FixtureRequest) -> str:
+    """The path of the C program, or "" for those in Python."""
+    return str(request.getfixturevalue("program")) if request.param == "c" else ""
+
+
+def run_at_once(bus: Bus, *arguments: str) -> str:
+    """What `tfbus ARGUMENTS` prints; it does not wait until it has found all others."""
+    return bus.run(*arguments, env={"TFBUS_CONFIG": str(bus.quick_config)}).stdout
+
+
+def shown_by_tfbus(bus: Bus) -> dict[str, Any] | None:
+    """What `tfbus frames --json` shows, once it knows both frames and their stream."""
+    shown: dict[str, Any] = json.loads(run_at_once(bus, "frames", "--json") or "{}")
+    streams = [stream["name"] for stream in shown.get("streams", ()) if stream["node"]]
+    found = {frame["name"] for frame in shown.get("frames", ())} >= {"crow", "crow_camera"}
+    return shown if found and "crow" in streams else None
+
+
+def test_its_frames_are_those_of_a_node_of_tfbus(bus: Bus, tmp_path: Path, language: str) -> None:
+    """A buffer looks both up, `tfbus frames` names node and stream, and the end is noticed."""
+    crow = talker(bus, tmp_path, language)
+    buffer = Buffer()
+    with TransformListener(buffer, bus.node("early")):
+        eventually(lambda: buffer.can_transform("world", "crow_camera"))
+        with TransformListener(Buffer(), bus.node("late")) as late:
+            eventually(lambda: late.buffer.can_transform("crow", "crow_camera"))
+        found = buffer.lookup_transform("crow", "crow_camera").transform.xyz
+        assert found.tolist() == [0.1, 0.0, 0.3]
+        shown = eventually(lambda: shown_by_tfbus(bus))
+        assert shown
+        frames = {frame["name"]: frame for frame in shown["frames"]}
+        assert (frames["crow"]["node"], frames["crow"]["static"]) == ("/crow", False)
+        assert (frames["crow_camera"]["node"], frames["crow_camera"]["static"]) == ("/crow", True)
+        (stream,) = (each for each in shown["streams"] if each["name"] == "crow")
+        assert (stream["node"], stream["alive"], stream["rejected"]) == ("/crow", True, 0)
+        assert shown["problems"] == []
+        eventually(lambda: run_at_once(bus, "node", "list") == "/crow\n/early\n/late\n")
+        assert crow.stop() == 0
+        eventually(lambda: [frame.name for frame in buffer.all_frames() if frame.gone])
+
+
+def test_it_reads_what_tfbus_sends(bus: Bus, tmp_path: Path, language: str) -> None:
+    """Late static frames, dynamic ones, a restart, and a stream that is gone."""
+    sensors = bus.node("sensors")
+    send_static(sensors, "base_link", "lidar")
+    robot = bus.node("robot")
+    keep_sending(robot, "odom", "base_link")
+    reading = listener(bus, tmp_path, language)
+    reading.wait_for_line(r"^base_link -> lidar: 0.* \(static")
+    reading.wait_for_line(r"^odom -> base_link: 0.* \(dynamic")
+    reading.wait_for_line(r"(node|of) '?/robot")
+    robot.close()
+    reading.wait_for_line(r"stream 'robot' is gone|gone @tfbus/stream/robot")
+    before = len(reading.out)
+    keep_sending(bus.node("robot"), "odom", "base_link")
+    eventually(lambda: any("odom -> base_link" in line for line in reading.out[before:]))
+    refused = [line for line in reading.out if line.startswith("refused")]
+    assert refused == []
+    assert reading.stop() == 0
+
+
+def test_it_follows_a_stream_into_a_new_epoch(bus: Bus, tmp_path: Path, language: str) -> None:
+    """A simulator was reset: what has earlier stamps is taken, and what came before is void."""
+    reading = listener(bus, tmp_path, language)
+    with bus.node("sim") as sim:
+        broadcaster = TransformBroadcaster(sim)
+
+        def send(second: int) -> None:
+            pose = Transform((float(second), 0.0, 0.0))
+            stamp_ns = second * 1_000_000_000
+            broadcaster.send_transform(TransformStamped(stamp_ns, "world", "cart", pose))
+
+        def shows(pattern: str) -> bool:
+            return any(re.search(pattern, line) for line in reading.out)
+
+        send_until(lambda: send(100), lambda: shows(r"world -> cart: 100"))
+        send_until(lambda: send(20), lambda: shows(r"world -> cart: 20"))
+        assert shows("^restarted sim|'sim' restarted")
+    assert reading.stop() == 0
+
+
+def mutated(payload: bytes, chance: random.Random) -> bytes:
+    """The payload with up to four bytes changed, added or left out."""
+    data = bytearray(payload)
+    for _ in range(chance.choice([1, 1, 2, 4])):
+        at = chance.randrange(len(data))
+        data[at : at + chance.choice([0, 1])] = chance.choice([b"", chance.randbytes(1)])
+    return bytes(data)
+
+
+def with_odd_values(payload: bytes) -> list[bytes]:
+    """The map with each of its values replaced by ones of other types."""
+    message = msgpack.unpackb(payload)
+    odd = [True, 0, 2, -1, 2**63, 1.5, "x", "\n", b"x", [], {}, ["a"], [["a", "b", 2]]]
+    return [msgpack.packb({**message, key: value}) for key in [*message, "new"] for value in odd]
+
+
+def rests(payload: bytes) -> list[bytes]:
+    """What is too short, or not one map."""
+    return [*(payload[:size] for size in range(len(payload))), payload * 2, b"\x90", b"\x80"]
+
+
+def answers_of_c(program: str, lines: list[str]) -> list[str]:
+    """What the C program prints for each of these messages."""
+    given = "".join(f"lost @tfbus/stream/s\n{line}\n" for line in lines)
+    done = subprocess.run([program, "listen"], input=given.encode(), capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()
+    answers = done.stdout.decode().split("gone @tfbus/stream/s\n")[1:]
+    assert len(answers) == len(lines)
+    return answers
+
+
+def test_all_refuse_the_same_messages(wire: ModuleType, program: str) -> None:
+    """Python, C and tfbus agree on hundreds of changed messages, and none of them crashes."""
+    edges = [("world", "a", 7, POSE), ("a", "b", 7, POSE)]
+    good = wire.encode_transforms(5, 0, edges)
+    chance = random.Random(16)
+    payloads = [mutated(good, chance) for _ in range(1500)]
+    payloads += with_odd_values(good) + rests(good)
+    for name in ("", "/a", "a\n", "\u202ea", "a\x85", "é", "z" * 255, "z" * 256, "world"):
+        payloads.append(wire.encode_transforms(5, 0, [("world", name, 7, POSE)]))
+    answers = answers_of_c(program, [f"message {payload.hex()} tf/s" for payload in payloads])
+    assert any(answer.startswith("refused tf/s") for answer in answers)
+    for payload, answer in zip(payloads, answers, strict=True):
+        is_refused = refuses(wire.decode_transforms, payload)
+        assert refuses(decode_transforms, payload) == is_refused or b"\xcf" in payload, payload
+        assert answer.startswith("refused tf/s") == is_refused, (payload, answer)
+        if not is_refused:
+            message = wire.decode_transforms(payload)
+            assert len(re.findall(" -> ", answer)) == len(message.transforms), payload
+            assert len(re.findall("refused transform", answer)) == len(message.refused), payload
+
+
+def test_all_refuse_the_same_descriptions(wire: ModuleType, program: str) -> None:
+    """As with messages of transforms."""
+    edges = [("world", "a", False), ("a", "b", True)]
+    good = wire.encode_description(wire.Description("/n", 5, edges, "h", 3, "s"))
+    chance = random.Random(16)
+    payloads = [mutated(good, chance) for _ in range(1500)] + with_odd_values(good) + rests(good)
+    lines = [f"message {payload.hex()} @tfbus/stream/s" for payload in payloads]
+    for payload, answer in zip(payloads, answers_of_c(program, lines), strict=True):
+        is_refused = refuses(wire.decode_description, payload)
+        assert refuses(read_description, payload) == is_refused or b"\xcf" in payload, payload
+        assert answer.startswith("refused") == is_refused, (payload, answer)
+        if not is_refused:
+            count = len(wire.decode_description(payload).frames)
+            assert f", {count} frames" in answer
+            assert len(read_description(payload)[0].frames) == count
+
+
+def refuses(decode: object, payload: bytes) -> bool:
+    """Whether a decoder refuses the payload."""
+    assert callable(decode)
+    try:
+        decode(payload)
+    except (ValueError, DecodeError):
+        return True
+    return False
+
+
+def test_the_c_program_keeps_to_the_limits(program: str) -> None:
+    """More than a million values, or 16 MB, are refused; depth does not matter."""
+    head = b"\x82\xa1v\x01\xa3new"
+    many = head + b"\xdd" + (1_000_001).to_bytes(4, "big") + b"\xc0" * 1_000_001
+    large = head + b"\xc6" + (16_000_000).to_bytes(4, "big") + bytes(16_000_000)
+    deep = head + b"\x91" * 100_000 + b"\xc0"
+    lines = [f"message {payload.hex()} tf/s" for payload in (many, large, deep)]
+    values, size, depth = answers_of_c(program, lines)
+    assert values == "refused tf/s: it holds more than 1000000 values\n"
+    assert size == "refused tf/s: it has more than 16000000 bytes\n"
+    assert depth == "refused tf/s: 'epoch' is missing or of another type\n"
+
+
+def test_keys_of_others_are_skipped(wire: ModuleType) -> None:
+    """By the page's section on ROS 2; names come back from their chunks."""
+    assert wire.stream_of("tf/a%2Fb/child") == "a/b"
+    assert wire.chunk("a/b%") == "a%2Fb%25"
+    assert wire.name_of(wire.chunk("a/b%#")) == "a/b%#"
+    for key in ("tf", "tf/a/b/c", "tf_static/a/b", "tf/tf2_msgs::msg::dds_::TFMessage_", "rt/tf"):
+        assert wire.stream_of(key) == ""
+
+
+def test_no_program_of_the_wire_imports_tfbus() -> None:
+    """Nor is one without a line that says how to run it."""
+    for path in (*FOLDER.glob("*.py"), *FOLDER.glob("*.c")):
+        text = path.read_text()
+        assert f"examples/wire/{path.name}" in text[:700], path
+        assert not re.search(r"^\s*(import|from) tfbus\b", text, re.M), path
+
+
+def test_history_is_answered(bus: Bus, tmp_path: Path) -> None:
+    """A listener that joins late receives what talk.py sent before."""
+    start(bus, tmp_path, "talk.py", "crow")
+    early, late = Buffer(), Buffer()
+    with TransformListener(early, bus.node("early")):
+        eventually(lambda: early.can_transform("world", "crow"))
+        sent_ns = early.lookup_transform("world", "crow").stamp_ns
+        with TransformListener(late, bus.node("late"), history_s=60.0):
+            eventually(lambda: late.can_transform("world", "crow", sent_ns))

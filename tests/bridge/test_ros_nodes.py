@@ -4,9 +4,16 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
-from tests.fakes import Lines
+from tests.fakes import Clock, Lines
 from tests.live_bus import Bus, eventually, send_until
-from tfbus import Buffer, Node, TransformListener
+from tfbus import Buffer, Node, TransformListener, TransformStamped
+from tfbus.geometry.columns import Columns
+from tfbus.ros.tf_message import TFMessageWriter
+
+
+def message_of(*transforms: TransformStamped) -> bytes:
+    """A message of ROS."""
+    return TFMessageWriter().write(Columns.of_transforms(transforms))
 
 
 def test_frames_name_the_node_of_ros(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
@@ -142,3 +149,25 @@ def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
     eventually(lambda: "No node of ROS publishes /tf or /tf_static yet" in lines.lines)
     bridge._leg.told.append("no router of rmw_zenoh answers")  # type: ignore[attr-defined]  # a fake
     eventually(lambda: any("no router of rmw_zenoh" in each for each in lines.lines))
+
+
+def test_gids_that_ros_does_not_list_are_few(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """They may be made up; what comes by further ones comes in the stream of the bridge, and a node
+    that is listed has a stream of its own all the same.
+    """
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    for number in range(1500):
+        clock.now_ns += S // 100
+        from_ros._on_message(False, message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
+    assert len(from_ros._unknown) + len(from_ros._sources) <= 102
+    eventually(lambda: "made_up_1499" in buffer.frames())
+    robot = TfNode(ros, "robot")
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    send_until(
+        lambda: robot.broadcast(at(1.0, "a", 2 * S)),
+        lambda: buffer.frame("a").authority == "ros2/robot",
+    )

@@ -34,6 +34,8 @@ _MOST_UNKNOWN = 100
 
 # Publishers and names come from ROS: further publishers share the stream of the bridge.
 _MOST_PUBLISHERS = 1000
+# Of those that ROS does not list, whose gids may be made up.
+_MOST_UNLISTED = 100
 _MOST_STATICS = 100_000
 
 # A frame that another bridge sends may be one of this bus that is not known here yet.
@@ -112,6 +114,8 @@ class FromRos:
         self._reader = TFMessageReader()
         self._sources: dict[str, _Source] = {}
         self._unknown: dict[str, _Unknown] = {}
+        # The gids of sources that ROS did not list when they were made.
+        self._unlisted: set[str] = set()
         self._streams: dict[str, RosStream] = {}
         # Frames that other bridges have sent: since when.
         self._met_s: dict[str, float] = {}
@@ -196,10 +200,13 @@ class FromRos:
 
     def _say_origins(self) -> None:
         nodes = self._publishers.nodes
+        own: dict[str, set[str]] = {}
+        for gid, node in nodes.items():
+            own.setdefault(stream_name(self._node, node), set()).add(gid)
         for name, stream in self._streams.items():
-            own = {gid for gid, node in nodes.items() if stream_name(self._node, node) == name}
             all_of_it = nodes.keys() if "" in stream.gids and not self._leg.tells_publishers else ()
-            stream.say_origin(tuple(sorted((stream.gids | own | set(all_of_it)) - {""})))
+            gids = stream.gids | own.get(name, set()) | set(all_of_it)
+            stream.say_origin(tuple(sorted(gids - {""})))
 
     def _stand_by(self) -> None:
         """Another bridge that was there first carries some of the publishers: this one need not."""
@@ -239,17 +246,25 @@ class FromRos:
     def _meet(self, gid: str) -> _Source | None:
         """A publisher that is new; None where ROS does not tell yet whose it is."""
         node: str | None = ""
-        if gid and len(self._sources) < _MOST_PUBLISHERS:
-            unknown = self._unknown.get(gid)
-            node = self._publishers.look_for(gid)
-            if node is None:
-                if unknown is None:
-                    unknown = self._unknown[gid] = _Unknown(self._clock_s())
-                if self._clock_s() < unknown.since_s + _UNKNOWN_S:
-                    return None
-        source = self._make(gid, node or "")
-        waited = self._unknown.pop(gid, None)
-        for payload, static in waited.messages if waited else ():
+        unknown = self._unknown.get(gid)
+        is_kept = bool(gid)
+        if gid:
+            is_full = len(self._unknown) + len(self._unlisted) >= _MOST_UNLISTED
+            may_wait = unknown is not None or not is_full
+            node = self._publishers.look_for(gid) if may_wait else self._publishers.nodes.get(gid)
+            is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
+        if is_kept and node is None:
+            if unknown is None:
+                unknown = self._unknown[gid] = _Unknown(self._clock_s())
+            if self._clock_s() < unknown.since_s + _UNKNOWN_S:
+                return None
+            self._unlisted.add(gid)
+        self._unknown.pop(gid, None)
+        if is_kept:
+            source = self._make(gid, node or "")
+        else:
+            source = self._sources.get("") or self._make("", "")
+        for payload, static in unknown.messages if unknown else ():
             self._take(source, payload, static)
         return source
 
@@ -295,6 +310,7 @@ class FromRos:
         source = self._sources.pop(gid, None)
         if source is None:
             return
+        self._unlisted.discard(gid)
         if source.limit is not None:
             source.limit.close()
         stream = source.stream

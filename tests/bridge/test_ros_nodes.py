@@ -171,3 +171,47 @@ def test_gids_that_ros_does_not_list_are_few(
         lambda: robot.broadcast(at(1.0, "a", 2 * S)),
         lambda: buffer.frame("a").authority == "ros2/robot",
     )
+
+
+def test_a_name_that_comes_late_takes_its_frames_along(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """From the stream of the bridge to that of the node, static ones too."""
+    robot = TfNode(ros, "robot")
+    robot.leg.is_listed = False
+    robot.broadcast_static(at(1.0, "fixed"))
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros._unknown))
+    clock.now_ns = 6 * S
+    eventually(lambda: {"a", "fixed"} <= set(buffer.frames()))
+    assert {buffer.frame(each).authority for each in ("a", "fixed")} == {"ros2"}
+    robot.leg.is_listed = True
+    send_until(
+        lambda: robot.broadcast(at(1.0, "a", 2 * S)),
+        lambda: buffer.frame("a").authority == "ros2/robot",
+    )
+    eventually(lambda: buffer.frame("fixed").authority == "ros2/robot")
+    assert not buffer.frame("fixed").gone
+    assert set(from_ros.streams) == {"ros2/robot"}
+
+
+def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """There is no other sign that it is gone."""
+    robot = TfNode(ros, "robot")
+    robot.leg.is_listed = False
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    robot.broadcast_static(at(1.0, "fixed"))
+    eventually(lambda: bool(from_ros._unknown))
+    clock.now_ns = 3 * S
+    eventually(lambda: "fixed" in buffer.frames())
+    robot.close()
+    assert not buffer.frame("fixed").gone
+    clock.now_ns = 30 * S
+    eventually(lambda: buffer.frame("fixed").gone)
+    assert not from_ros._sources

@@ -36,6 +36,12 @@ _MOST_UNKNOWN = 100
 _MOST_PUBLISHERS = 1000
 # Of those that ROS does not list, whose gids may be made up.
 _MOST_UNLISTED = 100
+
+# One that ROS does not list is gone when it has sent nothing for this long. It may send static
+# transforms only, and is listed at last: by DDS after 10 s, with or without a name.
+_UNLISTED_S = 20.0
+
+# Names come from ROS as well.
 _MOST_STATICS = 100_000
 
 # A frame that another bridge sends may be one of this bus that is not known here yet.
@@ -57,6 +63,8 @@ class _Source:
     statics: dict[str, TransformStamped] = field(default_factory=dict)
     children: set[str] = field(default_factory=set)
     limit: RateLimit | None = None
+    # When the last message came.
+    heard_s: float = 0.0
 
     def __str__(self) -> str:
         return f"ROS node {printable(self.node)}" if self.node else "ROS"
@@ -178,7 +186,9 @@ class FromRos:
             if self._is_closed:
                 return
             self._lose(gone)
+            self._lose(self._silent())
             self._look_for_unknown()
+            self._take_late_names()
             self._look_whether_alone()
             for source in self._sources.values():
                 if self._is_of_bridge(source):
@@ -193,6 +203,36 @@ class FromRos:
             self._alone_looks = 0 if self._publishers.nodes else self._alone_looks + 1
             if self._alone_looks == 2:
                 self._drop("")
+
+    def _silent(self) -> list[str]:
+        """The publishers that ROS does not list, and that send nothing."""
+        nodes = self._publishers.nodes
+        self._unlisted -= nodes.keys()
+        before_s = self._clock_s() - _UNLISTED_S
+        found = [gid for gid in self._unlisted if self._sources[gid].heard_s < before_s]
+        shared = self._sources.get("")
+        # With a listed one that has no source of its own it may stand for that.
+        if shared and self._leg.tells_publishers and nodes.keys() <= self._sources.keys():
+            found += [""] if shared.heard_s < before_s else []
+        return found
+
+    def _take_late_names(self) -> None:
+        """The name of a node may come long after its messages: then they get its stream."""
+        nodes = self._publishers.nodes
+        for source in [*self._sources.values()]:
+            node = nodes.get(source.gid)
+            if source.node or not source.gid or not node:
+                continue
+            former = source.stream
+            if stream_name(self._node, node) == former.name:
+                source.node = node
+                continue
+            self._drop(source.gid)
+            if former.gids:
+                # Its frames leave that stream: what others send there goes on in a new epoch.
+                former.close()
+            named = self._make(source.gid, node)
+            named.statics, named.heard_s = source.statics, source.heard_s
 
     def _look_for_unknown(self) -> None:
         for gid in [*self._unknown]:
@@ -322,6 +362,7 @@ class FromRos:
             self._streams.pop(stream.name, None)
 
     def _take(self, source: _Source, payload: bytes, static: bool) -> None:
+        source.heard_s = self._clock_s()
         try:
             rows = self._reader.read(payload)
         except DecodeError as error:

@@ -49,9 +49,11 @@ class FakeRos:
             pass
 
     def close(self) -> None:
-        """End all participants."""
+        """End all participants; what their callbacks raised fails the test."""
         for leg in self._legs:
             leg.close()
+        errors = [error for leg in self._legs for error in leg.errors]
+        assert not errors, errors
 
 
 class FakeSender:

@@ -1,5 +1,9 @@
 """Each node of ROS is a publisher of its own on the bus, which may be gone and come back."""
 
+from functools import partial
+
+import pytest
+
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
@@ -14,6 +18,11 @@ from tfbus.ros.tf_message import TFMessageWriter
 def message_of(*transforms: TransformStamped) -> bytes:
     """A message of ROS."""
     return TFMessageWriter().write(Columns.of_transforms(transforms))
+
+
+def is_there(buffer: Buffer, name: str) -> bool:
+    """Whether a frame has a publisher."""
+    return name in buffer.frames() and not buffer.frame(name).gone
 
 
 def test_frames_name_the_node_of_ros(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
@@ -215,3 +224,22 @@ def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
     clock.now_ns = 30 * S
     eventually(lambda: buffer.frame("fixed").gone)
     assert not from_ros._sources
+
+
+def test_a_node_whose_names_never_end_begins_again(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its frames are those that still come, as of a tracker that numbers what it sees."""
+    monkeypatch.setattr("tfbus.bridge.from_ros._MOST_FRAMES", 50)
+    robot = TfNode(ros, "robot")
+    robot.broadcast_static(at(1.0, "fixed"))
+    bridge = bridged()
+    lines = Lines(bridge._node.log)
+    for number in range(120):
+        robot.broadcast(at(1.0, "base", number), at(1.0, f"person_{number}", number))
+    send_until(lambda: robot.broadcast(at(1.0, "base", S)), lambda: "person_119" in buffer.frames())
+    assert bridge._from_ros.streams["ros2/robot"] < 60
+    eventually(lambda: "person_0" not in buffer.frames() or buffer.frame("person_0").gone)
+    for name in ("base", "fixed", "person_119"):
+        eventually(partial(is_there, buffer, name))
+    assert sum("begins again" in each for each in lines.lines) == 1

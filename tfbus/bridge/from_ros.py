@@ -43,6 +43,8 @@ _UNLISTED_S = 20.0
 
 # Names come from ROS as well.
 _MOST_STATICS = 100_000
+# Of the dynamic frames of one publisher.
+_MOST_FRAMES = 10_000
 
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
@@ -355,11 +357,28 @@ class FromRos:
             source.limit.close()
         stream = source.stream
         stream.gids.discard(gid)
-        left = {child for other in self._sources.values() for child in other.children}
-        self._crossed.stays("from ROS", source.children - left)
+        self._note_that_none_crosses(source)
         if not stream.gids:
             stream.close()
             self._streams.pop(stream.name, None)
+
+    def _note_that_none_crosses(self, source: _Source) -> None:
+        others = [each for each in self._sources.values() if each is not source]
+        left = {child for other in others for child in other.children}
+        self._crossed.stays("from ROS", source.children - left)
+
+    def _begin_again(self, source: _Source) -> None:
+        """Forget frames that come no longer, where names never end: in a new epoch."""
+        self._once.info(
+            ("many", source.node),
+            "%s has sent more than %d frames: its stream begins again with those that still come",
+            source,
+            _MOST_FRAMES,
+        )
+        self._note_that_none_crosses(source)
+        source.children = set()
+        source.routes.forget()
+        source.stream.close()
 
     def _take(self, source: _Source, payload: bytes, static: bool) -> None:
         source.heard_s = self._clock_s()
@@ -424,6 +443,8 @@ class FromRos:
         return chosen(rows, [at for at in range(rows.count) if at not in which])
 
     def _route(self, source: _Source, rows: Columns) -> Route:
+        if len(source.children) > _MOST_FRAMES + len(source.statics):
+            self._begin_again(source)
         to = self._names.on_bus
         on_bus = {name: to(name) for name in rows.frames}
         refused = self._refused(source, on_bus, rows)

@@ -146,4 +146,3 @@ def test_a_bridge_that_is_gone_does_not_hide_two_clocks(
         clock.publish(Clock(100 * S))
 
     send_until(send, lambda: any("neither crosses" in each for each in lines.lines))
-    elsewhere.close()

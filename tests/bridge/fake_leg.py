@@ -49,9 +49,11 @@ class FakeRos:
             pass
 
     def close(self) -> None:
-        """End all participants."""
+        """End all participants; what their callbacks raised fails the test."""
         for leg in self._legs:
             leg.close()
+        errors = [error for leg in self._legs for error in leg.errors]
+        assert not errors, errors
 
 
 class FakeSender:
@@ -149,6 +151,8 @@ class FakeLeg:
         self.settings = settings
         self.tells_publishers = tells_publishers
         self.names_nodes = names_nodes
+        # Whether others see its publishers; messages may be faster.
+        self.is_listed = True
         self.told: list[str] = []
         # What its callbacks raised: nothing, where they are right.
         self.errors: list[Exception] = []
@@ -170,7 +174,7 @@ class FakeLeg:
             return [
                 RosPublisher(each.gid, each.leg.settings.full_name if self.names_nodes else "")
                 for each in self.ros.senders
-                if each.topic.name == topic and each.leg is not self
+                if each.topic.name == topic and each.leg is not self and each.leg.is_listed
             ]
 
     def senders(self, topic: str) -> list[FakeSender]:

@@ -13,7 +13,7 @@ from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.valid_rows import invalid_rows
 from tfbus.geometry.columns import Columns
-from tfbus.runtime.executor import Executor
+from tfbus.runtime.executor import Executor, Timer
 
 
 def rows(*children: str, stamp_ns: int = S) -> Columns:
@@ -100,6 +100,34 @@ def test_the_newest_row_goes_when_its_time_has_come() -> None:
     finally:
         limit.close()
         executor.close()
+
+
+def test_no_timer_runs_where_nothing_waits() -> None:
+    """A thousand times a second nothing would be done."""
+    clock = Clock()
+    executor = Executor("test", logging.getLogger("test"))
+    limit = RateLimit(1e-3, lambda columns: None, executor, lambda: clock.now_ns / 1e9)
+    try:
+        limit.take(rows("a"))
+        assert not timers_of(executor)
+        limit.take(rows("a"))
+        limit.take(rows("a"))
+        assert len(timers_of(executor)) == 1
+        clock.now_ns = 1001 * S
+        limit.flush()
+        assert not timers_of(executor)
+        limit.take(rows("a"))
+        limit.close()
+        limit.take(rows("a"))
+        assert not timers_of(executor)
+    finally:
+        limit.close()
+        executor.close()
+
+
+def timers_of(executor: Executor) -> list[Timer]:
+    """Those that run."""
+    return [timer for _, _, timer in executor._due if not timer.cancelled]
 
 
 def test_rows_that_are_no_transform_are_found() -> None:

@@ -42,9 +42,9 @@ def test_the_time_of_the_bus_is_that_of_ros(ros: FakeRos, bridged: Bridged, send
     bridge = bridged(tells_publishers=False)
     clock = sender.create_clock_publisher()
     send_until(lambda: clock.publish(Clock(STAMP_NS)), lambda: STAMP_NS in came)
-    assert bridge._clock.way == "to ROS"
     ros.settle()
-    eventually(lambda: bridge._clock.way == "to ROS")
+    assert bridge._clock.way == "to ROS"
+    assert "from ROS" not in bridge._clock._last_s
 
 
 def test_where_both_sides_have_a_clock_neither_crosses(
@@ -66,16 +66,23 @@ def test_where_both_sides_have_a_clock_neither_crosses(
     assert {read_clock(each) for each in came} == {10 * S}
 
 
-@pytest.mark.parametrize("way", ["off", "from-ros"])
-def test_a_way_may_be_closed(way: str, ros: FakeRos, bridged: Bridged, sender: Node) -> None:
-    """By the option; with "off" ROS does not even see a subscription."""
-    bridge = bridged(clock=way)
-    clock = sender.create_clock_publisher()
-    clock.publish(Clock(100 * S))
-    assert not ros.leg("nav2").publishers("/clock")
-    heard = [each.topic.name for each in ros.subscriptions]
-    assert ("/clock" in heard) is (way != "off")
-    assert bridge._clock.way == ""
+def test_a_way_may_be_closed(bridged: Bridged, sender: Node) -> None:
+    """By the option: the clock of the other side is heard, and does not cross."""
+    clock = bridged(clock="from-ros")._clock
+    publisher = sender.create_clock_publisher()
+    send_until(lambda: publisher.publish(Clock(100 * S)), lambda: "to ROS" in clock._last_s)
+    heard_s = clock._first_s["to ROS"]
+    clock._clock_s = lambda: heard_s + 2.0
+    clock.look()
+    assert clock._first_s and clock.way == ""
+
+
+def test_with_off_ros_does_not_even_see_a_subscription(ros: FakeRos, bridged: Bridged) -> None:
+    """Otherwise there is one."""
+    bridged(clock="off")
+    assert "/clock" not in [each.topic.name for each in ros.subscriptions]
+    bridged("another")
+    assert "/clock" in [each.topic.name for each in ros.subscriptions]
 
 
 def test_it_goes_on_when_a_clock_is_gone_and_another_comes(
@@ -89,3 +96,53 @@ def test_it_goes_on_when_a_clock_is_gone_and_another_comes(
     eventually(lambda: bridge._clock.way == "")
     gazebo = ros.leg("gazebo").publisher(TOPIC)
     send_until(lambda: gazebo.send(write_clock(S)), lambda: bridge._clock.way == "from ROS")
+
+
+@pytest.mark.parametrize("first", ["to ROS", "from ROS"])
+def test_a_second_clock_ends_the_way_of_the_first(
+    first: str, ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """Neither crosses then, whichever came later; which is said."""
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    clock = sender.create_clock_publisher()
+    bridge = bridged()
+    lines = Lines(bridge._node.log)
+
+    def send_first() -> None:
+        if first == "to ROS":
+            clock.publish(Clock(100 * S))
+        else:
+            gazebo.send(write_clock(10 * S))
+
+    send_until(send_first, lambda: bridge._clock.way == first)
+
+    def send_both() -> None:
+        gazebo.send(write_clock(10 * S))
+        clock.publish(Clock(100 * S))
+
+    send_until(send_both, lambda: bridge._clock.way == "")
+    send_until(send_both, lambda: any("neither crosses" in each for each in lines.lines))
+    assert bridge._clock.way == ""
+
+
+def test_a_bridge_that_is_gone_does_not_hide_two_clocks(
+    bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node
+) -> None:
+    """Nor one to another ROS."""
+    elsewhere = FakeRos()
+    bridged("elsewhere", to=elsewhere)
+    node = bus.node("former")
+    former = bridged("former", on=node)
+    bridge = bridged()
+    eventually(lambda: len(bridge._bridges.others) == 2)
+    former.close()
+    node.close()
+    gazebo = ros.leg("gazebo").publisher(TOPIC)
+    clock = sender.create_clock_publisher()
+    lines = Lines(bridge._node.log)
+
+    def send() -> None:
+        gazebo.send(write_clock(10 * S))
+        clock.publish(Clock(100 * S))
+
+    send_until(send, lambda: any("neither crosses" in each for each in lines.lines))

@@ -1,12 +1,28 @@
 """Each node of ROS is a publisher of its own on the bus, which may be gone and come back."""
 
+from functools import partial
+
+import pytest
+
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
-from tests.fakes import Lines
+from tests.fakes import Clock, Lines
 from tests.live_bus import Bus, eventually, send_until
-from tfbus import Buffer, Node, TransformListener
+from tfbus import Buffer, Node, TransformListener, TransformStamped
+from tfbus.geometry.columns import Columns
+from tfbus.ros.tf_message import TFMessageWriter
+
+
+def message_of(*transforms: TransformStamped) -> bytes:
+    """A message of ROS."""
+    return TFMessageWriter().write(Columns.of_transforms(transforms))
+
+
+def is_there(buffer: Buffer, name: str) -> bool:
+    """Whether a frame has a publisher."""
+    return name in buffer.frames() and not buffer.frame(name).gone
 
 
 def test_frames_name_the_node_of_ros(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
@@ -142,3 +158,88 @@ def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
     eventually(lambda: "No node of ROS publishes /tf or /tf_static yet" in lines.lines)
     bridge._leg.told.append("no router of rmw_zenoh answers")  # type: ignore[attr-defined]  # a fake
     eventually(lambda: any("no router of rmw_zenoh" in each for each in lines.lines))
+
+
+def test_gids_that_ros_does_not_list_are_few(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """They may be made up; what comes by further ones comes in the stream of the bridge, and a node
+    that is listed has a stream of its own all the same.
+    """
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    for number in range(1500):
+        clock.now_ns += S // 100
+        from_ros._on_message(False, message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
+    assert len(from_ros._unknown) + len(from_ros._sources) <= 102
+    eventually(lambda: "made_up_1499" in buffer.frames())
+    robot = TfNode(ros, "robot")
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
+    send_until(
+        lambda: robot.broadcast(at(1.0, "a", 2 * S)),
+        lambda: buffer.frame("a").authority == "ros2/robot",
+    )
+
+
+def test_a_name_that_comes_late_takes_its_frames_along(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """From the stream of the bridge to that of the node, static ones too."""
+    robot = TfNode(ros, "robot")
+    robot.leg.is_listed = False
+    robot.broadcast_static(at(1.0, "fixed"))
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros._unknown))
+    clock.now_ns = 6 * S
+    eventually(lambda: {"a", "fixed"} <= set(buffer.frames()))
+    assert {buffer.frame(each).authority for each in ("a", "fixed")} == {"ros2"}
+    robot.leg.is_listed = True
+    send_until(
+        lambda: robot.broadcast(at(1.0, "a", 2 * S)),
+        lambda: buffer.frame("a").authority == "ros2/robot",
+    )
+    eventually(lambda: buffer.frame("fixed").authority == "ros2/robot")
+    assert not buffer.frame("fixed").gone
+    assert set(from_ros.streams) == {"ros2/robot"}
+
+
+def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer
+) -> None:
+    """There is no other sign that it is gone."""
+    robot = TfNode(ros, "robot")
+    robot.leg.is_listed = False
+    from_ros = bridged()._from_ros
+    clock = Clock()
+    from_ros._clock_s = lambda: clock.now_ns / S
+    robot.broadcast_static(at(1.0, "fixed"))
+    eventually(lambda: bool(from_ros._unknown))
+    clock.now_ns = 3 * S
+    eventually(lambda: "fixed" in buffer.frames())
+    robot.close()
+    assert not buffer.frame("fixed").gone
+    clock.now_ns = 30 * S
+    eventually(lambda: buffer.frame("fixed").gone)
+    assert not from_ros._sources
+
+
+def test_a_node_whose_names_never_end_begins_again(
+    ros: FakeRos, bridged: Bridged, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its frames are those that still come, as of a tracker that numbers what it sees."""
+    monkeypatch.setattr("tfbus.bridge.from_ros._MOST_FRAMES", 50)
+    robot = TfNode(ros, "robot")
+    robot.broadcast_static(at(1.0, "fixed"))
+    bridge = bridged()
+    lines = Lines(bridge._node.log)
+    for number in range(120):
+        robot.broadcast(at(1.0, "base", number), at(1.0, f"person_{number}", number))
+    send_until(lambda: robot.broadcast(at(1.0, "base", S)), lambda: "person_119" in buffer.frames())
+    assert bridge._from_ros.streams["ros2/robot"] < 60
+    eventually(lambda: "person_0" not in buffer.frames() or buffer.frame("person_0").gone)
+    for name in ("base", "fixed", "person_119"):
+        eventually(partial(is_there, buffer, name))
+    assert sum("begins again" in each for each in lines.lines) == 1

@@ -104,7 +104,7 @@ class Bridge:
             from_ros=options.from_ros,
             executor=self._executor,
             once=self._once,
-            has_others=lambda: bool(self._bridges.others),
+            has_others=self._has_others,
         )
         self._topics = self._topic_bridge(table) if table is not None else None
         self._publishers.look()
@@ -203,6 +203,14 @@ class Bridge:
         self._say("from ROS", from_ros)
         self._say_nothing_came(from_ros)
         self._bridges.tell(self._status(to_ros, from_ros))
+
+    def _has_others(self) -> bool:
+        """Whether another bridge joins this bus and this ROS; one that sends nothing to ROS may."""
+        there = self._publishers.nodes
+        return any(
+            not other.gids or any(gid in there for gid in other.gids)
+            for other in self._bridges.others
+        )
 
     def _meet_new_bridges(self) -> None:
         there = self._publishers.nodes

@@ -34,7 +34,17 @@ _MOST_UNKNOWN = 100
 
 # Publishers and names come from ROS: further publishers share the stream of the bridge.
 _MOST_PUBLISHERS = 1000
+# Of those that ROS does not list, whose gids may be made up.
+_MOST_UNLISTED = 100
+
+# One that ROS does not list is gone when it has sent nothing for this long. It may send static
+# transforms only, and is listed at last: by DDS after 10 s, with or without a name.
+_UNLISTED_S = 20.0
+
+# Names come from ROS as well.
 _MOST_STATICS = 100_000
+# Of the dynamic frames of one publisher.
+_MOST_FRAMES = 10_000
 
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
@@ -55,6 +65,8 @@ class _Source:
     statics: dict[str, TransformStamped] = field(default_factory=dict)
     children: set[str] = field(default_factory=set)
     limit: RateLimit | None = None
+    # When the last message came.
+    heard_s: float = 0.0
 
     def __str__(self) -> str:
         return f"ROS node {printable(self.node)}" if self.node else "ROS"
@@ -112,6 +124,8 @@ class FromRos:
         self._reader = TFMessageReader()
         self._sources: dict[str, _Source] = {}
         self._unknown: dict[str, _Unknown] = {}
+        # The gids of sources that ROS did not list when they were made.
+        self._unlisted: set[str] = set()
         self._streams: dict[str, RosStream] = {}
         # Frames that other bridges have sent: since when.
         self._met_s: dict[str, float] = {}
@@ -174,7 +188,9 @@ class FromRos:
             if self._is_closed:
                 return
             self._lose(gone)
+            self._lose(self._silent())
             self._look_for_unknown()
+            self._take_late_names()
             self._look_whether_alone()
             for source in self._sources.values():
                 if self._is_of_bridge(source):
@@ -190,16 +206,49 @@ class FromRos:
             if self._alone_looks == 2:
                 self._drop("")
 
+    def _silent(self) -> list[str]:
+        """The publishers that ROS does not list, and that send nothing."""
+        nodes = self._publishers.nodes
+        self._unlisted -= nodes.keys()
+        before_s = self._clock_s() - _UNLISTED_S
+        found = [gid for gid in self._unlisted if self._sources[gid].heard_s < before_s]
+        shared = self._sources.get("")
+        # With a listed one that has no source of its own it may stand for that.
+        if shared and self._leg.tells_publishers and nodes.keys() <= self._sources.keys():
+            found += [""] if shared.heard_s < before_s else []
+        return found
+
+    def _take_late_names(self) -> None:
+        """The name of a node may come long after its messages: then they get its stream."""
+        nodes = self._publishers.nodes
+        for source in [*self._sources.values()]:
+            node = nodes.get(source.gid)
+            if source.node or not source.gid or not node:
+                continue
+            former = source.stream
+            if stream_name(self._node, node) == former.name:
+                source.node = node
+                continue
+            self._drop(source.gid)
+            if former.gids:
+                # Its frames leave that stream: what others send there goes on in a new epoch.
+                former.close()
+            named = self._make(source.gid, node)
+            named.statics, named.heard_s = source.statics, source.heard_s
+
     def _look_for_unknown(self) -> None:
         for gid in [*self._unknown]:
             self._meet(gid)
 
     def _say_origins(self) -> None:
         nodes = self._publishers.nodes
+        own: dict[str, set[str]] = {}
+        for gid, node in nodes.items():
+            own.setdefault(stream_name(self._node, node), set()).add(gid)
         for name, stream in self._streams.items():
-            own = {gid for gid, node in nodes.items() if stream_name(self._node, node) == name}
             all_of_it = nodes.keys() if "" in stream.gids and not self._leg.tells_publishers else ()
-            stream.say_origin(tuple(sorted((stream.gids | own | set(all_of_it)) - {""})))
+            gids = stream.gids | own.get(name, set()) | set(all_of_it)
+            stream.say_origin(tuple(sorted(gids - {""})))
 
     def _stand_by(self) -> None:
         """Another bridge that was there first carries some of the publishers: this one need not."""
@@ -239,17 +288,25 @@ class FromRos:
     def _meet(self, gid: str) -> _Source | None:
         """A publisher that is new; None where ROS does not tell yet whose it is."""
         node: str | None = ""
-        if gid and len(self._sources) < _MOST_PUBLISHERS:
-            unknown = self._unknown.get(gid)
-            node = self._publishers.look_for(gid)
-            if node is None:
-                if unknown is None:
-                    unknown = self._unknown[gid] = _Unknown(self._clock_s())
-                if self._clock_s() < unknown.since_s + _UNKNOWN_S:
-                    return None
-        source = self._make(gid, node or "")
-        waited = self._unknown.pop(gid, None)
-        for payload, static in waited.messages if waited else ():
+        unknown = self._unknown.get(gid)
+        is_kept = bool(gid)
+        if gid:
+            is_full = len(self._unknown) + len(self._unlisted) >= _MOST_UNLISTED
+            may_wait = unknown is not None or not is_full
+            node = self._publishers.look_for(gid) if may_wait else self._publishers.nodes.get(gid)
+            is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
+        if is_kept and node is None:
+            if unknown is None:
+                unknown = self._unknown[gid] = _Unknown(self._clock_s())
+            if self._clock_s() < unknown.since_s + _UNKNOWN_S:
+                return None
+            self._unlisted.add(gid)
+        self._unknown.pop(gid, None)
+        if is_kept:
+            source = self._make(gid, node or "")
+        else:
+            source = self._sources.get("") or self._make("", "")
+        for payload, static in unknown.messages if unknown else ():
             self._take(source, payload, static)
         return source
 
@@ -295,17 +352,36 @@ class FromRos:
         source = self._sources.pop(gid, None)
         if source is None:
             return
+        self._unlisted.discard(gid)
         if source.limit is not None:
             source.limit.close()
         stream = source.stream
         stream.gids.discard(gid)
-        left = {child for other in self._sources.values() for child in other.children}
-        self._crossed.stays("from ROS", source.children - left)
+        self._note_that_none_crosses(source)
         if not stream.gids:
             stream.close()
             self._streams.pop(stream.name, None)
 
+    def _note_that_none_crosses(self, source: _Source) -> None:
+        others = [each for each in self._sources.values() if each is not source]
+        left = {child for other in others for child in other.children}
+        self._crossed.stays("from ROS", source.children - left)
+
+    def _begin_again(self, source: _Source) -> None:
+        """Forget frames that come no longer, where names never end: in a new epoch."""
+        self._once.info(
+            ("many", source.node),
+            "%s has sent more than %d frames: its stream begins again with those that still come",
+            source,
+            _MOST_FRAMES,
+        )
+        self._note_that_none_crosses(source)
+        source.children = set()
+        source.routes.forget()
+        source.stream.close()
+
     def _take(self, source: _Source, payload: bytes, static: bool) -> None:
+        source.heard_s = self._clock_s()
         try:
             rows = self._reader.read(payload)
         except DecodeError as error:
@@ -367,6 +443,8 @@ class FromRos:
         return chosen(rows, [at for at in range(rows.count) if at not in which])
 
     def _route(self, source: _Source, rows: Columns) -> Route:
+        if len(source.children) > _MOST_FRAMES + len(source.statics):
+            self._begin_again(source)
         to = self._names.on_bus
         on_bus = {name: to(name) for name in rows.frames}
         refused = self._refused(source, on_bus, rows)

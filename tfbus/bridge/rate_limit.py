@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from tfbus.bridge.routes import chosen
 from tfbus.geometry.columns import Columns
-from tfbus.runtime.executor import Executor
+from tfbus.runtime.executor import Executor, Timer
 
 # Frames come from the network: at most this many are remembered.
 _MOST_FRAMES = 100_000
@@ -32,8 +32,10 @@ class RateLimit:
         self._lock = threading.Lock()
         self._free_s: dict[str, float] = {}
         self._waiting: dict[str, tuple[Columns, int]] = {}
-        # Often enough that one which waits goes soon after its time.
-        self._timer = executor.every(self._period_s / 2, self.flush)
+        self._executor = executor
+        # While something waits.
+        self._timer: Timer | None = None
+        self._is_closed = False
 
     def take(self, rows: Columns) -> None:
         """Pass on the rows that may go now."""
@@ -48,6 +50,9 @@ class RateLimit:
                 else:
                     ready[frames[child]] = at
             self._note(ready, now_s)
+            if self._waiting and self._timer is None and not self._is_closed:
+                # Often enough that one which waits goes soon after its time.
+                self._timer = self._executor.every(self._period_s / 2, self.flush)
         if ready:
             self._send(chosen(rows, [*ready.values()]))
 
@@ -61,6 +66,8 @@ class RateLimit:
                 if now_s >= self._free_s.get(child, now_s)
             }
             self._note(ready, now_s)
+            if not self._waiting:
+                self._stop()
         of: dict[int, tuple[Columns, list[int]]] = {}
         for rows, at in ready.values():
             of.setdefault(id(rows), (rows, []))[1].append(at)
@@ -69,9 +76,15 @@ class RateLimit:
 
     def close(self) -> None:
         """Pass on nothing more. Twice is fine."""
-        self._timer.cancel()
         with self._lock:
+            self._is_closed = True
             self._waiting.clear()
+            self._stop()
+
+    def _stop(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def _note(
         self, children: "dict[str, int] | dict[str, tuple[Columns, int]]", now_s: float

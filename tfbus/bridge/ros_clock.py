@@ -34,8 +34,9 @@ class RosClock:
     """Passes the time on in one direction, until `close()`.
 
     With `way` "auto" it is that of the first clock that is heard; where both sides have one,
-    neither crosses, which is logged unless the bus `has_others` that bridge. Its messages come
-    on threads of the leg's and of Zenoh's.
+    neither crosses, also where the second comes later, which is logged. While the bus `has_others`
+    that bridge to the same ROS, its clock may be theirs: then nothing is logged, and a way that has
+    begun stays. Messages come on threads of the leg's and of Zenoh's.
     """
 
     def __init__(
@@ -74,7 +75,9 @@ class RosClock:
         if any(self._may.values()):
             self._subscriptions = [
                 leg.subscribe(TOPIC, self._on_ros),
-                node.create_raw_subscription("clock", self._on_bus, type_name=Clock.__name__),
+                node.create_raw_subscription(
+                    "clock", self._on_bus, type_name=Clock.__name__, others=True
+                ),
             ]
             self._timer = executor.every(_DECIDE_S / 2, self.look)
 
@@ -97,19 +100,25 @@ class RosClock:
             there = {side for side, last_s in self._last_s.items() if now_s < last_s + _SILENT_S}
             for side in self._first_s.keys() - there:
                 del self._first_s[side]
-            if self.way and self.way not in there:
-                self._end()
-            if not self.way and there:
-                self._choose(there, now_s)
-
-    def _choose(self, there: set[str], now_s: float) -> None:
-        if self._is_auto and len(there) == 2:
-            if not self._has_others():
+            if self._has_two(now_s) and not self._has_others():
                 self._once.warning(
                     "two clocks",
                     "The bus has a clock, and ROS has one: neither crosses. Stop one of them, or "
                     "choose one by --clock to-ros or --clock from-ros",
                 )
+                self._end()
+            if self.way and self.way not in there:
+                self._end()
+            if not self.way and there:
+                self._choose(there, now_s)
+
+    def _has_two(self, now_s: float) -> bool:
+        """Whether both sides have had a clock for some time; another bridge is known by then."""
+        firsts_s = self._first_s.values()
+        return self._is_auto and len(firsts_s) == 2 and now_s >= max(firsts_s) + _DECIDE_S
+
+    def _choose(self, there: set[str], now_s: float) -> None:
+        if self._is_auto and len(there) == 2:
             return
         for way in there:
             if self._may[way] and now_s >= self._first_s[way] + _DECIDE_S:
@@ -159,8 +168,6 @@ class RosClock:
         publish(Clock(stamp_ns))
 
     def _on_bus(self, payload: bytes) -> None:
-        if self.way == "from ROS":
-            return
         try:
             clock = decode_message(Clock, payload)
         except DecodeError:
@@ -172,6 +179,8 @@ class RosClock:
             try:
                 sender.send(write_clock(clock.stamp_ns))
             except TfbusError as error:
+                if sender is not self._sender:
+                    return  # the way has ended meanwhile
                 self._once.warning("clock", "The time does not go to ROS: %s", error)
 
 

@@ -9,7 +9,7 @@ from tests import needs
 from tests.live_bus import eventually
 from tfbus.bridge.dds_config import configuration, domain_of
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
-from tfbus.errors import TfbusError
+from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 
 LOG = logging.getLogger("leg")
@@ -108,8 +108,50 @@ def test_the_domain_is_that_of_ros() -> None:
 
 def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
     """A name of an interface of this host is one; all else are hosts to ask."""
-    assert '<NetworkInterface name="lo"/>' in configuration(("lo",), {})
-    assert '<Peer Address="10.0.0.2"/>' in configuration(("10.0.0.2",), {})
+    assert '<NetworkInterface name="lo"/>' in configuration(("lo",), LOG, {})
+    assert '<Peer Address="10.0.0.2"/>' in configuration(("10.0.0.2",), LOG, {})
+
+
+@pytest.mark.parametrize(
+    "peer",
+    [
+        "no.such.host.invalid",
+        "tcp/10.0.0.2:7447",
+        "10.0.0.2:99999",
+        "10.0.0.2:",
+        "::1",
+        "",
+        "a" * 70,
+    ],
+)
+def test_a_host_that_is_not_found_is_an_error(peer: str) -> None:
+    """That says what is allowed: Cyclone DDS would abort the process."""
+    with pytest.raises(SettingsError, match=r"interface of this host \(.*lo.*\), or the name or"):
+        configuration((peer,), LOG, {})
+
+
+@pytest.mark.parametrize("peer", ["127.0.0.1", "127.0.0.1:7412", "localhost", "localhost:7412"])
+def test_a_host_may_have_a_port(peer: str) -> None:
+    """As Cyclone DDS has it."""
+    assert f'<Peer Address="{peer}"/>' in configuration((peer,), LOG, {})
+
+
+@pytest.mark.parametrize("peer", ["::1", "[::1]", "[::1]:7412"])
+def test_hosts_have_the_addresses_of_the_transport(peer: str) -> None:
+    """Of IPv6 where the configuration of Cyclone DDS says so."""
+    environ = {"CYCLONEDDS_URI": "<General><Transport>udp6</Transport></General>"}
+    assert f'<Peer Address="{peer}"/>' in configuration((peer,), LOG, environ)
+    with pytest.raises(SettingsError, match="no host of this name is found"):
+        configuration(("127.0.0.1",), LOG, environ)
+
+
+def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    """With a warning; the others are asked."""
+    environ = {"ROS_STATIC_PEERS": "no.such.host.invalid;10.0.0.2"}
+    config = configuration((), LOG, environ)
+    assert "invalid" not in config and '<Peer Address="10.0.0.2"/>' in config
+    [record] = caplog.records
+    assert "ROS_STATIC_PEERS has 'no.such.host.invalid', which is left out" in record.message
 
 
 @pytest.mark.parametrize(
@@ -117,11 +159,11 @@ def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
     [
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, 'address="127.0.0.1"'),
         ({"ROS_LOCALHOST_ONLY": "1"}, 'address="127.0.0.1"'),
-        ({"ROS_STATIC_PEERS": "10.0.0.2;robot"}, '<Peer Address="robot"/>'),
+        ({"ROS_STATIC_PEERS": "10.0.0.2; localhost"}, '<Peer Address="localhost"/>'),
         ({"CYCLONEDDS_URI": "file:///etc/cyclone.xml"}, ",file:///etc/cyclone.xml"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )
 def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
     """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
-    assert expected in configuration((), environ)
+    assert expected in configuration((), LOG, environ)

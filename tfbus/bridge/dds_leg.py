@@ -154,7 +154,7 @@ class DdsLeg:
         self._number = domain_of(settings)
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
         try:
-            _DOMAINS.take(self._number, configuration(settings.connect))
+            _DOMAINS.take(self._number, configuration(settings.connect, log))
         except DDSException as error:
             raise TfbusError(
                 f"DDS cannot join domain {self._number}{_by(settings.connect)}; Cyclone DDS says "

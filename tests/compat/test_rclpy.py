@@ -12,7 +12,7 @@ from tests.live_bus import Bus, eventually, keep_sending, send_static
 from tfbus import ServiceError, messages
 from tfbus.compat import rclpy as ported
 from tfbus.compat import tf2_ros
-from tfbus.compat.bus_types import bus_type_of
+from tfbus.compat.bus_types import BusType, bus_type_of
 from tfbus.compat.geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from tfbus.compat.rclpy.context import split_arguments
 from tfbus.compat.rclpy.endpoints import Subscription
@@ -262,6 +262,25 @@ def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
     while callback := work.take():
         callback()
     assert got == [String(data="c"), String(data="d")]
+
+
+def test_a_message_that_comes_while_another_is_delivered_is_delivered_too() -> None:
+    """Also where the subscription was full a moment before."""
+    work, got, string = Work(), [], bus_type_of(String)
+
+    def from_bus(message: String) -> String:
+        # The thread that spins takes the message before, just now.
+        if callback := work.take():
+            callback()
+        return message
+
+    on_bus = BusType(String, string.to_bus, from_bus)
+    subscription = Subscription(work, on_bus, got.append, depth=1)
+    for word in "abc":
+        subscription.receive(String(data=word))
+    while callback := work.take():
+        callback()
+    assert got == [String(data=word) for word in "abc"]
 
 
 def test_transient_local_is_retained(rclpy: ModuleType) -> None:

@@ -54,12 +54,17 @@ class Subscription:
         self.callback = callback
         self._work = work
         self._on_bus = on_bus
+        # Each message in it has its call of `_deliver`: both change together, also where
+        # a signal handler ends it.
+        self._lock = threading.RLock()
         self._messages: deque[Any] = deque(maxlen=depth)
 
     def receive(self, message: Any) -> None:
         """Take a message of the bus; the oldest gives way where there are too many."""
-        is_full = len(self._messages) == self._messages.maxlen
-        self._messages.append(self._on_bus.from_bus(message))
+        received = self._on_bus.from_bus(message)
+        with self._lock:
+            is_full = len(self._messages) == self._messages.maxlen
+            self._messages.append(received)
         if not is_full:
             self._work.submit(self._deliver)
 
@@ -67,13 +72,14 @@ class Subscription:
         """End it, also for messages that wait."""
         if self.endpoint is not None:
             self.endpoint.close()
-        self._messages.clear()
+        with self._lock:
+            self._messages.clear()
 
     def _deliver(self) -> None:
-        try:
+        with self._lock:
+            if not self._messages:
+                return
             message = self._messages.popleft()
-        except IndexError:
-            return
         self._work.call(self.callback, message)
 
 

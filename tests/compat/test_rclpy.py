@@ -36,6 +36,7 @@ from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
 
@@ -256,7 +257,7 @@ def test_every_message_of_ros_goes_over_the_bus(rclpy: ModuleType) -> None:
 def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
     """The newest; each is delivered once."""
     work, got = Work(), []
-    subscription = Subscription(work, bus_type_of(String), got.append, depth=2)
+    subscription = Subscription(work, bus_type_of(String, SYSTEM_CLOCK), got.append, depth=2)
     for word in "abcd":
         subscription.receive(String(data=word))
     while callback := work.take():
@@ -266,7 +267,7 @@ def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
 
 def test_a_message_that_comes_while_another_is_delivered_is_delivered_too() -> None:
     """Also where the subscription was full a moment before."""
-    work, got, string = Work(), [], bus_type_of(String)
+    work, got, string = Work(), [], bus_type_of(String, SYSTEM_CLOCK)
 
     def from_bus(message: String) -> String:
         # The thread that spins takes the message before, just now.
@@ -433,6 +434,23 @@ def test_simulated_time_is_the_time_of_the_node(rclpy: ModuleType, bus: Bus) -> 
         return bool(node.get_clock().now().nanoseconds)
 
     eventually(is_set)
+
+
+def test_a_pose_has_the_stamp_of_the_clock_of_the_node(rclpy: ModuleType, bus: Bus) -> None:
+    """Simulated where the node's is: in ROS it has none."""
+    node = Node("simulated", cli_args=["--ros-args", "-p", "use_sim_time:=true"])
+    own, read = bus.node("own"), []
+    own.create_subscription(messages.Pose, "pose", read.append)
+    clock = own.create_clock_publisher()
+    pose = node.create_publisher(Pose, "pose", 1)
+
+    def is_stamped() -> bool:
+        clock.publish(messages.Clock(5_000_000_000))
+        pose.publish(Pose(x=1.0))
+        return bool(read) and read[-1].stamp_ns != 0
+
+    eventually(is_stamped)
+    assert read[-1].stamp_ns == 5_000_000_000
     now = node.get_clock().now()
     assert now.seconds_nanoseconds() == (5, 0) and now.clock_type == ClockType.ROS_TIME
 

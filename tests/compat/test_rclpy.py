@@ -326,6 +326,36 @@ def test_a_service_is_called_from_a_callback_of_another_node(rclpy: ModuleType) 
     assert names == ["turtle2 at 4"]
 
 
+def test_calls_wait_for_the_service_in_one_thread(rclpy: ModuleType) -> None:
+    """However many there are; those that are cancelled meanwhile are left out."""
+    node, names = rclpy.create_node("serves"), []
+    client = rclpy.create_node("calls").create_client(Spawn, "spawn")
+    before = set(threading.enumerate())
+    futures = [client.call_async(Spawn.Request(name=str(at))) for at in range(20)]
+    calling = [each for each in set(threading.enumerate()) - before if "spawn" in each.name]
+    assert len(calling) == 1
+    futures[10].cancel()
+
+    def spawn(request: Any, response: Any) -> Any:
+        names.append(request.name)
+        return response
+
+    node.create_service(Spawn, "spawn", spawn)
+    spin_until(node, lambda: all(each.done() for each in futures))
+    assert names == [str(at) for at in range(20) if at != 10]
+    eventually(lambda: not calling[0].is_alive())
+
+
+def test_calls_of_a_destroyed_client_end(rclpy: ModuleType) -> None:
+    """Also where there never was a service."""
+    client = rclpy.create_node("calls").create_client(Spawn, "spawn")
+    futures = [client.call_async(Spawn.Request()) for _ in range(3)]
+    client.destroy()
+    eventually(lambda: all(each.done() for each in futures))
+    with pytest.raises(ServiceError, match="the client of 'spawn' is closed"):
+        futures[-1].result()
+
+
 def test_a_service_that_fails_tells_the_caller(rclpy: ModuleType) -> None:
     """And ends the spin of its own node with what it raised."""
     node = rclpy.create_node("serves")

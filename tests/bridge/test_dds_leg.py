@@ -9,6 +9,7 @@ from tests import needs
 from tests.live_bus import eventually
 from tfbus.bridge.dds_config import configuration, domain_of
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
+from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 
@@ -92,9 +93,18 @@ def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]
 def test_a_leg_alone_says_so() -> None:
     """Without any other node the warnings say what to look at."""
     leg = open_leg("alone")
-    assert ["domain" in said for said in leg.warnings()] == [True]
+    [said] = leg.warnings()
+    assert said.startswith("No ROS 2 node is seen by DDS in domain")
     leg.close()
     leg.close()
+
+
+def test_a_distribution_that_is_unknown_is_an_error() -> None:
+    """Before anything is opened; one that is known says how long a gid is."""
+    needs.module("cyclonedds")
+    with pytest.raises(SettingsError, match="over DDS 'humbel'; did you mean 'humble'"):
+        open_by_name("dds", LegSettings(distro="humbel"), LOG)
+    open_by_name("dds", LegSettings(distro="humble", domain=DOMAIN, connect=("lo",)), LOG).close()
 
 
 def test_the_domain_is_that_of_ros() -> None:

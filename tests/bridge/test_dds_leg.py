@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from tfbus.bridge.dds_config import configuration, domain_of
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.errors import SettingsError, TfbusError
+from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 
 LOG = logging.getLogger("leg")
@@ -74,6 +76,26 @@ def test_publishers_have_the_names_of_their_nodes_while_they_are_there(
     assert two.publishers("/chatter") == []
     sender.close()
     eventually(lambda: not one.publishers("/chatter"))
+
+
+def test_invented_participants_are_forgotten_first(
+    legs: tuple[Any, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The names of nodes are limited, and those of participants that publish stay."""
+    from tfbus.bridge import dds_watch
+
+    monkeypatch.setattr(dds_watch, "_MOST_PARTICIPANTS", 3)
+    one, two = legs
+    two.publisher(CHATTER)
+    eventually(lambda: [each.node for each in one.publishers("/chatter")] == ["/robot1/two"])
+    names = one._watch._names
+    for number in range(1, 7):
+        gid = bytes([number] * 16)
+        info = ParticipantNodes(gid, [NodeEntities("/invented", [], [gid])])
+        two._graph.write(two._graph.data_type(encode_nodes(info)))
+        eventually(lambda gid=gid: gid.hex() in names)
+    assert len(names) == 3
+    assert [each.node for each in one.publishers("/chatter")] == ["/robot1/two"]
 
 
 def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:

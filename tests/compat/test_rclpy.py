@@ -193,7 +193,7 @@ def test_spin_once_returns_for_transforms_that_came_before(rclpy: ModuleType) ->
 
 
 def test_spin_once_of_a_listener_waits_while_no_transforms_come(rclpy: ModuleType) -> None:
-    """As long as it is told to, for a callback."""
+    """Until a callback has run."""
     node, calls = rclpy.create_node("loops"), []
     tf2_ros.TransformListener(tf2_ros.Buffer(), node)
     node.create_timer(0.1, lambda: calls.append(1))

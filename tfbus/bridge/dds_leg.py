@@ -48,7 +48,7 @@ except ImportError as error:
         f"and later: {install_command('ros2')}"
     ) from error
 
-# In keyless topics a reader keeps so many messages of all writers together.
+# In keyless topics a reader keeps at least this many messages of all writers.
 _LEAST_READER_DEPTH = 100
 
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")

@@ -173,11 +173,11 @@ class Node:
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *_: Any, **__: Any
     ) -> Timer:
-        """Call `callback()` every so many seconds, the first time after one period."""
+        """Call `callback()` every `timer_period_sec` seconds, the first time after one period."""
         return Timer(self.tfbus_node, self.work, timer_period_sec, callback)
 
     def create_rate(self, frequency: float, *_: Any) -> Rate:
-        """A rate whose `sleep()` makes a loop of so many Hz."""
+        """A rate whose `sleep()` makes a loop of `frequency` Hz."""
         return Rate(self.tfbus_node, 1.0 / frequency)
 
     def create_service(

@@ -80,7 +80,7 @@ class Heard:
         return [line for line in lines if line["heard"] == topic and child in line["children"]]
 
     def wait_for(self, topic: str, child: str, *, more_than: int = 0) -> Any:
-        """The last message on a topic with this frame, once there are more than so many."""
+        """The last message on a topic with this frame, once there are more than `more_than`."""
 
         def came() -> Any:
             found = self.of(topic, child)

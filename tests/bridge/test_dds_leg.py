@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -9,7 +10,9 @@ from tests import needs
 from tests.live_bus import eventually
 from tfbus.bridge.dds_config import configuration, domain_of
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
-from tfbus.errors import TfbusError
+from tfbus.bridge.legs import open_leg as open_by_name
+from tfbus.errors import SettingsError, TfbusError
+from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
 
 LOG = logging.getLogger("leg")
@@ -75,6 +78,26 @@ def test_publishers_have_the_names_of_their_nodes_while_they_are_there(
     eventually(lambda: not one.publishers("/chatter"))
 
 
+def test_invented_participants_are_forgotten_first(
+    legs: tuple[Any, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The names of nodes are limited, and those of participants that publish stay."""
+    from tfbus.bridge import dds_watch
+
+    monkeypatch.setattr(dds_watch, "_MOST_PARTICIPANTS", 3)
+    one, two = legs
+    two.publisher(CHATTER)
+    eventually(lambda: [each.node for each in one.publishers("/chatter")] == ["/robot1/two"])
+    names = one._watch._names
+    for number in range(1, 7):
+        gid = bytes([number] * 16)
+        info = ParticipantNodes(gid, [NodeEntities("/invented", [], [gid])])
+        two._graph.write(two._graph.data_type(encode_nodes(info)))
+        eventually(lambda gid=gid: gid.hex() in names)
+    assert len(names) == 3
+    assert [each.node for each in one.publishers("/chatter")] == ["/robot1/two"]
+
+
 def test_a_publisher_of_another_type_is_named(legs: tuple[Leg, Leg]) -> None:
     """The warnings say who publishes the topic with another type."""
     one, two = legs
@@ -92,9 +115,18 @@ def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]
 def test_a_leg_alone_says_so() -> None:
     """Without any other node the warnings say what to look at."""
     leg = open_leg("alone")
-    assert ["domain" in said for said in leg.warnings()] == [True]
+    [said] = leg.warnings()
+    assert said.startswith("No ROS 2 node is seen by DDS in domain")
     leg.close()
     leg.close()
+
+
+def test_a_distribution_that_is_unknown_is_an_error() -> None:
+    """Before anything is opened; one that is known says how long a gid is."""
+    needs.module("cyclonedds")
+    with pytest.raises(SettingsError, match="over DDS 'humbel'; did you mean 'humble'"):
+        open_by_name("dds", LegSettings(distro="humbel"), LOG)
+    open_by_name("dds", LegSettings(distro="humble", domain=DOMAIN, connect=("lo",)), LOG).close()
 
 
 def test_the_domain_is_that_of_ros() -> None:
@@ -108,8 +140,50 @@ def test_the_domain_is_that_of_ros() -> None:
 
 def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
     """A name of an interface of this host is one; all else are hosts to ask."""
-    assert '<NetworkInterface name="lo"/>' in configuration(("lo",), {})
-    assert '<Peer Address="10.0.0.2"/>' in configuration(("10.0.0.2",), {})
+    assert '<NetworkInterface name="lo"/>' in configuration(("lo",), LOG, {})
+    assert '<Peer Address="10.0.0.2"/>' in configuration(("10.0.0.2",), LOG, {})
+
+
+@pytest.mark.parametrize(
+    "peer",
+    [
+        "no.such.host.invalid",
+        "tcp/10.0.0.2:7447",
+        "10.0.0.2:99999",
+        "10.0.0.2:",
+        "::1",
+        "",
+        "a" * 70,
+    ],
+)
+def test_a_host_that_is_not_found_is_an_error(peer: str) -> None:
+    """That says what is allowed: Cyclone DDS would abort the process."""
+    with pytest.raises(SettingsError, match=r"interface of this host \(.*lo.*\), or the name or"):
+        configuration((peer,), LOG, {})
+
+
+@pytest.mark.parametrize("peer", ["127.0.0.1", "127.0.0.1:7412", "localhost", "localhost:7412"])
+def test_a_host_may_have_a_port(peer: str) -> None:
+    """As Cyclone DDS has it."""
+    assert f'<Peer Address="{peer}"/>' in configuration((peer,), LOG, {})
+
+
+@pytest.mark.parametrize("peer", ["::1", "[::1]", "[::1]:7412"])
+def test_hosts_have_the_addresses_of_the_transport(peer: str) -> None:
+    """Of IPv6 where the configuration of Cyclone DDS says so."""
+    environ = {"CYCLONEDDS_URI": "<General><Transport>udp6</Transport></General>"}
+    assert f'<Peer Address="{peer}"/>' in configuration((peer,), LOG, environ)
+    with pytest.raises(SettingsError, match="no host of this name is found"):
+        configuration(("127.0.0.1",), LOG, environ)
+
+
+def test_a_static_peer_that_is_not_found_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    """With a warning; the others are asked."""
+    environ = {"ROS_STATIC_PEERS": "no.such.host.invalid;10.0.0.2"}
+    config = configuration((), LOG, environ)
+    assert "invalid" not in config and '<Peer Address="10.0.0.2"/>' in config
+    [record] = caplog.records
+    assert "ROS_STATIC_PEERS has 'no.such.host.invalid', which is left out" in record.message
 
 
 @pytest.mark.parametrize(
@@ -117,11 +191,11 @@ def test_what_to_connect_to_is_an_interface_or_a_host() -> None:
     [
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, 'address="127.0.0.1"'),
         ({"ROS_LOCALHOST_ONLY": "1"}, 'address="127.0.0.1"'),
-        ({"ROS_STATIC_PEERS": "10.0.0.2;robot"}, '<Peer Address="robot"/>'),
+        ({"ROS_STATIC_PEERS": "10.0.0.2; localhost"}, '<Peer Address="localhost"/>'),
         ({"CYCLONEDDS_URI": "file:///etc/cyclone.xml"}, ",file:///etc/cyclone.xml"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )
 def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None:
     """Without anything to connect to, the variables of ROS and Cyclone say where ROS is."""
-    assert expected in configuration((), environ)
+    assert expected in configuration((), LOG, environ)

@@ -41,18 +41,18 @@ class Scene(NamedTuple):
 def scene(request: pytest.FixtureRequest) -> Iterator[Scene]:
     network = Ros2Network(*request.param.split("-"))
     try:
-        early = network.start_node("early", "--tf", "early_moving", "--static", "early_fixed")
-        early.wait_for(TF, "early_moving")
-        leg = network.start_leg("leg_moving", "leg_fixed")
-        early.wait_for(TF_STATIC, "leg_fixed")
+        early = network.start_node("early", "--tf", "early_dynamic", "--static", "early_static")
+        early.wait_for(TF, "early_dynamic")
+        leg = network.start_leg("leg_dynamic", "leg_static")
+        early.wait_for(TF_STATIC, "leg_static")
         yield Scene(
             network,
             early,
             leg,
             network.start_node("late"),
-            network.start_node("brief", "--tf", "brief_moving"),
-            network.start_node("lossy", "--tf", "lossy_moving", "--best-effort"),
-            network.start_leg("first_moving", "first_fixed"),
+            network.start_node("brief", "--tf", "brief_dynamic"),
+            network.start_node("lossy", "--tf", "lossy_dynamic", "--best-effort"),
+            network.start_leg("first_dynamic", "first_static"),
         )
     finally:
         network.close()
@@ -71,7 +71,7 @@ def endpoints(node: Heard, topic: str) -> list[dict[str, Any]]:
 
 def test_messages_come_with_the_publisher_and_it_has_the_name_of_its_node(scene: Scene) -> None:
     """Each message has the gid of a publisher, whose node is that of ROS; where ROS tells it."""
-    message = scene.leg.wait_for(TF, "early_moving")
+    message = scene.leg.wait_for(TF, "early_dynamic")
     eventually(lambda: "/early" in published_by(scene.leg, TF).values())
     if scene.leg.last("tells_publishers"):
         assert published_by(scene.leg, TF)[message["gid"]] == "/early"
@@ -81,19 +81,19 @@ def test_messages_come_with_the_publisher_and_it_has_the_name_of_its_node(scene:
 
 def test_static_frames_of_before_come(scene: Scene) -> None:
     """A leg that comes later has the static frames of ROS."""
-    scene.leg.wait_for(TF_STATIC, "early_fixed")
+    scene.leg.wait_for(TF_STATIC, "early_static")
 
 
 def test_ros_has_the_frames(scene: Scene) -> None:
     """Nodes of ROS hear what a leg sends, those of before and those that come later."""
-    scene.early.wait_for(TF, "leg_moving")
-    scene.late.wait_for(TF, "leg_moving")
+    scene.early.wait_for(TF, "leg_dynamic")
+    scene.late.wait_for(TF, "leg_dynamic")
     eventually(lambda: scene.leg.last("heard_by_ros"))
 
 
 def test_late_nodes_have_the_static_frames(scene: Scene) -> None:
     """A node of ROS that comes later has the static frames, in one message."""
-    assert scene.late.wait_for(TF_STATIC, "leg_fixed")["children"] == ["leg_fixed"]
+    assert scene.late.wait_for(TF_STATIC, "leg_static")["children"] == ["leg_static"]
 
 
 def test_ros_sees_a_node_with_its_publishers(scene: Scene) -> None:
@@ -121,10 +121,10 @@ def test_ros_sees_type_hash_and_qos(scene: Scene, topic: str, retained: bool) ->
 
 def test_own_messages_do_not_come_back(scene: Scene) -> None:
     """Of all that a leg hears nothing is its own."""
-    scene.late.wait_for(TF, "leg_moving", more_than=ENOUGH)
-    scene.leg.wait_for(TF, "early_moving", more_than=ENOUGH)
-    assert not scene.leg.of(TF, "leg_moving")
-    assert not scene.leg.of(TF_STATIC, "leg_fixed")
+    scene.late.wait_for(TF, "leg_dynamic", more_than=ENOUGH)
+    scene.leg.wait_for(TF, "early_dynamic", more_than=ENOUGH)
+    assert not scene.leg.of(TF, "leg_dynamic")
+    assert not scene.leg.of(TF_STATIC, "leg_static")
 
 
 def test_the_end_of_a_publisher_is_seen(scene: Scene) -> None:
@@ -139,12 +139,12 @@ def test_a_publisher_that_cannot_be_heard_is_named(scene: Scene) -> None:
     eventually(lambda: any("/lossy" in said for said in scene.leg.last("warnings") or ()))
     scene.lossy.process.stop(signal.SIGINT)
     eventually(lambda: scene.leg.last("warnings") == [])
-    assert not scene.leg.of(TF, "lossy_moving")
+    assert not scene.leg.of(TF, "lossy_dynamic")
 
 
 def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
     """A leg that ends is gone from ROS at once; the next has all again, and ROS its frames."""
-    scene.late.wait_for(TF_STATIC, "first_fixed")
+    scene.late.wait_for(TF_STATIC, "first_static")
     gid = scene.first.last("gids")[TF_STATIC]
 
     def is_seen() -> bool:
@@ -153,9 +153,9 @@ def test_a_leg_ends_and_comes_again(scene: Scene) -> None:
     eventually(is_seen)
     assert scene.first.process.stop(signal.SIGINT) == 0
     eventually(lambda: not is_seen(), within_s=AT_ONCE_S)
-    second = scene.network.start_leg("second_moving", "second_fixed")
-    for topic, child in ((TF, "early_moving"), (TF_STATIC, "early_fixed")):
+    second = scene.network.start_leg("second_dynamic", "second_static")
+    for topic, child in ((TF, "early_dynamic"), (TF_STATIC, "early_static")):
         second.wait_for(topic, child)
-    for topic, child in ((TF, "second_moving"), (TF_STATIC, "second_fixed")):
+    for topic, child in ((TF, "second_dynamic"), (TF_STATIC, "second_static")):
         scene.late.wait_for(topic, child)
     assert second.process.stop(signal.SIGINT) == 0

@@ -17,11 +17,11 @@ def test_a_host_is_asked_where_multicast_does_not_reach(distro: str) -> None:
     network = Ros2Network("dds", distro)
     try:
         network.hosts.set_multicast("desk", on=False)
-        leg = network.start_leg("leg_moving", "leg_fixed", network.hosts.address["robot"])
-        node = network.start_node("node", "--tf", "node_moving", "--static", "node_fixed")
-        leg.wait_for(TF, "node_moving")
-        leg.wait_for(TF_STATIC, "node_fixed")
-        node.wait_for(TF, "leg_moving")
-        node.wait_for(TF_STATIC, "leg_fixed")
+        leg = network.start_leg("leg_dynamic", "leg_static", network.hosts.address["robot"])
+        node = network.start_node("node", "--tf", "node_dynamic", "--static", "node_static")
+        leg.wait_for(TF, "node_dynamic")
+        leg.wait_for(TF_STATIC, "node_static")
+        node.wait_for(TF, "leg_dynamic")
+        node.wait_for(TF_STATIC, "leg_static")
     finally:
         network.close()

@@ -89,7 +89,7 @@ def test_a_peer_without_a_router_says_so(ros: Ros) -> None:
 
 @pytest.mark.parametrize("peer", [False, True])
 def test_messages_come_with_the_gid_of_their_publisher(ros: Ros, peer: bool) -> None:
-    """In order, and its node is told; as a client of the router and as a peer."""
+    """In order, and its node is known; as a client of the router and as a peer."""
     ros.router.start()
     sending, hearing = ros.leg("sender", namespace="robot1"), ros.leg("hearer", peer=peer)
     heard = Heard()
@@ -314,7 +314,7 @@ def test_before_rmw_zenoh_0_2_4_attachments_have_names(ros: Ros) -> None:
 
 
 def test_humble_has_no_hashes_of_types(ros: Ros) -> None:
-    """Legs of Humble hear each other; one of a later ROS is told what to do."""
+    """Legs of Humble hear each other; one of a later ROS says what to do."""
     ros.router.start()
     one, other = ros.leg("one", distro="humble"), ros.leg("other", distro="humble")
     later = ros.leg("later")
@@ -332,7 +332,7 @@ def test_humble_has_no_hashes_of_types(ros: Ros) -> None:
 
 
 def test_domains_are_apart(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the settings, else by ROS_DOMAIN_ID; a domain without nodes is told."""
+    """By the settings, else by ROS_DOMAIN_ID; a warning names the domain that has nodes."""
     ros.router.start()
     far = ros.leg("far", domain=7)
     far.publisher(TF)

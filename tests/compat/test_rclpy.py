@@ -12,7 +12,7 @@ from tests.live_bus import Bus, eventually, keep_sending, send_static
 from tfbus import ServiceError, messages
 from tfbus.compat import rclpy as ported
 from tfbus.compat import tf2_ros
-from tfbus.compat.bus_types import bus_type_of
+from tfbus.compat.bus_types import BusType, bus_type_of
 from tfbus.compat.geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from tfbus.compat.rclpy.context import split_arguments
 from tfbus.compat.rclpy.endpoints import Subscription
@@ -36,6 +36,7 @@ from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import String
 from tfbus.compat.turtlesim.msg import Pose
 from tfbus.compat.turtlesim.srv import Spawn
+from tfbus.runtime.clock import SYSTEM_CLOCK
 from tfbus.wire.codec import type_name
 
 
@@ -192,7 +193,7 @@ def test_spin_once_returns_for_transforms_that_came_before(rclpy: ModuleType) ->
 
 
 def test_spin_once_of_a_listener_waits_while_no_transforms_come(rclpy: ModuleType) -> None:
-    """As long as it is told to, for a callback."""
+    """Until a callback has run."""
     node, calls = rclpy.create_node("loops"), []
     tf2_ros.TransformListener(tf2_ros.Buffer(), node)
     node.create_timer(0.1, lambda: calls.append(1))
@@ -256,12 +257,31 @@ def test_every_message_of_ros_goes_over_the_bus(rclpy: ModuleType) -> None:
 def test_a_subscription_keeps_as_many_messages_as_its_depth() -> None:
     """The newest; each is delivered once."""
     work, got = Work(), []
-    subscription = Subscription(work, bus_type_of(String), got.append, depth=2)
+    subscription = Subscription(work, bus_type_of(String, SYSTEM_CLOCK), got.append, depth=2)
     for word in "abcd":
         subscription.receive(String(data=word))
     while callback := work.take():
         callback()
     assert got == [String(data="c"), String(data="d")]
+
+
+def test_a_message_that_comes_while_another_is_delivered_is_delivered_too() -> None:
+    """Also where the subscription was full a moment before."""
+    work, got, string = Work(), [], bus_type_of(String, SYSTEM_CLOCK)
+
+    def from_bus(message: String) -> String:
+        # The thread that spins takes the message before, just now.
+        if callback := work.take():
+            callback()
+        return message
+
+    on_bus = BusType(String, string.to_bus, from_bus)
+    subscription = Subscription(work, on_bus, got.append, depth=1)
+    for word in "abc":
+        subscription.receive(String(data=word))
+    while callback := work.take():
+        callback()
+    assert got == [String(data=word) for word in "abc"]
 
 
 def test_transient_local_is_retained(rclpy: ModuleType) -> None:
@@ -304,6 +324,36 @@ def test_a_service_is_called_from_a_callback_of_another_node(rclpy: ModuleType) 
     future.add_done_callback(lambda done: names.append(done.result().name))
     spin_until(caller, lambda: names)
     assert names == ["turtle2 at 4"]
+
+
+def test_calls_wait_for_the_service_in_one_thread(rclpy: ModuleType) -> None:
+    """However many there are; those that are cancelled meanwhile are left out."""
+    node, names = rclpy.create_node("serves"), []
+    client = rclpy.create_node("calls").create_client(Spawn, "spawn")
+    before = set(threading.enumerate())
+    futures = [client.call_async(Spawn.Request(name=str(at))) for at in range(20)]
+    calling = [each for each in set(threading.enumerate()) - before if "spawn" in each.name]
+    assert len(calling) == 1
+    futures[10].cancel()
+
+    def spawn(request: Any, response: Any) -> Any:
+        names.append(request.name)
+        return response
+
+    node.create_service(Spawn, "spawn", spawn)
+    spin_until(node, lambda: all(each.done() for each in futures))
+    assert names == [str(at) for at in range(20) if at != 10]
+    eventually(lambda: not calling[0].is_alive())
+
+
+def test_calls_of_a_destroyed_client_end(rclpy: ModuleType) -> None:
+    """Also where there never was a service."""
+    client = rclpy.create_node("calls").create_client(Spawn, "spawn")
+    futures = [client.call_async(Spawn.Request()) for _ in range(3)]
+    client.destroy()
+    eventually(lambda: all(each.done() for each in futures))
+    with pytest.raises(ServiceError, match="the client of 'spawn' is closed"):
+        futures[-1].result()
 
 
 def test_a_service_that_fails_tells_the_caller(rclpy: ModuleType) -> None:
@@ -414,6 +464,23 @@ def test_simulated_time_is_the_time_of_the_node(rclpy: ModuleType, bus: Bus) -> 
         return bool(node.get_clock().now().nanoseconds)
 
     eventually(is_set)
+
+
+def test_a_pose_has_the_stamp_of_the_clock_of_the_node(rclpy: ModuleType, bus: Bus) -> None:
+    """Simulated where the node's is: in ROS it has none."""
+    node = Node("simulated", cli_args=["--ros-args", "-p", "use_sim_time:=true"])
+    own, read = bus.node("own"), []
+    own.create_subscription(messages.Pose, "pose", read.append)
+    clock = own.create_clock_publisher()
+    pose = node.create_publisher(Pose, "pose", 1)
+
+    def is_stamped() -> bool:
+        clock.publish(messages.Clock(5_000_000_000))
+        pose.publish(Pose(x=1.0))
+        return bool(read) and read[-1].stamp_ns != 0
+
+    eventually(is_stamped)
+    assert read[-1].stamp_ns == 5_000_000_000
     now = node.get_clock().now()
     assert now.seconds_nanoseconds() == (5, 0) and now.clock_type == ClockType.ROS_TIME
 

@@ -1,13 +1,15 @@
 """The configuration of Cyclone DDS with which it meets ROS 2 as it is by default."""
 
+import logging
 import os
+import re
 import socket
 from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
 from tfbus.bridge.leg import LegSettings
-from tfbus.errors import TfbusError
-from tfbus.wording import printable
+from tfbus.errors import SettingsError, TfbusError
+from tfbus.wording import listed, printable
 
 # Cyclone refuses what Fast DDS 3 says of types, and then matches nothing of it: for these vendors
 # (Connext, Fast DDS, Cyclone itself) the name of a type decides, as everywhere in ROS.
@@ -18,6 +20,10 @@ _VENDORS = "1.1,1.15,1.16"
 _MOST_WAITING = "256 MB"
 
 _MOST_DOMAIN = 232
+
+# A host, in brackets where it is an address of IPv6, and a port.
+_PEER = re.compile(r"(?:udp6?/)?(?:\[([^]]*)\]|([^:]*|[^:]*:[^:]*:.*?))(?::(\d{1,5}))?")
+_MOST_PORT = 65535
 
 
 def domain_of(settings: LegSettings, environ: Mapping[str, str] = os.environ) -> int:
@@ -35,23 +41,70 @@ def domain_of(settings: LegSettings, environ: Mapping[str, str] = os.environ) ->
     return int(text)
 
 
-def configuration(connect: Sequence[str], environ: Mapping[str, str] = os.environ) -> str:
+def configuration(
+    connect: Sequence[str], log: logging.Logger, environ: Mapping[str, str] = os.environ
+) -> str:
     """What Cyclone DDS is to do, as XML.
 
     `connect` are names of network interfaces to use, and hosts to ask where multicast does not
     reach them. Without any, it is as ROS's variables say: ROS_LOCALHOST_ONLY,
     ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS. What CYCLONEDDS_URI says holds as well.
+
+    Raises SettingsError where one of `connect` is neither; a host of ROS_STATIC_PEERS that is not
+    found is left out, and logged.
     """
     here = {name for _, name in socket.if_nameindex()}
     interfaces = [each for each in connect if each in here]
     peers = [each for each in connect if each not in here]
+    for each in peers:
+        if mistake := _mistake_in_peer(each, environ):
+            raise SettingsError(
+                f"--ros-connect {printable(each, 60)!r}: {mistake}; by DDS it is a network "
+                f"interface of this host ({listed(sorted(here))}), or the name or address of a "
+                "host, as 192.168.1.7"
+            )
     if not connect:
-        peers = [each for each in environ.get("ROS_STATIC_PEERS", "").split(";") if each]
+        peers = _static_peers(log, environ)
         if _is_local(environ):
             # ROS finds others on this host by their ports, not by multicast.
             interfaces, peers = ["127.0.0.1"], ["127.0.0.1", *peers]
     asked = _domain(_general(interfaces) + _discovery(peers))
     return ",".join(filter(None, (_ALWAYS, environ.get("CYCLONEDDS_URI", "").strip(), asked)))
+
+
+def _static_peers(log: logging.Logger, environ: Mapping[str, str]) -> list[str]:
+    """Those hosts of ROS_STATIC_PEERS that are found."""
+    found = []
+    for each in filter(None, map(str.strip, environ.get("ROS_STATIC_PEERS", "").split(";"))):
+        if mistake := _mistake_in_peer(each, environ):
+            shown = printable(each, 60)
+            log.warning("ROS_STATIC_PEERS has %r, which is left out: %s", shown, mistake)
+        else:
+            found.append(each)
+    return found
+
+
+def _mistake_in_peer(peer: str, environ: Mapping[str, str]) -> str:
+    """Why Cyclone cannot use a peer, "" where it can: it would abort the process."""
+    parts = _PEER.fullmatch(peer)
+    if parts is None or (parts[3] and not 0 < int(parts[3]) <= _MOST_PORT):
+        return f"its port is not a number from 1 to {_MOST_PORT}"
+    try:
+        found = socket.getaddrinfo(parts[1] or parts[2] or "", None, _family(environ))
+    except (OSError, ValueError) as error:
+        # ValueError: a label of more than 63 letters, for example.
+        reason = error.strerror if isinstance(error, OSError) else None
+        return f"no host of this name is found ({printable(reason or str(error), 80)})"
+    return "" if found else "no host of this name is found"
+
+
+def _family(environ: Mapping[str, str]) -> socket.AddressFamily:
+    """Which addresses Cyclone uses: those of IPv4, unless its configuration says otherwise."""
+    uri = environ.get("CYCLONEDDS_URI", "")
+    if "udp6" in uri:
+        return socket.AF_INET6
+    # A file may say so, too.
+    return socket.AF_INET if "<" in uri or not uri.strip() else socket.AF_UNSPEC
 
 
 def _is_local(environ: Mapping[str, str]) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 from tfbus.bridge.dds_config import configuration, domain_of
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.command.extras import install_command
-from tfbus.errors import TfbusError
+from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import (
     GID_SIZE,
     GRAPH_TOPIC,
@@ -23,7 +23,7 @@ from tfbus.ros.dds_graph import (
 from tfbus.ros.definitions import Definition
 from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
-from tfbus.wording import listed, printable
+from tfbus.wording import did_you_mean, listed, printable
 
 try:
     from cyclonedds.core import (
@@ -48,14 +48,20 @@ except ImportError as error:
         f"and later: {install_command('ros2')}"
     ) from error
 
-# In keyless topics a reader keeps so many messages of all writers together.
+# In keyless topics a reader keeps at least this many messages of all writers.
 _LEAST_READER_DEPTH = 100
 
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
+_DISTROS = (*_HUMBLE_AND_BEFORE, "iron", "jazzy", "kilted", "lyrical", "rolling")
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "DdsLeg":
     """Join ROS 2 by DDS. Raises TfbusError where it cannot be joined."""
+    if settings.distro and settings.distro not in _DISTROS:
+        raise SettingsError(
+            f"unknown distribution of ROS 2 over DDS {printable(settings.distro, 40)!r}"
+            f"{did_you_mean(settings.distro, _DISTROS)}"
+        )
     return DdsLeg(settings, log)
 
 
@@ -154,7 +160,7 @@ class DdsLeg:
         self._number = domain_of(settings)
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
         try:
-            _DOMAINS.take(self._number, configuration(settings.connect))
+            _DOMAINS.take(self._number, configuration(settings.connect, log))
         except DDSException as error:
             raise TfbusError(
                 f"DDS cannot join domain {self._number}{_by(settings.connect)}; Cyclone DDS says "
@@ -230,7 +236,7 @@ class DdsLeg:
         """That there is no ROS, and whom it cannot listen to."""
         if not self._watch.sees_ros:
             return [
-                f"no ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
+                f"No ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"
             ]
         with self._lock:

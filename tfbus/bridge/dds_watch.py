@@ -18,8 +18,11 @@ from tfbus.ros.dds_graph import decode_nodes
 MOST_TAKEN = 256
 ANY = ViewState.Any | InstanceState.Any | SampleState.Any
 
-# A message may come after its writer is gone. Of so many such writers the gids are known.
+# A message may come after its writer is gone. The gids of at most this many such writers are known.
 _MOST_GONE = 1000
+
+# A participant may tell of nodes of any other one, which then never leaves.
+_MOST_PARTICIPANTS = 1000
 
 # The name of a node comes after its writer, together with its first messages, if it comes: from
 # Fast DDS in 3 s.
@@ -88,7 +91,7 @@ class DdsWatch:
             return self._names.get(writer.participant, {}).get(writer.gid, "")
 
     def is_nameless(self, writer: Writer) -> bool:
-        """Whether a writer has told no name for so long that none will come."""
+        """Whether a writer has told no name for 10 s, so that none will come."""
         return time.monotonic() > writer.since_s + _NAMELESS_S
 
     @property
@@ -133,6 +136,17 @@ class DdsWatch:
             # Of a ROS with gids of another size.
             return
         participant = info.participant.hex()
+        self._names.pop(participant, None)
+        if len(self._names) >= _MOST_PARTICIPANTS:
+            self._forget_one()
         self._names[participant] = {
             gid.hex(): node.name for node in info.nodes for gid in node.writers
         }
+
+    def _forget_one(self) -> None:
+        """Forget the names of the participant that told them longest ago, best of one without
+        writers.
+        """
+        writing = {each.participant for each in self._writers.values()}
+        silent = (each for each in self._names if each not in writing)
+        del self._names[next(silent, next(iter(self._names)))]

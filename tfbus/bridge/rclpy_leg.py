@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
-from tfbus.errors import TfbusError
+from tfbus.errors import SettingsError, TfbusError
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
@@ -47,6 +47,8 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RclpyLeg":
             "rclpy has no --ros-connect: ROS's own variables say where ROS is, such as "
             "ROS_STATIC_PEERS, or ZENOH_CONFIG_OVERRIDE"
         )
+    if settings.distro:
+        raise SettingsError("rclpy has no --distro: it is that of the ROS that is sourced")
     return RclpyLeg(settings, log)
 
 
@@ -215,7 +217,7 @@ class RclpyLeg:
         own = (self._node.get_name(), self._node.get_namespace())
         if all(each == own for each in self._node.get_node_names_and_namespaces()):
             return [
-                f"no ROS 2 node is seen by {self.name} in domain {self._context.get_domain_id()}: "
+                f"No ROS 2 node is seen by {self.name} in domain {self._context.get_domain_id()}: "
                 "ROS_DOMAIN_ID and RMW_IMPLEMENTATION must be those of the other nodes"
             ]
         with self._lock:

@@ -3,9 +3,9 @@
 All others go as they are, by the names of their fields: Twist, and every dataclass of a program.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from tfbus import messages as bus
@@ -13,6 +13,7 @@ from tfbus.compat.rclpy.time import Time, stamp_ns_of
 from tfbus.compat.sensor_msgs.msg import JointState
 from tfbus.compat.std_msgs.msg import Header
 from tfbus.compat.turtlesim.msg import Pose
+from tfbus.runtime.clock import Clock
 
 
 @dataclass(frozen=True)
@@ -24,19 +25,22 @@ class BusType:
     from_bus: Callable[[Any], Any]
 
 
-def bus_type_of(message_type: type) -> BusType:
-    """How messages of this type go over the bus."""
-    return _CONVERTED.get(message_type) or BusType(message_type, _as_it_is, _as_it_is)
+def bus_type_of(message_type: type, clock: Clock) -> BusType:
+    """How messages of this type go over the bus; `clock` stamps those that have no stamp in ROS."""
+    if message_type is Pose:
+        return BusType(bus.Pose, partial(_pose_to_bus, clock), _pose_from_bus)
+    if message_type is JointState:
+        return BusType(bus.JointState, _joints_to_bus, _joints_from_bus)
+    return BusType(message_type, _as_it_is, _as_it_is)
 
 
 def _as_it_is(message: Any) -> Any:
     return message
 
 
-def _pose_to_bus(pose: Pose) -> bus.Pose:
-    # ROS's has no stamp.
+def _pose_to_bus(clock: Clock, pose: Pose) -> bus.Pose:
     return bus.Pose(
-        time.time_ns(), pose.x, pose.y, pose.theta, pose.linear_velocity, pose.angular_velocity
+        clock.now_ns(), pose.x, pose.y, pose.theta, pose.linear_velocity, pose.angular_velocity
     )
 
 
@@ -68,9 +72,3 @@ def _joints_from_bus(state: bus.JointState) -> JointState:
         velocity=list(state.velocities),
         effort=list(state.efforts),
     )
-
-
-_CONVERTED = {
-    Pose: BusType(bus.Pose, _pose_to_bus, _pose_from_bus),
-    JointState: BusType(bus.JointState, _joints_to_bus, _joints_from_bus),
-}

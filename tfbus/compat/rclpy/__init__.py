@@ -109,7 +109,7 @@ def spin_until_future_complete(
     executor: executors.Executor | None = None,
     timeout_sec: float | None = None,
 ) -> None:
-    """Run callbacks until the future has ended, at most so long (None: for ever)."""
+    """Run callbacks until the future has ended, at most `timeout_sec` s (None: for ever)."""
     _with(node, executor).spin_until_future_complete(future, timeout_sec)
 
 

@@ -17,7 +17,8 @@ from tfbus.node.service import Client as TfbusClient
 from tfbus.node.topic import Publisher as TfbusPublisher
 from tfbus.runtime.executor import Timer as TfbusTimer
 
-# How often a service that waits for its callback looks whether the node still lives.
+# How often a service that waits for its callback looks whether the node still lives, and a call
+# that waits for its service, whether the client is still open.
 _LOOKS_EVERY_S = 0.5
 
 
@@ -54,12 +55,17 @@ class Subscription:
         self.callback = callback
         self._work = work
         self._on_bus = on_bus
+        # Each message in it has its call of `_deliver`: both change together, also where
+        # a signal handler ends it.
+        self._lock = threading.RLock()
         self._messages: deque[Any] = deque(maxlen=depth)
 
     def receive(self, message: Any) -> None:
         """Take a message of the bus; the oldest gives way where there are too many."""
-        is_full = len(self._messages) == self._messages.maxlen
-        self._messages.append(self._on_bus.from_bus(message))
+        received = self._on_bus.from_bus(message)
+        with self._lock:
+            is_full = len(self._messages) == self._messages.maxlen
+            self._messages.append(received)
         if not is_full:
             self._work.submit(self._deliver)
 
@@ -67,13 +73,14 @@ class Subscription:
         """End it, also for messages that wait."""
         if self.endpoint is not None:
             self.endpoint.close()
-        self._messages.clear()
+        with self._lock:
+            self._messages.clear()
 
     def _deliver(self) -> None:
-        try:
+        with self._lock:
+            if not self._messages:
+                return
             message = self._messages.popleft()
-        except IndexError:
-            return
         self._work.call(self.callback, message)
 
 
@@ -193,6 +200,10 @@ class Client:
         self.srv_name = client.name
         self._client = client
         self._work = work
+        # Both change together; a signal handler may call, too.
+        self._lock = threading.RLock()
+        self._calls: deque[tuple[Any, Future]] = deque()
+        self._is_calling = False
 
     def service_is_ready(self) -> bool:
         """Whether it has a server now."""
@@ -207,18 +218,39 @@ class Client:
         return self._client.call(request, timeout_s=timeout_sec)
 
     def call_async(self, request: Any) -> Future:
-        """A future of the response; its exception is a ServiceError where the service refuses."""
+        """A future of the response; its exception is a ServiceError where the service refuses.
+
+        Calls of one client go one after the other, once there is a server.
+        """
         future = Future(run=self._work.submit)
-
-        def call() -> None:
-            try:
-                future.set_result(self._client.call(request, timeout_s=None))
-            except Exception as error:
-                future.set_exception(error)
-
-        threading.Thread(target=call, name=f"call of {self.srv_name}", daemon=True).start()
+        with self._lock:
+            self._calls.append((request, future))
+            if not self._is_calling:
+                name = f"calls of {self.srv_name}"
+                threading.Thread(target=self._call_all, name=name, daemon=True).start()
+                self._is_calling = True
         return future
 
     def destroy(self) -> None:
         """End it."""
         self.endpoint.close()
+
+    def _call_all(self) -> None:
+        while (call := self._next_call()) is not None:
+            request, future = call
+            try:
+                self._wait_while_open()
+                if not future.done():
+                    future.set_result(self._client.call(request, timeout_s=None))
+            except Exception as error:
+                future.set_exception(error)
+
+    def _next_call(self) -> tuple[Any, Future] | None:
+        with self._lock:
+            self._is_calling = bool(self._calls)
+            return self._calls.popleft() if self._calls else None
+
+    def _wait_while_open(self) -> None:
+        while not self._client.wait_for_service(_LOOKS_EVERY_S):
+            if self._client.closed:
+                raise ServiceError(f"the client of {self.srv_name!r} is closed")

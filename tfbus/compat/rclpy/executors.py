@@ -132,7 +132,7 @@ class Executor:
             slice_s = min(left_s, _LOOKS_FOR_TRANSFORMS_EVERY_S)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        """Run callbacks until the future has ended, at most so long (None: for ever)."""
+        """Run callbacks until the future has ended, at most `timeout_sec` s (None: for ever)."""
         here = self._begin()
         deadline = None if timeout_sec is None else time.monotonic() + timeout_sec
         for node in self._nodes:

@@ -140,7 +140,7 @@ class Node:
     def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""
         retained = applied(qos_profile, topic, self.say_once)[1]
-        on_bus = bus_type_of(msg_type)
+        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
         publisher = self.tfbus_node.create_publisher(on_bus.type, topic, retained=retained)
         return Publisher(publisher, on_bus, msg_type)
 
@@ -163,7 +163,7 @@ class Node:
                 "the bytes of the bus"
             )
         depth, retained = applied(qos_profile, topic, self.say_once)
-        on_bus = bus_type_of(msg_type)
+        on_bus = bus_type_of(msg_type, self.tfbus_node.clock)
         subscription = Subscription(self.work, on_bus, callback, depth)
         subscription.endpoint = self.tfbus_node.create_subscription(
             on_bus.type, topic, subscription.receive, retained=retained
@@ -173,11 +173,11 @@ class Node:
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *_: Any, **__: Any
     ) -> Timer:
-        """Call `callback()` every so many seconds, the first time after one period."""
+        """Call `callback()` every `timer_period_sec` seconds, the first time after one period."""
         return Timer(self.tfbus_node, self.work, timer_period_sec, callback)
 
     def create_rate(self, frequency: float, *_: Any) -> Rate:
-        """A rate whose `sleep()` makes a loop of so many Hz."""
+        """A rate whose `sleep()` makes a loop of `frequency` Hz."""
         return Rate(self.tfbus_node, 1.0 / frequency)
 
     def create_service(

@@ -3,7 +3,7 @@
 import functools
 import re
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -100,10 +100,12 @@ def run_bridge(
     table = TopicTable.of_file(crossing.topics_file, crossing.topics)
     with Node.from_settings(settings) as node:
         joined = open_leg(via, leg, node.log)
-        if crossing.odom_tf:
-            joined = with_odometry_frames(joined, table, leg.namespace)
-        bridge = Bridge(node, joined, crossing.options, ros_node=leg.full_name, table=table)
-        with closing(bridge):
+        with ExitStack() as opened:
+            opened.callback(joined.close)
+            if crossing.odom_tf:
+                joined = with_odometry_frames(joined, table, leg.namespace)
+            bridge = Bridge(node, joined, crossing.options, ros_node=leg.full_name, table=table)
+            opened.callback(bridge.close)
             node.ready(f"{bridge.announcement}{note}")
             node.wait(None)
 

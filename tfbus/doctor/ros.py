@@ -7,17 +7,13 @@ import threading
 from collections import defaultdict
 from collections.abc import Iterable
 from contextlib import suppress
-from http.client import HTTPConnection, HTTPException
-from typing import Any
-from xml.parsers.expat import ExpatError
-from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy, Transport
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.doctor.ros_around import RosAround, is_domain
 from tfbus.doctor.rtps import RtpsWatch
 from tfbus.errors import BusError
+from tfbus.ros.ros1_master import Ros1Master
 
 # The tokens of rmw_zenoh, and those of zenoh-bridge-ros2dds.
 _TOKENS = "/@ros2_lv/**"
@@ -130,19 +126,10 @@ def _domain() -> int:
     return int(text) if is_domain(text) else -1
 
 
-class _Transport(Transport):
-    def make_connection(self, host: Any) -> HTTPConnection:
-        made = super().make_connection(host)
-        made.timeout = _ANSWER_WITHIN_S
-        return made
-
-
 def nodes_of_master(uri: str) -> int | None:
     """The number of nodes that a master of ROS 1 knows; None where it does not answer."""
     try:
-        master: Any = ServerProxy(uri, transport=_Transport())
-        code, _, state = master.getSystemState("/tfbus_doctor")
-        nodes = {node for kind in state for _, names in kind for node in names}
-    except (OSError, HTTPException, XmlRpcError, ExpatError, ValueError, TypeError):
+        state = Ros1Master(uri, "/tfbus_doctor", _ANSWER_WITHIN_S).state()
+    except OSError:
         return None
-    return len(nodes) if code == 1 else None
+    return len({node for kind in state for nodes in kind.values() for node in nodes})

@@ -50,6 +50,8 @@ class Bridge:
         table: "TopicTable | None" = None,
     ) -> None:
         self._is_built = False
+        # The sessions of other bridges between this bus and this ROS.
+        self._met: set[str] = set()
         self._node = node
         self._leg = leg
         self._options = options
@@ -133,8 +135,6 @@ class Bridge:
             self._from_ros.listen(self._dynamic, self._static)
         self._started_s = time.monotonic()
         self._said: dict[str, bool] = {}
-        # The sessions of other bridges between this bus and this ROS.
-        self._met: set[str] = set()
         self._seen: dict[str, tuple[dict[str, int], int]] = {}
         self._is_built = True
         self._executor.every(_LOOK_EVERY_S, self._look)
@@ -163,8 +163,17 @@ class Bridge:
             from_ros=self._options.from_ros,
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
+            seniors=self._seniors,
         )
         return bridge
+
+    def _seniors(self) -> list[RosBridge]:
+        """The other bridges between this bus and this ROS that were there before."""
+        return [
+            each
+            for each in self._bridges.others
+            if each.session in self._met and self._bridges.is_senior(each)
+        ]
 
     # What changes
 
@@ -192,7 +201,7 @@ class Bridge:
             self._met.add(other.session)
             self._node.log.warning(
                 "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
-                "frame crosses by the one that was started first",
+                "frame or topic crosses by the one that was started first",
                 printable(other.node, 60),
                 "it was started first" if self._bridges.is_senior(other) else "it came later",
             )

@@ -4,7 +4,9 @@ import logging
 import re
 import threading
 import time
+from collections.abc import Callable, Collection
 
+from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import Leg, RosPublisher
 from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
 from tfbus.bridge.topic_table import TopicLine
@@ -42,7 +44,8 @@ class TopicBridge:
     Topics of the bus are those that nodes of the node's namespace describe, of types that the
     table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out where this side has their source.
+    of another bridge are left out where this side has their source. `seniors()` are the bridges
+    between the same bus and the same ROS that were there before: what they send, this one does not.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class TopicBridge:
         from_ros: bool,
         ros_namespace: str,
         log: logging.Logger,
+        seniors: Callable[[], Collection[RosBridge]] = lambda: (),
     ) -> None:
         self._node = node
         self._leg = leg
@@ -63,6 +67,7 @@ class TopicBridge:
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
         self._log = log
+        self._seniors = seniors
         self._once = LogOnce(log)
         self._topics: dict[str, _Topic] = {}
         self._executor = Executor(f"{node.full_name} topics", log)
@@ -126,7 +131,9 @@ class TopicBridge:
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
         topic.line = line
-        topic.look(info, bridges, to_ros=self._is_to_ros, from_ros=self._is_from_ros)
+        topic.look(
+            info, bridges, self._seniors(), to_ros=self._is_to_ros, from_ros=self._is_from_ros
+        )
 
     def _line(self, name: str, info: TopicInfo, topic: "_Topic | None") -> TopicLine | None:
         """The line for a topic; None where it does not cross."""
@@ -182,7 +189,15 @@ class _Topic:
         """Whether it comes from ROS."""
         return self._from is not None
 
-    def look(self, info: TopicInfo, bridges: set[str], *, to_ros: bool, from_ros: bool) -> None:
+    def look(
+        self,
+        info: TopicInfo,
+        bridges: set[str],
+        seniors: Collection[RosBridge],
+        *,
+        to_ros: bool,
+        from_ros: bool,
+    ) -> None:
         """Take what both sides have."""
         assert self.line is not None
         sources = [end for end in info.publishers if end.node not in bridges]
@@ -195,6 +210,12 @@ class _Topic:
             # Another bridge has it from there.
             goes = False
             self._end_to_ros()
+        if {each.node for each in in_ros} & {each.ros_node for each in seniors} - {""}:
+            goes = False
+            self._end_to_ros()
+        if {end.node for end in info.publishers} & {each.node for each in seniors}:
+            comes = False
+            self._end_from_ros()
         if self.line.retained and goes and comes:
             # What one side keeps would come back from the other: that of the bus counts.
             comes = False

@@ -19,6 +19,7 @@ from tfbus.bridge import (
     open_leg,
     with_odometry_frames,
 )
+from tfbus.command import frame_mistake
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,6 +62,9 @@ def crossing_options(function: F) -> F:
             raise click.UsageError("--only-from-ros and --clock to-ros are mutually exclusive")
         if only_to_ros and options["clock"] == "from-ros":
             raise click.UsageError("--only-to-ros and --clock from-ros are mutually exclusive")
+        prefix = options["frame_prefix"]
+        if prefix and (mistake := frame_mistake(prefix)):
+            raise click.UsageError(f"--frame-prefix: {mistake}")
         namespace = ros_namespace.strip("/")
         if namespace and not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", namespace, re.ASCII):
             raise click.UsageError(

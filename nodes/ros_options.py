@@ -12,6 +12,7 @@ import click
 
 from tfbus import Node, NodeSettings, Number
 from tfbus.bridge import (
+    BRIDGE_PREFIX,
     Bridge,
     BridgeOptions,
     LegSettings,
@@ -92,7 +93,7 @@ def crossing_options(function: F) -> F:
 
 def ros_node_name(settings: NodeSettings) -> str:
     """How the node is called in ROS: other bridges know one by it."""
-    return "tfbus_" + re.sub(r"\W", "_", settings.name, flags=re.ASCII)
+    return BRIDGE_PREFIX + re.sub(r"\W", "_", settings.name, flags=re.ASCII)
 
 
 def run_bridge(

@@ -12,10 +12,11 @@ from tfbus.bridge.from_ros import FromRos
 from tfbus.bridge.leg import Closing, Leg, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.ros_clock import RosClock
-from tfbus.bridge.ros_publishers import RosPublishers, is_bridge
+from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.to_ros import ToRos
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import counted, listed, printable

@@ -5,10 +5,6 @@ import socket
 from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
-from tfbus.bridge.leg import LegSettings
-from tfbus.errors import TfbusError
-from tfbus.wording import printable
-
 # Cyclone refuses what Fast DDS 3 says of types, and then matches nothing of it: for these vendors
 # (Connext, Fast DDS, Cyclone itself) the name of a type decides, as everywhere in ROS.
 _VENDORS = "1.1,1.15,1.16"
@@ -16,23 +12,6 @@ _VENDORS = "1.1,1.15,1.16"
 # Messages that a reader has not confirmed are at most those of the history; more than this many
 # bytes of them would make a writer wait, and all of Python with it.
 _MOST_WAITING = "256 MB"
-
-_MOST_DOMAIN = 232
-
-
-def domain_of(settings: LegSettings, environ: Mapping[str, str] = os.environ) -> int:
-    """The number of the domain: that of the settings, else ROS_DOMAIN_ID, else 0. Raises TfbusError
-    where it is none.
-    """
-    if settings.domain is not None:
-        return settings.domain
-    text = environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not (text.isascii() and text.isdigit() and int(text) <= _MOST_DOMAIN):
-        raise TfbusError(
-            f"ROS_DOMAIN_ID is '{printable(text, 40)}': a domain is a number from 0 to "
-            f"{_MOST_DOMAIN}"
-        )
-    return int(text)
 
 
 def configuration(connect: Sequence[str], environ: Mapping[str, str] = os.environ) -> str:

@@ -15,6 +15,7 @@ from tfbus.discover.graph import Graph, TopicInfo, graph_of
 from tfbus.discover.presence import describe_all
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
+from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import NodeDescription
@@ -31,9 +32,8 @@ _GONE_AFTER_S = 10.0
 # Names come from the bus, and each topic takes memory here and in ROS.
 _MOST_TOPICS = 2000
 
-# How bridges call their nodes in ROS, and the type of what they tell each other on the bus.
-_BRIDGE_NODES = "tfbus_"
-_BRIDGE_TYPE = "RosBridge"
+# The type of what bridges tell each other on the bus.
+_BRIDGE_TYPE = RosBridge.__name__
 
 _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 
@@ -296,8 +296,8 @@ class _Topic:
             self._ask()
         with self._lock:
             # Where it is still unknown it is not asked for again before the next look.
-            node = self._nodes.setdefault(gid, "").rpartition("/")[2]
-            return not (self._has_source and node.startswith(_BRIDGE_NODES))
+            node = self._nodes.setdefault(gid, "")
+            return not (self._has_source and is_bridge(node))
 
 
 def _is_bridge(node: NodeDescription) -> bool:

@@ -10,10 +10,11 @@ from contextlib import suppress
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.doctor.ros_around import RosAround, is_domain
+from tfbus.doctor.ros_around import RosAround
 from tfbus.doctor.rtps import RtpsWatch
-from tfbus.errors import BusError
+from tfbus.errors import BusError, SettingsError
 from tfbus.ros.ros1_master import Ros1Master
+from tfbus.ros.ros_names import domain_of, is_domain
 
 # The tokens of rmw_zenoh, and those of zenoh-bridge-ros2dds.
 _TOKENS = "/@ros2_lv/**"
@@ -122,8 +123,10 @@ def _tokens_of(session: Session) -> list[str]:
 
 def _domain() -> int:
     """The domain of ROS 2 that its programs would use here; -1 where they would fail."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    return int(text) if is_domain(text) else -1
+    try:
+        return domain_of()
+    except SettingsError:
+        return -1
 
 
 def nodes_of_master(uri: str) -> int | None:

@@ -92,7 +92,6 @@ class FromRos:
         on_names: Callable[[], object],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.transforms = 0
         self.rejected = 0
         self._node = node
         self._leg = leg
@@ -354,7 +353,6 @@ class FromRos:
             except TfbusError as error:
                 self._refuse(source, rows.count, error)
                 return
-            self.transforms += rows.count
 
     def _without_invalid(self, source: _Source, rows: Columns, wrong: Iterable[int]) -> Columns:
         which = set(wrong)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import Leg, RosPublisher
-from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
+from tfbus.bridge.topic_crossings import Echoes, TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
@@ -171,8 +171,8 @@ class _Topic:
         self._name = name
         self._ros_name = ros_name
         self._echoes = None if leg.tells_publishers else Echoes()
-        self._to: ToRos | None = None
-        self._from: FromRos | None = None
+        self._to: TopicToRos | None = None
+        self._from: TopicFromRos | None = None
         self._to_until_s = self._from_until_s = self._heard_until_s = 0.0
         # Read by callbacks of the leg, too.
         self._lock = threading.Lock()
@@ -243,7 +243,7 @@ class _Topic:
         if is_wanted:
             self._to_until_s = now_s + _GONE_AFTER_S
             if self._to is None and self.line is not None:
-                self._to = ToRos(
+                self._to = TopicToRos(
                     self._node, self._leg, self._name, self._ros_name, self.line, self._echoes
                 )
                 self._node.log.info(
@@ -263,7 +263,7 @@ class _Topic:
         if is_wanted:
             self._from_until_s = now_s + _GONE_AFTER_S
             if self._from is None and self.line is not None:
-                self._from = FromRos(
+                self._from = TopicFromRos(
                     self._node,
                     self._leg,
                     self._name,

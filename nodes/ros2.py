@@ -3,18 +3,14 @@
 Try it: tfbus ros2 --via zenoh, beside ROS 2 with rmw_zenoh and its router.
 """
 
-import os
 from importlib.util import find_spec
 
 import click
 
-from tfbus import NodeSettings, node_options
-from tfbus.bridge import LegSettings
+from tfbus import NodeSettings, TfbusError, node_options
+from tfbus.bridge import HIGHEST_DOMAIN, LegSettings, domain_of
 
 from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
-
-# The most that the ports of DDS leave room for.
-_LAST_DOMAIN = 232
 
 
 @click.command(
@@ -31,7 +27,7 @@ _LAST_DOMAIN = 232
 )
 @click.option(
     "--domain",
-    type=click.IntRange(0, _LAST_DOMAIN),
+    type=click.IntRange(0, HIGHEST_DOMAIN),
     metavar="N",
     help="ROS's domain (default: ROS_DOMAIN_ID, or 0).",
 )
@@ -70,20 +66,18 @@ def main(
     leg = LegSettings(
         ros_node_name(settings),
         crossing.options.ros_namespace,
-        _domain() if domain is None else domain,
+        _domain(domain),
         ros_connect,
         distro.lower(),
     )
     run_bridge(settings, crossing, via, leg, f", domain {leg.domain}{note}")
 
 
-def _domain() -> int:
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdecimal() or int(text) > _LAST_DOMAIN:
-        raise click.UsageError(
-            f"ROS_DOMAIN_ID is {text!r}: it must be a number from 0 to {_LAST_DOMAIN}"
-        )
-    return int(text)
+def _domain(given: int | None) -> int:
+    try:
+        return domain_of(given)
+    except TfbusError as error:
+        raise click.UsageError(str(error)) from error
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import functools
 import re
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -12,6 +12,7 @@ import click
 
 from tfbus import Node, NodeSettings, Number
 from tfbus.bridge import (
+    BRIDGE_PREFIX,
     Bridge,
     BridgeOptions,
     LegSettings,
@@ -19,6 +20,7 @@ from tfbus.bridge import (
     open_leg,
     with_odometry_frames,
 )
+from tfbus.command import frame_mistake
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,6 +63,9 @@ def crossing_options(function: F) -> F:
             raise click.UsageError("--only-from-ros and --clock to-ros are mutually exclusive")
         if only_to_ros and options["clock"] == "from-ros":
             raise click.UsageError("--only-to-ros and --clock from-ros are mutually exclusive")
+        prefix = options["frame_prefix"]
+        if prefix and (mistake := frame_mistake(prefix)):
+            raise click.UsageError(f"--frame-prefix: {mistake}")
         namespace = ros_namespace.strip("/")
         if namespace and not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", namespace, re.ASCII):
             raise click.UsageError(
@@ -88,7 +93,7 @@ def crossing_options(function: F) -> F:
 
 def ros_node_name(settings: NodeSettings) -> str:
     """How the node is called in ROS: other bridges know one by it."""
-    return "tfbus_" + re.sub(r"\W", "_", settings.name, flags=re.ASCII)
+    return BRIDGE_PREFIX + re.sub(r"\W", "_", settings.name, flags=re.ASCII)
 
 
 def run_bridge(
@@ -100,10 +105,12 @@ def run_bridge(
     table = TopicTable.of_file(crossing.topics_file, crossing.topics)
     with Node.from_settings(settings) as node:
         joined = open_leg(via, leg, node.log)
-        if crossing.odom_tf:
-            joined = with_odometry_frames(joined, table, leg.namespace)
-        bridge = Bridge(node, joined, crossing.options, ros_node=leg.full_name, table=table)
-        with closing(bridge):
+        with ExitStack() as opened:
+            opened.callback(joined.close)
+            if crossing.odom_tf:
+                joined = with_odometry_frames(joined, table, leg.namespace)
+            bridge = Bridge(node, joined, crossing.options, ros_node=leg.full_name, table=table)
+            opened.callback(bridge.close)
             node.ready(f"{bridge.announcement}{note}")
             node.wait(None)
 

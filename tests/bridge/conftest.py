@@ -11,6 +11,7 @@ from tfbus import Node
 from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.leg import LegSettings
 from tfbus.bridge.options import BridgeOptions
+from tfbus.bridge.topic_table import TopicTable
 
 Bridged = Callable[..., Bridge]
 
@@ -34,12 +35,15 @@ def bridged(bus: Bus, ros: FakeRos) -> Iterator[Bridged]:
         on: Bus | Node | None = None,
         to: FakeRos | None = None,
         tells_publishers: bool = True,
+        table: TopicTable | None = None,
         **options: Any,
     ) -> Bridge:
         node = on if isinstance(on, Node) else (on or bus).node(name)
         settings = LegSettings(f"tfbus_{name}")
         leg = (to or ros).leg(settings, tells_publishers=tells_publishers)
-        bridge = Bridge(node, leg, BridgeOptions(**options), ros_node=settings.full_name)
+        bridge = Bridge(
+            node, leg, BridgeOptions(**options), ros_node=settings.full_name, table=table
+        )
         bridges.append(bridge)
         return bridge
 

@@ -8,12 +8,13 @@ import pytest
 
 from tests import needs
 from tests.live_bus import eventually
-from tfbus.bridge.dds_config import configuration, domain_of
+from tfbus.bridge.dds_config import configuration
 from tfbus.bridge.leg import Leg, LegSettings, RosTopic
 from tfbus.bridge.legs import open_leg as open_by_name
 from tfbus.errors import SettingsError, TfbusError
 from tfbus.ros.dds_graph import NodeEntities, ParticipantNodes, encode_nodes
 from tfbus.ros.definitions import STRING, TF_MESSAGE
+from tfbus.ros.ros_names import domain_of
 
 LOG = logging.getLogger("leg")
 DOMAIN = 201
@@ -131,11 +132,11 @@ def test_a_distribution_that_is_unknown_is_an_error() -> None:
 
 def test_the_domain_is_that_of_ros() -> None:
     """The domain is that of the settings, else that of ROS_DOMAIN_ID, else 0."""
-    assert domain_of(LegSettings(domain=5), {"ROS_DOMAIN_ID": "7"}) == 5
-    assert domain_of(LegSettings(), {"ROS_DOMAIN_ID": "7"}) == 7
-    assert domain_of(LegSettings(), {}) == 0
+    assert domain_of(5, {"ROS_DOMAIN_ID": "7"}) == 5
+    assert domain_of(None, {"ROS_DOMAIN_ID": "7"}) == 7
+    assert domain_of(None, {}) == 0
     with pytest.raises(TfbusError, match="ROS_DOMAIN_ID is 'x'"):
-        domain_of(LegSettings(), {"ROS_DOMAIN_ID": "x"})
+        domain_of(None, {"ROS_DOMAIN_ID": "x"})
 
 
 def test_what_to_connect_to_is_an_interface_or_a_host() -> None:

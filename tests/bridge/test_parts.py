@@ -2,16 +2,24 @@
 
 import logging
 import math
+import threading
 
 import numpy as np
+import pytest
 
+from tests.bridge.fake_leg import FakeRos, FakeSubscription
 from tests.builders import S, at
 from tests.fakes import Clock
+from tests.live_bus import Bus
+from tfbus.bridge.bridge import Bridge
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.frame_names import FrameNames
+from tfbus.bridge.leg import OnMessage, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
+from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.valid_rows import invalid_rows
+from tfbus.errors import TfbusError
 from tfbus.geometry.columns import Columns
 from tfbus.runtime.executor import Executor, Timer
 
@@ -145,3 +153,24 @@ def test_rows_that_are_no_transform_are_found() -> None:
         )
         assert list(invalid_rows(found)) == [1, 2, 3 + count, 4 + count]
     assert not invalid_rows(rows("a", "b", "c", "d", "e")) and not invalid_rows(rows("a"))
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/tf_static", "/clock"])
+def test_a_bridge_that_cannot_be_made_leaves_ros(bus: Bus, topic: str) -> None:
+    """Whatever it fails at: nothing of it stays in ROS, and no thread."""
+    ros = FakeRos()
+    leg = ros.leg()
+    subscribe = leg.subscribe
+
+    def refusing(wanted: RosTopic, on_message: OnMessage) -> FakeSubscription:
+        if wanted.name == topic:
+            raise TfbusError("refused")
+        return subscribe(wanted, on_message)
+
+    leg.subscribe = refusing  # type: ignore[method-assign]
+    node = bus.node("ros2")
+    with pytest.raises(TfbusError, match="refused"):
+        Bridge(node, leg, BridgeOptions(), table=TopicTable())
+    assert not ros.senders and not ros.subscriptions
+    names = [each.name for each in threading.enumerate()]
+    assert f"{node.full_name} ROS" not in names and f"{node.full_name} topics" not in names

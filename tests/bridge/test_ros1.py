@@ -167,3 +167,10 @@ def test_without_rospy_it_says_what_to_install(bus: Bus) -> None:
     assert done.returncode == 1
     assert "Error: rospy is not installed" in done.stderr
     assert "apt-get install python3-rospy" in done.stderr
+
+
+def test_a_uri_that_is_none_is_said(bus: Bus) -> None:
+    """Without a traceback, whether rospy is there or not."""
+    done = bus.run("ros1", "--master", "http://localhost:abc")
+    assert done.returncode in (1, 2) and "Traceback" not in done.stderr
+    assert "'http://localhost:abc' is no URI of ROS 1" in done.stderr

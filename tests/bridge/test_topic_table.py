@@ -131,6 +131,18 @@ def test_another_type_than_that_of_its_line_is_said(tmp_path: Path) -> None:
             f"a:\n  ros: {BATTERY}\n  fields: {{c: percent}}",
             "a.fields.c: sensor_msgs/msg/BatterySt",
         ),
+        (
+            f"a: {{ros: {BATTERY}, fields: {{a: voltage, a.b: charge}}}}",
+            "a.fields.a.b: 'a.b' overlaps with 'a': give each field once",
+        ),
+        (
+            f"a: {{ros: {BATTERY}, fields: {{f: header.frame_id, h: header}}}}",
+            "'header.frame_id' overlaps with 'header'",
+        ),
+        (
+            f"a: {{ros: {BATTERY}, fields: {{a: voltage, b: voltage}}}}",
+            "'voltage' overlaps with 'voltage'",
+        ),
         (f"a: {{ros: {BATTERY}, direction: up}}", "must be one of both, to-ros, from-ros, off"),
         (f"a: {{rso: {BATTERY}}}", "unknown key 'rso'; did you mean 'ros'?"),
         ("a: {type: Battery}", "needs `ros`, the type in ROS"),

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeLeg, FakeRos
 from tests.live_bus import Bus, eventually, send_until
 from tfbus import Node
@@ -353,26 +354,55 @@ def test_nothing_comes_back(
     assert [x for x in xs_of_ros() if x >= 100.0] == [100.0 + number for number in range(5)]
 
 
-def test_two_bridges_make_no_loop(
-    bridges: Bridges, sender: Node, receiver: Node, node: RosNode, ros: FakeRos
+def is_once(send: Callable[[float], object], got: Callable[[], list[float]]) -> bool:
+    """Whether each of some messages arrives once."""
+    first = max([*got(), 99.0]) + 1.0
+    wanted = [first + number for number in range(5)]
+    for x in wanted:
+        send(x)
+        eventually(lambda x=x: x in got())  # type: ignore[misc]
+    return [x for x in got() if x >= first] == wanted
+
+
+def test_a_topic_crosses_by_one_of_two_bridges(
+    bus: Bus, bridged: Bridged, sender: Node, node: RosNode
 ) -> None:
-    """A message of the bus does not come back through ROS, by the other bridge."""
-    first, second = bridges("ros2"), bridges("ros2_too")
-    got = heard(receiver, Twist, "cmd_vel")
+    """By the one that was started first; by the other once that is gone. Nothing comes back."""
+    first, _ = bridged("ros2", table=TopicTable()), bridged("ros2_too", table=TopicTable())
+    got = heard(bus.node("receiver"), Twist, "cmd_vel")
     node.listen("/cmd_vel", TWIST)
     here = sender.create_publisher(Twist, "cmd_vel")
-    for bridge in (first, second):
-        eventually(lambda: bridge.crossing()[0] == ["cmd_vel"])  # noqa: B023  # called at once
-    send_until(lambda: here.publish(Twist(Vector3(x=1.0))), lambda: len(node.got) >= 2)
-    ros.settle()
+
+    def publishers() -> list[str]:
+        return [each.node for each in node.leg.publishers("/cmd_vel")]
+
+    def send(x: float) -> None:
+        here.publish(Twist(Vector3(x=x)))
+
+    send_until(lambda: send(1.0), lambda: bool(node.got))
+    eventually(lambda: is_once(send, lambda: [each["linear"]["x"] for each in node.got]))
+    assert publishers() == ["/tfbus_ros2"]
+    eventually(lambda: is_once(send, lambda: [each.linear.x for each in got]))
+    first.close()
+    eventually(lambda: publishers() == ["/tfbus_ros2_too"])
+
+
+def test_a_topic_of_ros_comes_by_one_of_two_bridges(
+    bus: Bus, bridged: Bridged, node: RosNode
+) -> None:
+    """By the one that was started first; by the other once that is gone."""
+    first, _ = bridged("ros2", table=TopicTable()), bridged("ros2_too", table=TopicTable())
+    got = heard(bus.node("receiver"), Twist, "cmd_vel")
+    publish = node.publisher("/cmd_vel", TWIST)
+
+    def send(x: float) -> None:
+        publish({**FORWARD, "linear": {"x": x, "y": 0.0, "z": 0.0}})
+
+    send_until(lambda: send(1.0), lambda: bool(got))
+    eventually(lambda: is_once(send, lambda: [each.linear.x for each in got]))
+    first.close()
     got.clear()
-    node.got.clear()
-    here.publish(Twist(Vector3(x=7.0)))
-    eventually(lambda: len([1 for each in node.got if each["linear"]["x"] == 7.0]) == 2)
-    ros.settle()
-    here.publish(Twist(Vector3(x=8.0)))
-    eventually(lambda: any(each.linear.x == 8.0 for each in got))
-    assert len([1 for each in got if each.linear.x == 7.0]) == 1
+    send_until(lambda: send(1.0), lambda: bool(got))
 
 
 def test_a_topic_of_ros_is_not_sent_there_by_another_bridge(

@@ -346,7 +346,7 @@ def test_domains_are_apart(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
     eventually(lambda: [each.node for each in by_environment.publishers("/tf")] == ["/far"])
     for text in ("seven", "233", "-1"):
         monkeypatch.setenv("ROS_DOMAIN_ID", text)
-        with pytest.raises(SettingsError, match=f"ROS_DOMAIN_ID is {text}: it is a number of 0"):
+        with pytest.raises(SettingsError, match=f"ROS_DOMAIN_ID is '{text}': it must be"):
             ros.leg(domain=None)
 
 

@@ -2,8 +2,6 @@
 
 import pytest
 
-pytest.importorskip("tfbus.bridge.topics")
-
 from tests.live_bus import Bus
 
 
@@ -13,6 +11,7 @@ from tests.live_bus import Bus
         (["--only-to-ros", "--only-from-ros"], "are mutually exclusive: give one"),
         (["--only-to-ros", "--clock", "from-ros"], "are mutually exclusive"),
         (["--ros-namespace", "robot 1"], "is none that ROS can have"),
+        (["--frame-prefix", "/robot 1/"], "'/robot 1/' begins with a slash"),
         (["--rate-limit", "0"], "must be at least 0.01"),
         (["--domain", "300"], "300 is not in the range 0<=x<=232"),
     ],

@@ -15,8 +15,14 @@ if TYPE_CHECKING:
     from tfbus.bridge.odometry_frames import with_odometry_frames as with_odometry_frames
     from tfbus.bridge.options import BridgeOptions as BridgeOptions
     from tfbus.bridge.topics import TopicTable as TopicTable
+    from tfbus.ros.ros_names import BRIDGE_PREFIX as BRIDGE_PREFIX
+    from tfbus.ros.ros_names import HIGHEST_DOMAIN as HIGHEST_DOMAIN
+    from tfbus.ros.ros_names import domain_of as domain_of
 
 _MODULE_OF = {
+    "BRIDGE_PREFIX": "tfbus.ros.ros_names",
+    "HIGHEST_DOMAIN": "tfbus.ros.ros_names",
+    "domain_of": "tfbus.ros.ros_names",
     "Bridge": "tfbus.bridge.bridge",
     "BridgeOptions": "tfbus.bridge.options",
     "LegSettings": "tfbus.bridge.leg",

@@ -1,6 +1,7 @@
 """The bridge: transforms, static ones, the clock and other topics, between the bus and ROS."""
 
 import time
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from tfbus.bridge.bridges import Bridges, RosBridge
@@ -11,10 +12,11 @@ from tfbus.bridge.from_ros import FromRos
 from tfbus.bridge.leg import Closing, Leg, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.ros_clock import RosClock
-from tfbus.bridge.ros_publishers import RosPublishers, is_bridge
+from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.to_ros import ToRos
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
+from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import counted, listed, printable
@@ -36,7 +38,7 @@ _MOST_NAMED = 5
 
 class Bridge:
     """Joins a node's bus and the ROS that a leg reaches, until `close()`; the leg is the bridge's
-    from now on. `ros_node` is the full name that the leg has in ROS.
+    from now on, and is closed where this raises. `ros_node` is the full name that it has in ROS.
     """
 
     def __init__(
@@ -49,16 +51,31 @@ class Bridge:
         table: "TopicTable | None" = None,
     ) -> None:
         self._is_built = False
+        # The sessions of other bridges between this bus and this ROS.
+        self._met: set[str] = set()
         self._node = node
         self._leg = leg
         self._options = options
         self._ros_node = ros_node
         self._once = LogOnce(node.log)
         self._executor = Executor(f"{node.full_name} ROS", node.log)
+        # What `close()` ends, the last one first.
+        self._parts = ExitStack()
+        self._parts.callback(leg.close)
+        try:
+            self._build(node, leg, options, table)
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(
+        self, node: Node, leg: Leg, options: BridgeOptions, table: "TopicTable | None"
+    ) -> None:
         self._dynamic = RosTopic(options.topic("tf"), TF_MESSAGE)
         self._static = RosTopic(options.topic("tf_static"), TF_MESSAGE, retained=True, depth=1)
         self._publishers = RosPublishers(leg, (self._dynamic.name, self._static.name))
         self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
+        self._parts.callback(self._bus.close)
         self._crossed = Crossed(self._reconsider_soon)
         names = FrameNames(options)
         self._to_ros: ToRos | None = None
@@ -79,7 +96,9 @@ class Bridge:
                 sent_by_senior=lambda child: self._from_ros.sent_by_senior(child),
                 on_statics=self._reconsider_soon,
             )
+            self._parts.callback(self._to_ros.close)
         self._bridges = Bridges(node, self._status({}, {}), self._on_bridge)
+        self._parts.callback(self._bridges.close)
         to_ros = self._to_ros
         self._from_ros = FromRos(
             node,
@@ -96,6 +115,7 @@ class Bridge:
             static_there=to_ros.static_of if to_ros else lambda child: None,
             on_names=to_ros.reconsider if to_ros else lambda: None,
         )
+        self._parts.callback(self._from_ros.close)
         self._clock = RosClock(
             node,
             leg,
@@ -106,7 +126,9 @@ class Bridge:
             once=self._once,
             has_others=self._has_others,
         )
-        self._topics = self._topic_bridge(table) if table is not None else None
+        self._parts.callback(self._clock.close)
+        if table is not None:
+            self._parts.callback(self._topic_bridge(table).close)
         self._publishers.look()
         if self._to_ros is not None:
             self._to_ros.listen()
@@ -114,25 +136,14 @@ class Bridge:
             self._from_ros.listen(self._dynamic, self._static)
         self._started_s = time.monotonic()
         self._said: dict[str, bool] = {}
-        # The sessions of other bridges between this bus and this ROS.
-        self._met: set[str] = set()
         self._seen: dict[str, tuple[dict[str, int], int]] = {}
         self._is_built = True
-        self._timer = self._executor.every(_LOOK_EVERY_S, self._look)
+        self._executor.every(_LOOK_EVERY_S, self._look)
 
     def close(self) -> None:
         """Leave ROS; the node stays. Twice is fine."""
-        self._timer.cancel()
-        if self._topics is not None:
-            self._topics.close()
-        self._clock.close()
-        self._from_ros.close()
-        if self._to_ros is not None:
-            self._to_ros.close()
         self._executor.close()
-        self._bridges.close()
-        self._bus.close()
-        self._leg.close()
+        self._parts.close()
 
     @property
     def announcement(self) -> str:
@@ -153,8 +164,17 @@ class Bridge:
             from_ros=self._options.from_ros,
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
+            seniors=self._seniors,
         )
         return bridge
+
+    def _seniors(self) -> list[RosBridge]:
+        """The other bridges between this bus and this ROS that were there before."""
+        return [
+            each
+            for each in self._bridges.others
+            if each.session in self._met and self._bridges.is_senior(each)
+        ]
 
     # What changes
 
@@ -182,7 +202,7 @@ class Bridge:
             self._met.add(other.session)
             self._node.log.warning(
                 "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
-                "frame crosses by the one that was started first",
+                "frame or topic crosses by the one that was started first",
                 printable(other.node, 60),
                 "it was started first" if self._bridges.is_senior(other) else "it came later",
             )

@@ -7,8 +7,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
-from tfbus.bridge.leg import LegSettings
-from tfbus.errors import SettingsError, TfbusError
+from tfbus.errors import SettingsError
 from tfbus.wording import listed, printable
 
 # Cyclone refuses what Fast DDS 3 says of types, and then matches nothing of it: for these vendors
@@ -19,26 +18,9 @@ _VENDORS = "1.1,1.15,1.16"
 # bytes of them would make a writer wait, and all of Python with it.
 _MOST_WAITING = "256 MB"
 
-_MOST_DOMAIN = 232
-
 # A host, in brackets where it is an address of IPv6, and a port.
 _PEER = re.compile(r"(?:udp6?/)?(?:\[([^]]*)\]|([^:]*|[^:]*:[^:]*:.*?))(?::(\d{1,5}))?")
 _MOST_PORT = 65535
-
-
-def domain_of(settings: LegSettings, environ: Mapping[str, str] = os.environ) -> int:
-    """The number of the domain: that of the settings, else ROS_DOMAIN_ID, else 0. Raises TfbusError
-    where it is none.
-    """
-    if settings.domain is not None:
-        return settings.domain
-    text = environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not (text.isascii() and text.isdigit() and int(text) <= _MOST_DOMAIN):
-        raise TfbusError(
-            f"ROS_DOMAIN_ID is '{printable(text, 40)}': a domain is a number from 0 to "
-            f"{_MOST_DOMAIN}"
-        )
-    return int(text)
 
 
 def configuration(

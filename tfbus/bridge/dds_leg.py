@@ -5,7 +5,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from tfbus.bridge.dds_config import configuration, domain_of
+from tfbus.bridge.dds_config import configuration
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.command.extras import install_command
 from tfbus.errors import SettingsError, TfbusError
@@ -21,6 +21,7 @@ from tfbus.ros.dds_graph import (
     graph_definition,
 )
 from tfbus.ros.definitions import Definition
+from tfbus.ros.ros_names import domain_of
 from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import did_you_mean, listed, printable
@@ -157,7 +158,7 @@ class DdsLeg:
     def __init__(self, settings: LegSettings, log: logging.Logger) -> None:
         self._settings = settings
         self._log_once = LogOnce(log)
-        self._number = domain_of(settings)
+        self._number = domain_of(settings.domain)
         self._gid_size = HUMBLE_GID_SIZE if settings.distro in _HUMBLE_AND_BEFORE else GID_SIZE
         try:
             _DOMAINS.take(self._number, configuration(settings.connect, log))

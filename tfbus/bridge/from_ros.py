@@ -13,7 +13,7 @@ from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import Closing, Leg, RosTopic
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
-from tfbus.bridge.ros_publishers import RosPublishers, is_bridge
+from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.ros_streams import RosStream, stream_name
 from tfbus.bridge.routes import Route, Routes, chosen, route
 from tfbus.bridge.valid_rows import invalid_rows
@@ -23,6 +23,7 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
 from tfbus.listen.reception import lines_of
 from tfbus.node.node import Node
+from tfbus.ros.ros_names import is_bridge
 from tfbus.ros.tf_message import TFMessageReader
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -103,7 +104,6 @@ class FromRos:
         on_names: Callable[[], object],
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.transforms = 0
         self.rejected = 0
         self._node = node
         self._leg = leg
@@ -429,7 +429,6 @@ class FromRos:
             except TfbusError as error:
                 self._refuse(source, rows.count, error)
                 return
-            self.transforms += rows.count
 
     def _without_invalid(self, source: _Source, rows: Columns, wrong: Iterable[int]) -> Columns:
         which = set(wrong)

@@ -8,12 +8,12 @@ from typing import Literal
 
 from tfbus.bridge.leg import Closing, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
-from tfbus.bridge.ros_publishers import is_bridge
 from tfbus.errors import DecodeError, TfbusError
 from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
+from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_message

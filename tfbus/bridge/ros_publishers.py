@@ -16,9 +16,6 @@ _REMEMBERED_S = 10.0
 # A message may be faster than the word of its publisher: then it is looked for this often.
 _LOOK_AGAIN_S = 0.05
 
-# The node of another bridge has a name that begins so.
-BRIDGE_PREFIX = "tfbus_"
-
 
 class RosPublishers:
     """The publishers of some topics by their gids, as the last look showed them; safe from any
@@ -103,8 +100,3 @@ class RosPublishers:
             for gid in gids:
                 self._missed.pop(gid, None)
                 self._left_s[gid] = now_s + _REMEMBERED_S
-
-
-def is_bridge(node: str) -> bool:
-    """Whether a node of ROS is that of a bridge, by its full name."""
-    return node.rpartition("/")[2].startswith(BRIDGE_PREFIX)

@@ -5,8 +5,7 @@ import os
 import sys
 import threading
 import time
-import xmlrpc.client
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -14,13 +13,12 @@ from typing import Any
 
 from tfbus.bridge.leg import LegSettings, OnMessage, RosPublisher, RosTopic
 from tfbus.bridge.ros1_type import Ros1Type, ros1_type
-from tfbus.errors import DecodeError, TfbusError
+from tfbus.errors import DecodeError, SettingsError, TfbusError
+from tfbus.ros.ros1_master import DEFAULT_MASTER, Ros1Master, Ros1State
 from tfbus.runtime.log_once import LogOnce
 
 # Where Debian has it, and ROS Noetic.
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
-
-_DEFAULT_MASTER = "http://localhost:11311"
 
 # How often the master is asked whether it is there, and how long it may take to answer.
 _LOOK_EVERY_S = 1.0
@@ -28,9 +26,6 @@ _ANSWER_WITHIN_S = 2.0
 
 # What it says of publishers counts this long.
 _STATE_COUNTS_S = 0.5
-
-# The answer of ROS 1's XML-RPC to a call that worked.
-_DONE = 1
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
@@ -41,12 +36,16 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     """
     if settings.connect:
         os.environ["ROS_MASTER_URI"] = settings.connect[0]
-    master = os.environ.setdefault("ROS_MASTER_URI", _DEFAULT_MASTER)
+    master = os.environ.setdefault("ROS_MASTER_URI", DEFAULT_MASTER)
+    try:
+        client = Ros1Master(master, settings.full_name)
+    except OSError as error:
+        raise SettingsError(str(error)) from error
     # Read by rospy when it is imported.
     os.environ["ROS_NAMESPACE"] = f"/{settings.namespace}"
     rospy = _imported_rospy()
-    _wait_for_master(master, settings.full_name, log)
-    _check_name_is_free(master, settings.full_name)
+    _wait_for_master(client, master, log)
+    _check_name_is_free(client, settings.full_name)
     level, handlers = log.level, list(logging.getLogger().handlers)
     # Signals and time are the node's affair; what rospy logs goes to its own file.
     rospy.init_node(
@@ -78,11 +77,11 @@ def _imported_rospy() -> Any:
             ) from error
 
 
-def _wait_for_master(master: str, caller: str, log: logging.Logger) -> None:
+def _wait_for_master(client: Ros1Master, master: str, log: logging.Logger) -> None:
     said = False
     while True:
         try:
-            _Master(master, caller).call("getPid")
+            client.call("getPid")
             return
         except OSError as error:
             if not said:
@@ -91,48 +90,16 @@ def _wait_for_master(master: str, caller: str, log: logging.Logger) -> None:
         time.sleep(_LOOK_EVERY_S / 2)
 
 
-def _check_name_is_free(master: str, name: str) -> None:
+def _check_name_is_free(master: Ros1Master, name: str) -> None:
     """ROS would end the node that has the name already."""
     try:
-        uri = _Master(master, name).call("lookupNode", name)
-        pid = _Master(uri, name).call("getPid")
-    except (OSError, TfbusError):
+        uri = str(master.call("lookupNode", name))
+        pid = Ros1Master(uri, name).call("getPid")
+    except OSError:
         return  # it is not there, or was killed
     raise TfbusError(
         f"ROS has a node {name} already (pid {pid} at {uri}): give this one another name by --name"
     )
-
-
-class _Master:
-    """The master, by XML-RPC. Not thread-safe."""
-
-    def __init__(self, uri: str, caller: str) -> None:
-        try:
-            self._proxy = xmlrpc.client.ServerProxy(uri, transport=_Transport())
-        except OSError as error:
-            raise TfbusError(
-                f"{uri!r} is no URI of a ROS master, such as {_DEFAULT_MASTER}: {error}"
-            ) from error
-        self._caller = caller
-
-    def call(self, method: str, *values: Any) -> Any:
-        """What it answers. Raises OSError where it does not."""
-        try:
-            code, said, answer = getattr(self._proxy, method)(self._caller, *values)
-        except (xmlrpc.client.Error, ValueError, TypeError) as error:
-            raise OSError(f"it answers like no ROS master: {error}") from error
-        if code != _DONE:
-            raise OSError(str(said))
-        return answer
-
-
-class _Transport(xmlrpc.client.Transport):
-    """A master that hangs is as good as none."""
-
-    def make_connection(self, host: Any) -> Any:
-        connection = super().make_connection(host)
-        connection.timeout = _ANSWER_WITHIN_S
-        return connection
 
 
 class RospyLeg:
@@ -154,8 +121,8 @@ class RospyLeg:
         self._lock = threading.Lock()
         self._ends: dict[tuple[str, str], _Sender | _Subscription] = {}
         self._state_lock = threading.Lock()
-        self._master = _Master(master, full_name)
-        self._publishers: dict[str, list[str]] = {}
+        self._master = Ros1Master(master, full_name)
+        self._publishers: Mapping[str, Sequence[str]] = {}
         # The master forgets no node that was killed: those whose topics are asked for are called.
         self._asked: set[str] = set()
         self._dead: set[str] = set()
@@ -219,12 +186,11 @@ class RospyLeg:
             self._ends.pop((kind, name), None)
 
     def _take_state(self) -> None:
-        published, _, _ = self._master.call("getSystemState")
-        self._publishers = {topic: [str(node) for node in nodes] for topic, nodes in published}
+        self._publishers = self._master.state().publishers
         self._state_s = time.monotonic()
 
-    def _master_alone(self) -> _Master:
-        return _Master(self._uri, self._full_name)
+    def _master_alone(self) -> Ros1Master:
+        return Ros1Master(self._uri, self._full_name)
 
     # The master may be started again: then it knows nothing of this node.
 
@@ -240,7 +206,7 @@ class RospyLeg:
                 )
                 return
             try:
-                published, subscribed, _ = master.call("getSystemState")
+                state = master.state()
             except OSError as error:
                 if is_there:
                     self._log.warning("The ROS master at %s is gone (%s)", self._uri, error)
@@ -250,39 +216,36 @@ class RospyLeg:
                 self._log.info("The ROS master at %s is back", self._uri)
             is_there = True
             try:
-                self._register_missing(master, dict(published), dict(subscribed))
+                self._register_missing(master, state)
             except OSError as error:
                 self._once.warning("register", "Could not register in ROS again: %s", error)
-            self._call_publishers(master, dict(published))
+            self._call_publishers(master, state)
 
-    def _call_publishers(self, master: _Master, published: dict[str, list[str]]) -> None:
+    def _call_publishers(self, master: Ros1Master, state: Ros1State) -> None:
         with self._state_lock:
             asked = [*self._asked]
-        nodes = {node for topic in asked for node in published.get(topic, ())}
+        nodes = {node for topic in asked for node in state.publishers.get(topic, ())}
         dead = set()
         for node in nodes - {self._full_name}:
             try:
-                uri = master.call("lookupNode", node)
-                _Master(uri, self._full_name).call("getPid")
-            except (OSError, TfbusError):
+                uri = str(master.call("lookupNode", node))
+                Ros1Master(uri, self._full_name).call("getPid")
+            except OSError:
                 dead.add(node)
         with self._state_lock:
             self._dead = dead
 
-    def _register_missing(
-        self, master: _Master, published: dict[str, list[str]], subscribed: dict[str, list[str]]
-    ) -> None:
+    def _register_missing(self, master: Ros1Master, state: Ros1State) -> None:
         with self._lock:
             ends = dict(self._ends)
         uri = self._rospy.get_node_uri()
         for (kind, name), end in ends.items():
-            if kind == "pub" and self._full_name not in published.get(name, ()):
+            if kind == "pub" and self._full_name not in state.publishers.get(name, ()):
                 master.call("registerPublisher", name, end.type_name, uri)
-            elif kind == "sub" and self._full_name not in subscribed.get(name, ()):
+            elif kind == "sub" and self._full_name not in state.subscribers.get(name, ()):
                 uris = master.call("registerSubscriber", name, end.type_name, uri)
                 # As the master does it when a publisher comes.
-                with xmlrpc.client.ServerProxy(uri) as slave:
-                    slave.publisherUpdate("/master", name, uris)
+                Ros1Master(uri, "/master").call("publisherUpdate", name, uris)
 
 
 class _Sender:

@@ -104,7 +104,6 @@ class ToRos:
         sent_by_senior: Callable[[str], bool],
         on_statics: Callable[[], object],
     ) -> None:
-        self.transforms = 0
         self._node = node
         self._options = options
         self._names = names
@@ -273,7 +272,6 @@ class ToRos:
             message = self._written(rows)
         if message is not None:
             self._dynamic.send(message)
-            self.transforms += rows.count
 
     def _written(self, rows: Columns) -> bytes | None:
         try:

@@ -93,7 +93,7 @@ class Translation:
         return encode_map(values)
 
 
-class ToRos:
+class TopicToRos:
     """A topic of the bus that goes to ROS, until `close()`."""
 
     def __init__(
@@ -139,7 +139,7 @@ class ToRos:
             )
 
 
-class FromRos:
+class TopicFromRos:
     """A topic of ROS that comes to the bus, until `close()`.
 
     The publisher in the bus begins with the first message. `accepts(gid)` says whether messages of

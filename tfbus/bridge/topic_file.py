@@ -206,7 +206,16 @@ def _pairs(value: Value, message: Message) -> _Pairs:
             raise theirs.place.mistake(
                 f"{message.name} has no field {path!r}{did_you_mean(path, names)}"
             )
-        pairs.append((ours.split("."), path.split(".")))
+        pair = ours.split("."), path.split(".")
+        for other in pairs:
+            for own, its in zip(pair, other, strict=True):
+                shorter, longer = sorted((own, its), key=len)
+                if longer[: len(shorter)] == shorter:
+                    raise theirs.place.mistake(
+                        f"{'.'.join(longer)!r} overlaps with {'.'.join(shorter)!r}: give each "
+                        "field once, and none that is within another"
+                    )
+        pairs.append(pair)
     if not pairs:
         raise value.place.mistake("has no fields; write some, or omit the key")
     return pairs

@@ -4,15 +4,18 @@ import logging
 import re
 import threading
 import time
+from collections.abc import Callable, Collection
 
+from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import Leg, RosPublisher
-from tfbus.bridge.topic_crossings import Echoes, FromRos, ToRos
+from tfbus.bridge.topic_crossings import Echoes, TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
 from tfbus.discover.presence import describe_all
 from tfbus.errors import TfbusError
 from tfbus.node.node import Node
+from tfbus.ros.ros_names import is_bridge
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import NodeDescription
@@ -29,9 +32,8 @@ _GONE_AFTER_S = 10.0
 # Names come from the bus, and each topic takes memory here and in ROS.
 _MOST_TOPICS = 2000
 
-# How bridges call their nodes in ROS, and the type of what they tell each other on the bus.
-_BRIDGE_NODES = "tfbus_"
-_BRIDGE_TYPE = "RosBridge"
+# The type of what bridges tell each other on the bus.
+_BRIDGE_TYPE = RosBridge.__name__
 
 _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
 
@@ -42,7 +44,8 @@ class TopicBridge:
     Topics of the bus are those that nodes of the node's namespace describe, of types that the
     table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out where this side has their source.
+    of another bridge are left out where this side has their source. `seniors()` are the bridges
+    between the same bus and the same ROS that were there before: what they send, this one does not.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class TopicBridge:
         from_ros: bool,
         ros_namespace: str,
         log: logging.Logger,
+        seniors: Callable[[], Collection[RosBridge]] = lambda: (),
     ) -> None:
         self._node = node
         self._leg = leg
@@ -63,6 +67,7 @@ class TopicBridge:
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
         self._log = log
+        self._seniors = seniors
         self._once = LogOnce(log)
         self._topics: dict[str, _Topic] = {}
         self._executor = Executor(f"{node.full_name} topics", log)
@@ -126,7 +131,9 @@ class TopicBridge:
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
         topic.line = line
-        topic.look(info, bridges, to_ros=self._is_to_ros, from_ros=self._is_from_ros)
+        topic.look(
+            info, bridges, self._seniors(), to_ros=self._is_to_ros, from_ros=self._is_from_ros
+        )
 
     def _line(self, name: str, info: TopicInfo, topic: "_Topic | None") -> TopicLine | None:
         """The line for a topic; None where it does not cross."""
@@ -164,8 +171,8 @@ class _Topic:
         self._name = name
         self._ros_name = ros_name
         self._echoes = None if leg.tells_publishers else Echoes()
-        self._to: ToRos | None = None
-        self._from: FromRos | None = None
+        self._to: TopicToRos | None = None
+        self._from: TopicFromRos | None = None
         self._to_until_s = self._from_until_s = self._heard_until_s = 0.0
         # Read by callbacks of the leg, too.
         self._lock = threading.Lock()
@@ -182,7 +189,15 @@ class _Topic:
         """Whether it comes from ROS."""
         return self._from is not None
 
-    def look(self, info: TopicInfo, bridges: set[str], *, to_ros: bool, from_ros: bool) -> None:
+    def look(
+        self,
+        info: TopicInfo,
+        bridges: set[str],
+        seniors: Collection[RosBridge],
+        *,
+        to_ros: bool,
+        from_ros: bool,
+    ) -> None:
         """Take what both sides have."""
         assert self.line is not None
         sources = [end for end in info.publishers if end.node not in bridges]
@@ -195,6 +210,12 @@ class _Topic:
             # Another bridge has it from there.
             goes = False
             self._end_to_ros()
+        if {each.node for each in in_ros} & {each.ros_node for each in seniors} - {""}:
+            goes = False
+            self._end_to_ros()
+        if {end.node for end in info.publishers} & {each.node for each in seniors}:
+            comes = False
+            self._end_from_ros()
         if self.line.retained and goes and comes:
             # What one side keeps would come back from the other: that of the bus counts.
             comes = False
@@ -222,7 +243,7 @@ class _Topic:
         if is_wanted:
             self._to_until_s = now_s + _GONE_AFTER_S
             if self._to is None and self.line is not None:
-                self._to = ToRos(
+                self._to = TopicToRos(
                     self._node, self._leg, self._name, self._ros_name, self.line, self._echoes
                 )
                 self._node.log.info(
@@ -242,7 +263,7 @@ class _Topic:
         if is_wanted:
             self._from_until_s = now_s + _GONE_AFTER_S
             if self._from is None and self.line is not None:
-                self._from = FromRos(
+                self._from = TopicFromRos(
                     self._node,
                     self._leg,
                     self._name,
@@ -275,8 +296,8 @@ class _Topic:
             self._ask()
         with self._lock:
             # Where it is still unknown it is not asked for again before the next look.
-            node = self._nodes.setdefault(gid, "").rpartition("/")[2]
-            return not (self._has_source and node.startswith(_BRIDGE_NODES))
+            node = self._nodes.setdefault(gid, "")
+            return not (self._has_source and is_bridge(node))
 
 
 def _is_bridge(node: NodeDescription) -> bool:

@@ -2,18 +2,15 @@
 
 import itertools
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 from tfbus.bridge.leg import Closing, LegSettings, OnMessage, RosPublisher, RosSender, RosTopic
 from tfbus.bridge.ros_graph import RosGraph
 from tfbus.bus.ros_session import Publication, RosSession, sender_of
-from tfbus.errors import SettingsError
 from tfbus.ros.rmw_zenoh import (
     GRAPH,
     NO_TYPE_HASH,
@@ -31,12 +28,10 @@ from tfbus.ros.rmw_zenoh import (
     read_attachment,
     wire_of,
 )
+from tfbus.ros.ros_names import domain_of
 from tfbus.ros.type_hash import type_hash
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
-
-# DDS has no ports for more, and ROS takes no others.
-_LAST_DOMAIN = 232
 
 # Messages may have made up gids.
 _MOST_GIDS = 1000
@@ -64,7 +59,7 @@ class ZenohLeg:
         check_node_name(settings.node, settings.namespace)
         self._wire = wire_of(settings.distro)
         self._settings = settings
-        self.domain = _domain(settings.domain)
+        self.domain = domain_of(settings.domain)
         self._once = LogOnce(log)
         self._session = RosSession(settings.connect, log)
         self.graph = RosGraph(self.domain, self._session.id)
@@ -255,17 +250,3 @@ class _Subscription:
         """End it: no call begins after that. Twice is fine."""
         self._on_message = None
         self.undeclare()
-
-
-def _domain(given: int | None) -> int:
-    """The domain of ROS: as given, else as the environment says, else 0."""
-    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    domain = given
-    if domain is None:
-        with suppress(ValueError):
-            domain = int(text)
-    if domain is None or not 0 <= domain <= _LAST_DOMAIN:
-        shown = printable(text, 40) if given is None else given
-        whose = "ROS_DOMAIN_ID is" if given is None else "the domain of ROS is"
-        raise SettingsError(f"{whose} {shown}: it is a number of 0 to {_LAST_DOMAIN}")
-    return domain

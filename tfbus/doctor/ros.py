@@ -7,17 +7,14 @@ import threading
 from collections import defaultdict
 from collections.abc import Iterable
 from contextlib import suppress
-from http.client import HTTPConnection, HTTPException
-from typing import Any
-from xml.parsers.expat import ExpatError
-from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy, Transport
 
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.doctor.ros_around import RosAround, is_domain
+from tfbus.doctor.ros_around import RosAround
 from tfbus.doctor.rtps import RtpsWatch
-from tfbus.errors import BusError
+from tfbus.errors import BusError, SettingsError
+from tfbus.ros.ros1_master import Ros1Master
+from tfbus.ros.ros_names import domain_of, is_domain
 
 # The tokens of rmw_zenoh, and those of zenoh-bridge-ros2dds.
 _TOKENS = "/@ros2_lv/**"
@@ -126,23 +123,16 @@ def _tokens_of(session: Session) -> list[str]:
 
 def _domain() -> int:
     """The domain of ROS 2 that its programs would use here; -1 where they would fail."""
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    return int(text) if is_domain(text) else -1
-
-
-class _Transport(Transport):
-    def make_connection(self, host: Any) -> HTTPConnection:
-        made = super().make_connection(host)
-        made.timeout = _ANSWER_WITHIN_S
-        return made
+    try:
+        return domain_of()
+    except SettingsError:
+        return -1
 
 
 def nodes_of_master(uri: str) -> int | None:
     """The number of nodes that a master of ROS 1 knows; None where it does not answer."""
     try:
-        master: Any = ServerProxy(uri, transport=_Transport())
-        code, _, state = master.getSystemState("/tfbus_doctor")
-        nodes = {node for kind in state for _, names in kind for node in names}
-    except (OSError, HTTPException, XmlRpcError, ExpatError, ValueError, TypeError):
+        state = Ros1Master(uri, "/tfbus_doctor", _ANSWER_WITHIN_S).state()
+    except OSError:
         return None
-    return len(nodes) if code == 1 else None
+    return len({node for kind in state for nodes in kind.values() for node in nodes})

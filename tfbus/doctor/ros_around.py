@@ -3,13 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-HIGHEST_DOMAIN = 232
-
-
-def is_domain(text: str) -> bool:
-    """Whether this is the number of a domain of ROS 2."""
-    return text.isascii() and text.isdecimal() and len(text) <= 3 and int(text) <= HIGHEST_DOMAIN
-
 
 @dataclass(frozen=True)
 class Participant:

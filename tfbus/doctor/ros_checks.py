@@ -2,15 +2,12 @@
 
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, ok
-from tfbus.doctor.ros_around import HIGHEST_DOMAIN
+from tfbus.ros.ros_names import HIGHEST_DOMAIN, is_bridge
 from tfbus.wording import counted, listed, printable
 
 # The streams that a bridge makes of ROS's publishers are called so, and below.
 _BRIDGED = "ros2"
 _BRIDGED_1 = "ros1"
-
-# How the node of a bridge is called in ROS.
-_BRIDGE_IN_ROS = "tfbus_"
 
 
 def check_ros(seen: Examination) -> Finding:
@@ -22,7 +19,7 @@ def check_ros(seen: Examination) -> Finding:
 def _rmw_zenoh(seen: Examination) -> list[str]:
     sentences = []
     for domain, names in sorted(seen.ros.nodes.items()):
-        nodes = [name for name in names if not _is_bridge(name)]
+        nodes = [name for name in names if not is_bridge(name)]
         if not nodes:
             continue
         options = "--via zenoh"
@@ -95,12 +92,8 @@ def _brings(seen: Examination, kind: str) -> str:
     ]
     if not bridges and kind == _BRIDGED:
         in_ros = {name for names in seen.ros.nodes.values() for name in names}
-        bridges = [printable(name) for name in sorted(in_ros) if _is_bridge(name)]
+        bridges = [printable(name) for name in sorted(in_ros) if is_bridge(name)]
     return f"{listed(bridges)} bridges it to tfbus" if bridges else ""
-
-
-def _is_bridge(name: str) -> bool:
-    return name.rpartition("/")[2].startswith(_BRIDGE_IN_ROS)
 
 
 def _nothing(seen: Examination) -> str:

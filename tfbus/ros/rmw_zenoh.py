@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from tfbus.errors import InvalidNameError, SettingsError
+from tfbus.ros.dds_graph import dds_type
 from tfbus.ros.xxh3 import xxh3_128
 from tfbus.wording import did_you_mean, printable
 
@@ -90,10 +91,9 @@ def check_node_name(name: str, namespace: str) -> None:
 
 def dds_type_name(name: str) -> str:
     """The name of a type on the wire, `std_msgs::msg::dds_::String_` of `std_msgs/msg/String`."""
-    found = _TYPE.fullmatch(name)
-    if not found:
+    if not _TYPE.fullmatch(name):
         raise InvalidNameError(f"{printable(name, 60)!r} is no type of ROS, as std_msgs/msg/String")
-    return f"{found[1]}::{found[2]}::dds_::{found[3]}_"
+    return dds_type(name)
 
 
 def ros_type_name(name: str) -> str:
@@ -189,11 +189,6 @@ class Token:
         if self.kind != "NN":
             parts += [_mangled(self.topic), self.dds_type, self.type_hash, self.qos]
         return "/".join(parts)
-
-
-def graph_key(domain: int) -> str:
-    """The key expression of all tokens of a domain."""
-    return f"{GRAPH}/{domain}/**"
 
 
 def read_token(text: str) -> Token | None:

@@ -60,7 +60,7 @@ class Bridge:
         self._publishers = RosPublishers(leg, (self._dynamic.name, self._static.name))
         self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
         self._crossed = Crossed(self._reconsider_soon)
-        names = FrameNames(options)
+        names = self._names = FrameNames(options)
         self._to_ros: ToRos | None = None
         self._gids: tuple[str, ...] = ()
         if options.to_ros:
@@ -153,6 +153,7 @@ class Bridge:
             from_ros=self._options.from_ros,
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
+            names=self._names,
         )
         return bridge
 

@@ -3,14 +3,21 @@
 Try it: tfbus ros2 --via zenoh, beside ROS 2 with rmw_zenoh and its router.
 """
 
+import socket
+from contextlib import suppress
 from importlib.util import find_spec
 
 import click
 
 from tfbus import NodeSettings, TfbusError, node_options
 from tfbus.bridge import HIGHEST_DOMAIN, LegSettings, domain_of
+from tfbus.command import install_command
 
 from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
+
+# Where rmw_zenoh has its router, and how long that may take to answer.
+_ROUTER = ("localhost", 7447)
+_ANSWER_WITHIN_S = 1.0
 
 
 @click.command(
@@ -23,7 +30,8 @@ from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
     default="auto",
     show_default=True,
     help="The middleware: zenoh as rmw_zenoh, dds by cyclonedds, or rclpy with any; auto: rclpy "
-    "where ROS is sourced, else zenoh.",
+    "where ROS is sourced, else zenoh where a router answers at localhost:7447, else dds where "
+    "cyclonedds is installed.",
 )
 @click.option(
     "--domain",
@@ -35,7 +43,8 @@ from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
     "--ros-connect",
     multiple=True,
     metavar="ENDPOINT",
-    help="Where ROS is, as tcp/host:7447 for rmw_zenoh's router; repeatable.",
+    help="Where ROS is: zenoh's router as tcp/host:7447, for dds an interface or host as wlan0 or "
+    "192.168.1.7; repeatable.",
 )
 @click.option(
     "--distro",
@@ -60,9 +69,7 @@ def main(
     """
     note = ""
     if via == "auto":
-        has_rclpy = find_spec("rclpy") is not None
-        via = "rclpy" if has_rclpy else "zenoh"
-        note = "; by rclpy, since it is there" if has_rclpy else "; there is no rclpy here (--via)"
+        via, note = _choose(ros_connect)
     leg = LegSettings(
         ros_node_name(settings),
         crossing.options.ros_namespace,
@@ -71,6 +78,33 @@ def main(
         distro.lower(),
     )
     run_bridge(settings, crossing, via, leg, f", domain {leg.domain}{note}")
+
+
+def _choose(ros_connect: tuple[str, ...]) -> tuple[str, str]:
+    """The middleware of `--via auto`, and why, as the end of a line."""
+    if find_spec("rclpy") is not None:
+        return "rclpy", "; by rclpy, since it is there (--via)"
+    has_dds = find_spec("cyclonedds") is not None
+    dds = "--via dds is for Fast DDS and Cyclone DDS"
+    if not has_dds:
+        dds += f" and needs {install_command('ros2')}"
+    if ros_connect:
+        # A host or an interface has no slash; an endpoint of Zenoh has.
+        if any("/" in each for each in ros_connect):
+            return "zenoh", f"; --ros-connect is an endpoint of Zenoh; {dds}"
+        return "dds", "; --ros-connect is a host or an interface; --via zenoh is for rmw_zenoh"
+    if _has_router():
+        return "zenoh", f"; a Zenoh router answers at localhost:7447; {dds}"
+    if has_dds:
+        return "dds", "; no Zenoh router answers at localhost:7447; --via zenoh is for rmw_zenoh"
+    return "zenoh", f"; there is no rclpy here; {dds}"
+
+
+def _has_router() -> bool:
+    with suppress(OSError):
+        socket.create_connection(_ROUTER, _ANSWER_WITHIN_S).close()
+        return True
+    return False
 
 
 def _domain(given: int | None) -> int:

@@ -1,17 +1,28 @@
 """`tfbus ros1` beside real nodes of ROS 1: rosmaster, tf2_ros, robot_state_publisher."""
 
+import logging
 import os
 import subprocess
 import sys
 import xmlrpc.client
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests import needs
 from tests.live_bus import Bus, Process, eventually, free_port, keep_sending, send_until
-from tfbus import Buffer, StaticTransformBroadcaster, Transform, TransformListener, TransformStamped
+from tfbus import (
+    Buffer,
+    StaticTransformBroadcaster,
+    TfbusError,
+    Transform,
+    TransformListener,
+    TransformStamped,
+)
+from tfbus.bridge.leg import LegSettings
+from tfbus.bridge.rospy_leg import open_leg
 from tfbus.messages import JointState, Twist, Vector3
 
 NODE = Path(__file__).parent / "ros1_node.py"
@@ -87,6 +98,22 @@ class Ros1:
 @pytest.fixture
 def ros(bus: Bus, tmp_path: Path) -> Iterator[Ros1]:
     yield Ros1(bus, tmp_path)
+
+
+def test_without_what_rospy_needs_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """rospy would find it missing later, in threads of its own, which die of it."""
+
+    def look() -> None:
+        raise ImportError("No module named 'netifaces'")
+
+    network = SimpleNamespace(get_host_name=look)
+    monkeypatch.setitem(sys.modules, "rospy", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "rosgraph", SimpleNamespace(network=network))
+    monkeypatch.setitem(sys.modules, "rosgraph.network", network)
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
+    monkeypatch.setenv("ROS_NAMESPACE", "")
+    with pytest.raises(TfbusError, match="'apt-get install python3-netifaces'"):
+        open_leg(LegSettings("tfbus_ros1"), logging.getLogger(__name__))
 
 
 def test_tf2_reads_the_frames_of_the_bus(bus: Bus, ros: Ros1) -> None:

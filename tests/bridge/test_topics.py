@@ -10,19 +10,30 @@ from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeLeg, FakeRos
 from tests.live_bus import Bus, eventually, send_until
 from tfbus import Node
+from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import RosTopic
 from tfbus.bridge.odometry_frames import with_odometry_frames
+from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.topic_table import TopicTable
 from tfbus.bridge.topics import TopicBridge
 from tfbus.messages import (
     JointState,
     Odometry,
     Pose,
+    PoseStamped,
     RobotDescription,
     Twist,
     Vector3,
 )
-from tfbus.ros.definitions import ODOMETRY, STRING, TF_MESSAGE, TURTLE_POSE, TWIST, Definition
+from tfbus.ros.definitions import (
+    ODOMETRY,
+    POSE_STAMPED,
+    STRING,
+    TF_MESSAGE,
+    TURTLE_POSE,
+    TWIST,
+    Definition,
+)
 from tfbus.ros.schema import MessageCodec
 from tfbus.ros.tf_message import TFMessageReader
 
@@ -296,6 +307,25 @@ def test_odometry_comes(bridges: Bridges, receiver: Node, node: RosNode, log: Lo
     assert got[0].twist == Twist(Vector3(x=2.0), Vector3(z=0.5))
     publish(odometry(x=1.5, w=0.0))
     eventually(lambda: "quat_xyzw must be a unit quaternion" in log.text)
+
+
+def test_frames_in_messages_have_the_prefix_on_the_bus(
+    bridges: Bridges, receiver: Node, sender: Node, node: RosNode, log: Log
+) -> None:
+    """As frames on /tf have; on the way to ROS it is taken off, and another frame stays here."""
+    names = FrameNames(BridgeOptions(frame_prefix="r1/"))
+    bridges(names=names)
+    got = heard(receiver, Odometry, "odom")
+    publish = node.publisher("/odom", ODOMETRY)
+    send_until(lambda: publish(odometry(x=1.5)), lambda: bool(got))
+    assert (got[0].frame, got[0].child_frame) == ("r1/odom", "r1/base_link")
+    node.listen("/goal_pose", POSE_STAMPED)
+    goals = sender.create_publisher(PoseStamped, "goal_pose")
+    send_until(lambda: goals.publish(PoseStamped(5, "r1/map")), lambda: bool(node.got))
+    assert node.got[0]["header"]["frame_id"] == "map"
+    names.met("map")
+    goals.publish(PoseStamped(5, "map"))
+    eventually(lambda: "ROS has another frame 'map'" in log.text)
 
 
 def test_poses_of_odometry_are_frames_where_asked(ros: FakeRos, node: RosNode) -> None:

@@ -219,7 +219,7 @@ def test_bad_transforms_do_not_take_good_ones_with_them(
     ros: FakeRos, bridged: Bridged, buffer: Buffer
 ) -> None:
     """Numbers that are not finite, no rotation, a frame that is its own parent, names that cannot
-    be shown: they are dropped, and the first is logged.
+    be shown: they are dropped, the first of each reason is logged, and none counts as crossing.
     """
     robot = TfNode(ros, "robot")
     bridge = bridged()
@@ -237,7 +237,10 @@ def test_bad_transforms_do_not_take_good_ones_with_them(
     send_until(lambda: robot.tf_static.send(rows), lambda: buffer.frame("good").static)
     assert set(buffer.frames()) == {"world", "good"}
     said = [each for each in lines.lines if "Dropped a transform" in each]
-    assert len(said) == 1 and "ROS node /robot" in said[0]
+    reasons = ("norm of the quaternion", "its own parent", "a name of a frame")
+    assert [sum(reason in each for each in said) for reason in reasons] == [1, 1, 1]
+    assert len(said) == 3 and all("ROS node /robot" in each for each in said)
+    assert bridge._from_ros.streams == {"ros2/robot": 1}
 
 
 def batch(frames: tuple[str, ...], edges: list[tuple[int, int]], poses: list[list[float]]) -> bytes:

@@ -250,6 +250,15 @@ def test_a_bridge_that_runs_is_named(around: RosAround) -> None:
     assert sentence.endswith(": /ros2 bridges it to tfbus")
 
 
+def test_a_bridge_of_another_name_is_named() -> None:
+    """It is known by the topic on which bridges tell each other of themselves."""
+    bridge = replace(
+        BRIDGE, name="/mine", streams=("mine/talker",), publishes={"ros_bridges": "RosBridge"}
+    )
+    (sentence,) = check_ros(_examined(RosAround(participants=(FAST,)), bridge)).evidence
+    assert sentence.endswith(": /mine bridges it to tfbus")
+
+
 def _examined(around: RosAround, *nodes: NodeDescription) -> Examination:
     host = Host({}, is_compiled=True, interfaces=(), scouted=None, routers=0)
     tree = frame_tree(Buffer(), (), 0)

@@ -159,6 +159,27 @@ class TestExplain:
         assert report.remedies == (restart,)
         assert restart in ask(buffer, "world", "arm", 0.5).remedies
 
+    @pytest.mark.parametrize(
+        ("name", "bridge", "sender"),
+        [
+            ("ros2/lidar_driver", "/ros2", "ROS's node /lidar_driver"),
+            ("r7/ros2/arm/driver", "/r7/ros2", "ROS's node /arm/driver"),
+            ("ros2", "/ros2", "a node of ROS"),
+        ],
+    )
+    def test_what_a_bridge_brings_is_sent_by_ros(
+        self, buffer: Buffer, name: str, bridge: str, sender: str
+    ) -> None:
+        """The remedy names the node there; the bridge may be in order."""
+        stream = StreamInfo(name, bridge, "lab", 7, alive=True, origin=("ab12",))
+        ts = TransformStamped(NOW_NS - 9 * S, "base", "lidar", Transform.identity())
+        buffer.set_transform(ts, authority=name)
+        buffer.mark_gone(["lidar"], True, name)
+        (remedy,) = ask(buffer, "base", "lidar", stream=stream).remedies
+        assert remedy == (
+            f"start the publisher of 'lidar' again: {sender} (brought by {bridge} on lab, pid 7)"
+        )
+
     def test_a_stale_edge_is_a_bad_sign(self, buffer: Buffer) -> None:
         """It has been silent for longer than its rate allows."""
         dynamic(buffer, "arm", "hand", oldest_s=9.0, newest_s=5.0)

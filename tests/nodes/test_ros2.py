@@ -1,7 +1,10 @@
 """`tfbus ros2` as a command: what it says of mistakes."""
 
+from importlib.machinery import ModuleSpec
+
 import pytest
 
+from nodes import ros2
 from tests.live_bus import Bus
 
 
@@ -26,3 +29,31 @@ def test_the_domain_of_the_environment_is_checked(bus: Bus) -> None:
     """As ROS's own tools do."""
     ended = bus.run("ros2", "--via", "zenoh", env={"ROS_DOMAIN_ID": "many"})
     assert ended.returncode == 2 and "ROS_DOMAIN_ID is 'many'" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("modules", "connect", "has_router", "via", "said"),
+    [
+        (("rclpy", "cyclonedds"), (), True, "rclpy", "since it is there"),
+        (("cyclonedds",), (), True, "zenoh", "--via dds is for Fast DDS and Cyclone DDS"),
+        (("cyclonedds",), (), False, "dds", "--via zenoh is for rmw_zenoh"),
+        ((), (), False, "zenoh", "--via dds is for Fast DDS and Cyclone DDS and needs "),
+        (("cyclonedds",), ("tcp/robot:7447",), False, "zenoh", "an endpoint of Zenoh"),
+        (("cyclonedds",), ("wlan0",), True, "dds", "a host or an interface"),
+    ],
+)
+def test_auto_takes_what_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+    modules: tuple[str, ...],
+    connect: tuple[str, ...],
+    has_router: bool,
+    via: str,
+    said: str,
+) -> None:
+    """And says why, and what the other way is."""
+    monkeypatch.setattr(
+        ros2, "find_spec", lambda name: ModuleSpec(name, None) if name in modules else None
+    )
+    monkeypatch.setattr(ros2, "_has_router", lambda: has_router)
+    chosen, note = ros2._choose(connect)
+    assert chosen == via and said in note

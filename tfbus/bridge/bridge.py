@@ -77,7 +77,7 @@ class Bridge:
         self._bus = BusStreams(node, self._publishers, self._reconsider_soon)
         self._parts.callback(self._bus.close)
         self._crossed = Crossed(self._reconsider_soon)
-        names = FrameNames(options)
+        names = self._names = FrameNames(options)
         self._to_ros: ToRos | None = None
         self._gids: tuple[str, ...] = ()
         if options.to_ros:
@@ -165,6 +165,7 @@ class Bridge:
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self._node.log,
             seniors=self._seniors,
+            names=self._names,
         )
         return bridge
 

@@ -65,6 +65,8 @@ class _Source:
     # As they came last, by the names of the bus.
     statics: dict[str, TransformStamped] = field(default_factory=dict)
     children: set[str] = field(default_factory=set)
+    # Those of the children of which a transform was taken; numbers may be refused.
+    taken: set[str] = field(default_factory=set)
     limit: RateLimit | None = None
     # When the last message came.
     heard_s: float = 0.0
@@ -163,7 +165,7 @@ class FromRos:
             found = {name: set[str]() for name, each in self._streams.items() if each.is_open}
             for source in self._sources.values():
                 if source.stream.name in found:
-                    found[source.stream.name] |= source.children
+                    found[source.stream.name] |= source.taken
             return {name: len(children) for name, children in found.items() if children}
 
     def sent_by_senior(self, child: str) -> bool:
@@ -336,7 +338,7 @@ class FromRos:
             if source is not None:
                 self._drop(gid)
                 _, children = lost.setdefault(source.stream.name, (source, set()))
-                children |= source.children
+                children |= source.taken
         for source, children in lost.values():
             if source.stream.gids:
                 source.stream.close()
@@ -414,21 +416,28 @@ class FromRos:
             rows = rows if len(kept) == rows.count else chosen(rows, kept)
         if not rows.count:
             return
+        is_taken = True
         if source.limit is not None:
             source.limit.take(rows)
         else:
-            self._send(source, rows)
+            is_taken = self._send(source, rows)
+        if is_taken:
+            source.taken.update(
+                way.children if rows.count == len(way.children) else rows.children()
+            )
 
-    def _send(self, source: _Source, rows: Columns) -> None:
+    def _send(self, source: _Source, rows: Columns) -> bool:
+        """Send them on the bus, where that is to be; whether the bus took them."""
         with self._lock:
             stream = source.stream
             if self._is_closed or (not stream.is_open and self._other_bridge_of(stream)):
-                return
+                return False
             try:
                 stream.send(rows)
             except TfbusError as error:
                 self._refuse(source, rows.count, error)
-                return
+                return False
+            return True
 
     def _without_invalid(self, source: _Source, rows: Columns, wrong: Iterable[int]) -> Columns:
         which = set(wrong)
@@ -437,6 +446,7 @@ class FromRos:
             self._refuse_row(
                 source,
                 rows.frames[pairs[at][1]],
+                "numbers",
                 "a number is not finite, or the norm of the quaternion is not 1",
             )
         return chosen(rows, [at for at in range(rows.count) if at not in which])
@@ -468,7 +478,7 @@ class FromRos:
     def _refused(
         self, source: _Source, on_bus: dict[str, str], rows: Columns
     ) -> set[tuple[str, str]]:
-        """The edges that no buffer would take; the first of each kind is logged."""
+        """The edges that no buffer would take; of each node the first of a kind is logged."""
         refused = set()
         for parent_at, child_at in rows.pairs():
             parent, child = rows.frames[parent_at], rows.frames[child_at]
@@ -481,18 +491,18 @@ class FromRos:
                 )
             mistake = self._names.mistake_in(child) or self._names.mistake_in(parent)
             if mistake:
-                self._refuse_row(source, child, f"a name of a frame {mistake}")
+                self._refuse_row(source, child, "name", f"a name of a frame {mistake}")
             elif on_bus[parent] == on_bus[child]:
-                self._refuse_row(source, child, "it is its own parent")
+                self._refuse_row(source, child, "own parent", "it is its own parent")
             else:
                 continue
             refused.add((parent, child))
         return refused
 
-    def _refuse_row(self, source: _Source, child: str, mistake: str) -> None:
+    def _refuse_row(self, source: _Source, child: str, kind: str, mistake: str) -> None:
         self.rejected += 1
         self._once.warning(
-            ("refused", source.node),
+            ("refused", kind, source.node),
             "Dropped a transform of frame '%s' of %s: %s",
             printable(child, 60),
             source,
@@ -502,7 +512,7 @@ class FromRos:
     def _refuse(self, source: _Source, count: int, error: Exception) -> None:
         self.rejected += count
         self._once.warning(
-            ("refused", source.node),
+            ("refused", type(error).__name__, source.node),
             "Dropped %s of %s: %s",
             counted(count, "transform"),
             source,
@@ -559,7 +569,7 @@ class FromRos:
                     raise InvalidArgumentException("its numbers are no transform")
                 (transform,) = one
             except InvalidArgumentException as error:
-                self._refuse_row(source, child, str(error))
+                self._refuse_row(source, child, "numbers", str(error))
                 continue
             if len(source.statics) < _MOST_STATICS:
                 source.statics[on_bus[child]] = transform
@@ -574,11 +584,13 @@ class FromRos:
         """Send the static transforms of a stream that cross, as they are now."""
         found: dict[str, TransformStamped] = {}
         last = None
+        crossings = []
         for source in self._sources.values():
             if source.stream is stream:
                 last = source
                 crossing = self._crossing_statics(source)
                 source.children |= crossing.keys()
+                crossings.append((source, crossing))
                 self._crossed.note("from ROS", crossing)
                 found |= crossing
         if last is None or (found and not stream.is_open and self._other_bridge_of(stream)):
@@ -587,6 +599,9 @@ class FromRos:
             stream.set_statics(found)
         except TfbusError as error:
             self._refuse(last, len(found), error)
+            return
+        for source, crossing in crossings:
+            source.taken |= crossing.keys()
 
     def _crossing_statics(self, source: _Source) -> dict[str, TransformStamped]:
         return {

@@ -44,6 +44,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     # Read by rospy when it is imported.
     os.environ["ROS_NAMESPACE"] = f"/{settings.namespace}"
     rospy = _imported_rospy()
+    _check_addresses()
     _wait_for_master(client, master, log)
     _check_name_is_free(client, settings.full_name)
     level, handlers = log.level, list(logging.getLogger().handlers)
@@ -75,6 +76,21 @@ def _imported_rospy() -> Any:
                 f"rospy is not installed ({error}): 'apt-get install python3-rospy' in Debian and "
                 "Ubuntu, or source the setup.bash of ROS Noetic"
             ) from error
+
+
+def _check_addresses() -> None:
+    """rospy looks for the addresses of this host late, and its threads die where it cannot."""
+    network = import_module("rosgraph.network")
+    try:
+        network.get_host_name()
+        if os.environ.get("ROS_HOSTNAME") == "localhost":
+            network.get_local_addresses()
+    except ImportError as error:
+        raise TfbusError(
+            f"rospy does not find the addresses of this host ({error}): 'apt-get install "
+            f"python3-netifaces', '{sys.executable} -m pip install netifaces' in a virtual "
+            "environment, or set ROS_IP to the address of this host"
+        ) from error
 
 
 def _wait_for_master(client: Ros1Master, master: str, log: logging.Logger) -> None:

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 
 from tfbus import messages
+from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import Leg, RosTopic
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.errors import DecodeError, TfbusError
@@ -17,10 +18,14 @@ from tfbus.ros.schema import MessageCodec
 from tfbus.ros.value_codec import UnfitError
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_map, encode_map, from_map
+from tfbus.wording import printable
 
 # Own messages are back within this, where a leg cannot tell them from those of others.
 _ECHO_WITHIN_S = 2.0
 _MOST_ECHOES = 1000
+
+# The fields of our types that name frames; none are known of other types.
+_FRAMES = {"PoseStamped": ("frame",), "Odometry": ("frame", "child_frame")}
 
 
 class Echoes:
@@ -58,7 +63,9 @@ class Echoes:
 class Translation:
     """Messages of a line's types, as bytes, in both directions. Thread-safe."""
 
-    def __init__(self, line: TopicLine, now_ns: Callable[[], int]) -> None:
+    def __init__(self, line: TopicLine, names: FrameNames, now_ns: Callable[[], int]) -> None:
+        self._names = names
+        self._frames = _FRAMES.get(line.type_name, ())
         self._counterpart = line.counterpart
         definition = line.counterpart.definition
         self._message = message_of(definition)
@@ -72,6 +79,8 @@ class Translation:
         values = decode_map(payload)
         if self._type is not None:
             from_map(self._type, values)
+        for field in self._frames:
+            values[field] = self._in_ros(values[field])
         try:
             message = self._codec.encode(fitted(self._counterpart.to_ros(values), self._message))
         except UnfitError as error:
@@ -90,20 +99,36 @@ class Translation:
             values["stamp_ns"] = self._now_ns()
         if self._type is not None:
             from_map(self._type, values)
+        for field in self._frames:
+            # Some leave it empty.
+            values[field] = values[field] and self._names.on_bus(values[field])
         return encode_map(values)
+
+    def _in_ros(self, frame: str) -> str:
+        name = self._names.in_ros(frame)
+        if name is None:
+            raise DecodeError(f"ROS has another frame '{printable(frame, 60)}'")
+        return name
 
 
 class TopicToRos:
     """A topic of the bus that goes to ROS, until `close()`."""
 
     def __init__(
-        self, node: Node, leg: Leg, name: str, ros_name: str, line: TopicLine, echoes: Echoes | None
+        self,
+        node: Node,
+        leg: Leg,
+        name: str,
+        ros_name: str,
+        line: TopicLine,
+        names: FrameNames,
+        echoes: Echoes | None,
     ) -> None:
         self.line = line
         self._name = name
         self._once = LogOnce(node.log)
         self._echoes = echoes
-        self._translation = Translation(line, node.now_ns)
+        self._translation = Translation(line, names, node.now_ns)
         definition = line.counterpart.definition
         self._sender = leg.publisher(RosTopic(ros_name, definition, line.retained, line.depth))
         try:
@@ -153,6 +178,7 @@ class TopicFromRos:
         name: str,
         ros_name: str,
         line: TopicLine,
+        names: FrameNames,
         echoes: Echoes | None,
         accepts: Callable[[str], bool],
     ) -> None:
@@ -163,7 +189,7 @@ class TopicFromRos:
         self._once = LogOnce(node.log)
         self._echoes = echoes
         self._accepts = accepts
-        self._translation = Translation(line, node.now_ns)
+        self._translation = Translation(line, names, node.now_ns)
         self._lock = threading.Lock()
         self._closed = False
         self._publisher: RawPublisher | None = None

@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Collection
 
 from tfbus.bridge.bridges import RosBridge
+from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import Leg, RosPublisher
+from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.topic_crossings import Echoes, TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
@@ -44,8 +46,9 @@ class TopicBridge:
     Topics of the bus are those that nodes of the node's namespace describe, of types that the
     table has. In ROS those are looked for that the bus subscribes to, and the names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS; those
-    of another bridge are left out where this side has their source. `seniors()` are the bridges
-    between the same bus and the same ROS that were there before: what they send, this one does not.
+    of another bridge are left out where this side has their source. `names` are those of frames in
+    messages: on the bus and in ROS the same, without it. `seniors()` are the bridges between the
+    same bus and the same ROS that were there before: what they send, this one does not.
     """
 
     def __init__(
@@ -59,10 +62,12 @@ class TopicBridge:
         ros_namespace: str,
         log: logging.Logger,
         seniors: Callable[[], Collection[RosBridge]] = lambda: (),
+        names: FrameNames | None = None,
     ) -> None:
         self._node = node
         self._leg = leg
         self._table = table
+        self._names = names or FrameNames(BridgeOptions())
         self._is_to_ros = to_ros
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
@@ -126,7 +131,7 @@ class TopicBridge:
                 )
                 return
             ros_name = f"{self._above}/{name}"
-            topic = _Topic(self._node, self._leg, name, ros_name)
+            topic = _Topic(self._node, self._leg, name, ros_name, self._names)
             self._topics[name] = topic
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
@@ -164,12 +169,14 @@ class _Topic:
         leg: Leg,
         name: str,
         ros_name: str,
+        names: FrameNames,
     ) -> None:
         self.line: TopicLine | None = None
         self._node = node
         self._leg = leg
         self._name = name
         self._ros_name = ros_name
+        self._names = names
         self._echoes = None if leg.tells_publishers else Echoes()
         self._to: TopicToRos | None = None
         self._from: TopicFromRos | None = None
@@ -244,7 +251,13 @@ class _Topic:
             self._to_until_s = now_s + _GONE_AFTER_S
             if self._to is None and self.line is not None:
                 self._to = TopicToRos(
-                    self._node, self._leg, self._name, self._ros_name, self.line, self._echoes
+                    self._node,
+                    self._leg,
+                    self._name,
+                    self._ros_name,
+                    self.line,
+                    self._names,
+                    self._echoes,
                 )
                 self._node.log.info(
                     "Topic %r (%s) goes to ROS as %s (%s)",
@@ -269,6 +282,7 @@ class _Topic:
                     self._name,
                     self._ros_name,
                     self.line,
+                    self._names,
                     self._echoes,
                     self._accepts,
                 )

@@ -42,7 +42,10 @@ _REFRESHING_S = (1.0, 6.0)
 OnSample = Callable[[bytes, bytes | None, Any], None]
 OnToken = Callable[[str, bool], None]
 
-_HOW_TO_START = "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd"
+_HOW_TO_START = (
+    "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd; a ROS of Fast DDS or Cyclone DDS, its "
+    "default, is reached by --via dds"
+)
 
 
 def sender_of(sample: zenoh.Sample) -> str:

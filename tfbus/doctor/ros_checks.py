@@ -3,11 +3,15 @@
 from tfbus.doctor.examination import Examination
 from tfbus.doctor.finding import Finding, ok
 from tfbus.ros.ros_names import HIGHEST_DOMAIN, is_bridge
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wording import counted, listed, printable
 
 # The streams that a bridge makes of ROS's publishers are called so, and below.
 _BRIDGED = "ros2"
 _BRIDGED_1 = "ros1"
+
+# What each bridge publishes on the bus, whatever its name is: the type of its topic.
+_BRIDGE_TYPE = "RosBridge"
 
 
 def check_ros(seen: Examination) -> Finding:
@@ -84,16 +88,18 @@ def _maybe_ros2(seen: Examination, where: str) -> str:
 
 def _brings(seen: Examination, kind: str) -> str:
     """Which nodes are bridges to ROS already; "" for none."""
-    bridges = [
-        printable(node.name)
-        for node in seen.nodes
-        if node.name.rpartition("/")[2] == kind
-        or any(stream == kind or stream.startswith(f"{kind}/") for stream in node.streams)
-    ]
+    bridges = [printable(node.name) for node in seen.nodes if kind in _kinds(node)]
     if not bridges and kind == _BRIDGED:
         in_ros = {name for names in seen.ros.nodes.values() for name in names}
         bridges = [printable(name) for name in sorted(in_ros) if is_bridge(name)]
     return f"{listed(bridges)} bridges it to tfbus" if bridges else ""
+
+
+def _kinds(node: NodeDescription) -> set[str]:
+    """Which ROS a node may be a bridge to; it says which by its name or streams only."""
+    names = {node.name.rpartition("/")[2], *[each.partition("/")[0] for each in node.streams]}
+    both = {_BRIDGED, _BRIDGED_1}
+    return names & both or (both if _BRIDGE_TYPE in node.publishes.values() else set())
 
 
 def _nothing(seen: Examination) -> str:

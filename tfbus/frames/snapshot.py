@@ -233,9 +233,24 @@ def _printable_stream(stream: StreamInfo) -> StreamInfo:
 
 
 def who(stream: StreamInfo) -> str:
-    """A publisher as people look for it: its node, host and pid."""
+    """A publisher as people look for it: its node, host and pid; what a bridge brings has another
+    publisher, in ROS.
+    """
     if not stream.node:
         return f"stream {stream.name!r}"
+    if stream.origin:
+        return f"{_in_ros(stream)} (brought by {_node(stream)})"
+    return _node(stream)
+
+
+def _in_ros(stream: StreamInfo) -> str:
+    """The node in ROS of a stream `ros2/NODE` of the bridge `ros2`."""
+    bridge = stream.node.rpartition("/")[2]
+    _, _, node = f"/{stream.name}".partition(f"/{bridge}/")
+    return f"ROS's node /{node}" if node else "a node of ROS"
+
+
+def _node(stream: StreamInfo) -> str:
     if not stream.host:
         return stream.node  # it did not describe itself, as in a recording of ROS
     return f"{stream.node} on {stream.host}, pid {stream.pid}"

@@ -26,7 +26,8 @@ class StreamInfo:
     by the system's clock, in ns since the Unix epoch. `delay_s` is how old a transform is when it
     comes, by its stamp and our clock, smoothed over about ten messages. `clock_offset_s` is how far
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
-    smoothed. All four are None while they are not known.
+    smoothed. All four are None while they are not known. `origin` are the gids of the publishers in
+    ROS whose transforms a bridge sends in it.
     """
 
     name: str
@@ -51,6 +52,7 @@ class StreamInfo:
     delay_s: float | None = None
     clock_offset_s: float | None = None
     last_delay_s: float | None = None
+    origin: tuple[str, ...] = ()
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
@@ -69,6 +71,7 @@ def stream_info(name: str, state: StreamState | None, stream: StreamReception | 
             epoch_ns=description.epoch,
             frames=description.frames,
             priority=description.priority,
+            origin=description.origin,
         )
     if stream is not None:
         info = replace(

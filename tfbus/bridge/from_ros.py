@@ -378,7 +378,7 @@ class FromRos:
             _MOST_FRAMES,
         )
         self._note_that_none_crosses(source)
-        source.children = set()
+        source.children, source.taken = set(), set()
         source.routes.forget()
         source.stream.close()
 

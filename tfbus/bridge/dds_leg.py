@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,6 +51,10 @@ except ImportError as error:
 
 # In keyless topics a reader keeps so many messages of all writers together.
 _LEAST_READER_DEPTH = 100
+
+# Nodes of ROS may be found as late as this: they announce themselves every 3 s, and on Wi-Fi some
+# of that is lost.
+_DISCOVERY_S = 10.0
 
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
 
@@ -171,6 +176,7 @@ class DdsLeg:
         enclave = Policy.Userdata(b"enclave=/;")
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
         self._gid = self._participant.guid
+        self._joined_s = time.monotonic()
         # Of what follows, and of what is told of it to ROS.
         self._lock = threading.RLock()
         self._closing = False
@@ -229,6 +235,8 @@ class DdsLeg:
     def warnings(self) -> Sequence[str]:
         """That there is no ROS, and whom it cannot listen to."""
         if not self._watch.sees_ros:
+            if time.monotonic() < self._joined_s + _DISCOVERY_S:
+                return []
             return [
                 f"no ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"

@@ -36,6 +36,7 @@ try:
         WaitSet,
     )
     from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.internal import DDS
     from cyclonedds.pub import DataWriter
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
@@ -56,6 +57,9 @@ _LEAST_READER_DEPTH = 100
 # of that is lost.
 _DISCOVERY_S = 10.0
 
+# What Cyclone prints, as in its dds/ddsrt/log.h. A trace that CYCLONEDDS_URI asks for has it all.
+_FATAL, _ERROR, _WARNING = 1, 2, 4
+
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
 
 
@@ -74,7 +78,7 @@ class _Domains:
     def take(self, number: int, config: str) -> None:
         """Make it, or use that which is there. Raises DDSException where it cannot be made."""
         with self._lock:
-            domain, users = self._domains.get(number) or (Domain(number, config), 0)
+            domain, users = self._domains.get(number) or (_domain(number, config), 0)
             self._domains[number] = domain, users + 1
 
     def give_back(self, number: int) -> None:
@@ -86,6 +90,17 @@ class _Domains:
 
 
 _DOMAINS = _Domains()
+
+
+def _domain(number: int, config: str) -> Domain:
+    """A domain. Cyclone prints why there is none; later it would print, for each message, that a
+    host is not reached.
+    """
+    say = DDS._dll_handle.dds_set_log_mask
+    say(_FATAL | _ERROR | _WARNING)
+    domain = Domain(number, config)
+    say(_FATAL)
+    return domain
 
 
 class DdsSender:

@@ -113,9 +113,11 @@ def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]
         legs[0].publisher(CHATTER).send(HI[:4] + b"\xff\xff\xff\xff")
 
 
-def test_a_leg_alone_says_so() -> None:
-    """Without any other node the warnings say what to look at."""
+def test_a_leg_alone_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without any other node, once one would be found, the warnings say what to look at."""
     leg = open_leg("alone")
+    assert not leg.warnings()
+    monkeypatch.setattr("tfbus.bridge.dds_leg._DISCOVERY_S", 0.0)
     [said] = leg.warnings()
     assert said.startswith("No ROS 2 node is seen by DDS in domain")
     leg.close()

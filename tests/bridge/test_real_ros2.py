@@ -21,6 +21,8 @@ NODE = "/tfbus_ros2"
 ENOUGH = 20
 # Before ROS takes it for lost, after 10 s.
 AT_ONCE_S = 8.0
+# A leg that disturbs others does so about every other time.
+TRIES = 4
 
 
 class Scene(NamedTuple):
@@ -125,6 +127,16 @@ def test_own_messages_do_not_come_back(scene: Scene) -> None:
     scene.leg.wait_for(TF, "early_dynamic", more_than=ENOUGH)
     assert not scene.leg.of(TF, "leg_dynamic")
     assert not scene.leg.of(TF_STATIC, "leg_static")
+
+
+def test_late_nodes_hear_each_other(scene: Scene) -> None:
+    """While a leg is there, late nodes of ROS still have the frames of other nodes."""
+    later = [scene.network.start_node(f"later_{number}") for number in range(TRIES)]
+    for node in later:
+        node.wait_for(TF, "early_moving")
+        node.wait_for(TF_STATIC, "early_fixed")
+    for node in later:
+        node.process.stop(signal.SIGINT)
 
 
 def test_the_end_of_a_publisher_is_seen(scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -36,6 +37,7 @@ try:
         WaitSet,
     )
     from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.internal import DDS
     from cyclonedds.pub import DataWriter
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
@@ -51,6 +53,13 @@ except ImportError as error:
 
 # In keyless topics a reader keeps at least this many messages of all writers.
 _LEAST_READER_DEPTH = 100
+
+# Nodes of ROS may be found as late as this: they announce themselves every 3 s, and on Wi-Fi some
+# of that is lost.
+_DISCOVERY_S = 10.0
+
+# What Cyclone prints, as in its dds/ddsrt/log.h. A trace that CYCLONEDDS_URI asks for has it all.
+_FATAL, _ERROR, _WARNING = 1, 2, 4
 
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
 _DISTROS = (*_HUMBLE_AND_BEFORE, "iron", "jazzy", "kilted", "lyrical", "rolling")
@@ -76,7 +85,7 @@ class _Domains:
     def take(self, number: int, config: str) -> None:
         """Make it, or use that which is there. Raises DDSException where it cannot be made."""
         with self._lock:
-            domain, users = self._domains.get(number) or (Domain(number, config), 0)
+            domain, users = self._domains.get(number) or (_domain(number, config), 0)
             self._domains[number] = domain, users + 1
 
     def give_back(self, number: int) -> None:
@@ -88,6 +97,17 @@ class _Domains:
 
 
 _DOMAINS = _Domains()
+
+
+def _domain(number: int, config: str) -> Domain:
+    """A domain. Cyclone prints why there is none; later it would print, for each message, that a
+    host is not reached.
+    """
+    say = DDS._dll_handle.dds_set_log_mask
+    say(_FATAL | _ERROR | _WARNING)
+    domain = Domain(number, config)
+    say(_FATAL)
+    return domain
 
 
 class DdsSender:
@@ -178,6 +198,7 @@ class DdsLeg:
         enclave = Policy.Userdata(b"enclave=/;")
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
         self._gid = self._participant.guid
+        self._joined_s = time.monotonic()
         # Of what follows, and of what is told of it to ROS.
         self._lock = threading.RLock()
         self._closing = False
@@ -236,6 +257,8 @@ class DdsLeg:
     def warnings(self) -> Sequence[str]:
         """That there is no ROS, and whom it cannot listen to."""
         if not self._watch.sees_ros:
+            if time.monotonic() < self._joined_s + _DISCOVERY_S:
+                return []
             return [
                 f"No ROS 2 node is seen by DDS in domain {self._number}: the domain, and the "
                 "network interface or hosts that --ros-connect names, must be those of ROS"

@@ -10,6 +10,13 @@ from tfbus.ros.definition_text import message_of
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import PLACEHOLDER, Message, Scalar, Sequence, Text, Type
 
+# Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
+# Cyclone answers each question about types, also one meant for others, with those it knows. For a
+# type of ROS that has some of the same parts, Fast DDS 3 (ROS 2 Kilted) takes such an answer as the
+# last, finds it inconsistent, and does not match the publishers of that type. Where Cyclone knows
+# nothing of it, Fast DDS goes by the name of the type.
+_OWN = "tfbus."
+
 # As cyclonedds has them, by the names in ROS.
 _SCALARS: dict[str, Any] = {
     "bool": bool,
@@ -61,13 +68,15 @@ def raw_type(definition: Definition) -> type[RawSample]:
     """The type in DDS of messages of this definition. Raises DecodeError where that is not valid,
     or has a wstring.
     """
-    struct = _struct(message_of(definition))
-    return type("RawMessage", (RawSample,), {"__slots__": (), "__idl__": struct.__idl__})
+    idl = _struct(message_of(definition)).__idl__
+    # The name of the type in DDS.
+    idl.idl_transformed_typename = dds_type(definition.name)
+    return type("RawMessage", (RawSample,), {"__slots__": (), "__idl__": idl})
 
 
 def _struct(message: Message) -> Any:
     fields = {field.name: _type(field.type) for field in message.fields}
-    dotted = dds_type(message.name).replace("::", ".")
+    dotted = _OWN + dds_type(message.name).replace("::", ".")
     leaf = dotted.rpartition(".")[2]
     return make_idl_struct(leaf, dotted, fields or {PLACEHOLDER: types.uint8})
 

@@ -82,8 +82,9 @@ class RosStream:
 
     def _opened(self) -> Stream:
         if self._stream is None:
-            self._stream = self._streams.reopen(self._node, self.name)
-            self._stream.origin = self._origin
+            # With its origin from the first description on: without, another bridge would take it
+            # for one that does not come from ROS.
+            self._stream = self._streams.reopen(self._node, self.name, self._origin)
         return self._stream
 
 

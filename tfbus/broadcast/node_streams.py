@@ -38,12 +38,20 @@ class NodeStreams:
                 )
             return self._by_name[name]
 
-    def reopen(self, node: Node, name: str) -> Stream:
-        """A new stream of this name, whose first epoch begins now, in place of a former one."""
+    def reopen(self, node: Node, name: str, origin: tuple[str, ...]) -> Stream:
+        """A new stream of this name and origin, whose first epoch begins now, in place of a former
+        one.
+        """
         self.close(name)
         with self._lock:
             stream = self._by_name[name] = Stream(
-                name, node.full_name, time.time_ns(), node.session, node.executor, node.log
+                name,
+                node.full_name,
+                time.time_ns(),
+                node.session,
+                node.executor,
+                node.log,
+                origin=origin,
             )
             return stream
 

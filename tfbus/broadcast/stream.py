@@ -57,6 +57,8 @@ class Stream:
         session: Session,
         executor: Executor,
         log: logging.Logger,
+        *,
+        origin: tuple[str, ...] = (),
     ) -> None:
         """Publish it. Raises InvalidArgumentException for a name that listeners would ignore."""
         if mistake := mistake_in_stream(name):
@@ -90,7 +92,7 @@ class Stream:
             partial(session.settings.check_right, "frames"),
         )
         self._token = session.token(stream_key(name))
-        self._origin: tuple[str, ...] = ()
+        self._origin = origin
         self._frames.announce_soon()
 
     @property

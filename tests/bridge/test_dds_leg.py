@@ -133,4 +133,4 @@ def test_nodes_are_named_once_and_with_their_verb() -> None:
     from tfbus.bridge.dds_leg import _publish
 
     assert _publish(["a node without a name"] * 2) == "a node without a name publishes"
-    assert _publish(["/a", "/b", "/a"]) == "/a and /b publish"
+    assert _publish(["/a", "/b", "/a"]) == "/a, /b publish"

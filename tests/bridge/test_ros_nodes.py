@@ -1,12 +1,14 @@
 """Each node of ROS is a publisher of its own on the bus, which may be gone and come back."""
 
+import pytest
+
 from tests.bridge.conftest import Bridged
 from tests.bridge.fake_leg import FakeRos
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
 from tests.fakes import Lines
 from tests.live_bus import Bus, eventually, send_until
-from tfbus import Buffer, Node, TransformListener
+from tfbus import Buffer, Node, TfbusError, TransformListener
 
 
 def test_frames_name_the_node_of_ros(ros: FakeRos, bridged: Bridged, buffer: Buffer) -> None:
@@ -123,6 +125,14 @@ def test_a_bridge_that_is_started_again_goes_on(
         lambda: robot.broadcast(at(2.0, "a", 2 * S)), lambda: x_of(buffer, source="a") == 2.0
     )
     eventually(lambda: not buffer.frame("fixed").gone)
+
+
+def test_a_second_bridge_of_the_same_name_is_refused(bridged: Bridged) -> None:
+    """Its streams would be those of the first."""
+    bridged()
+    with pytest.raises(TfbusError, match=r"Bridge /ros2 runs already, .* by --name"):
+        bridged()
+    bridged("ros2_too")
 
 
 def test_it_says_once_what_crosses(ros: FakeRos, bridged: Bridged, sender: Node) -> None:

@@ -3,7 +3,7 @@
 import time
 from typing import TYPE_CHECKING
 
-from tfbus.bridge.bridges import Bridges, RosBridge
+from tfbus.bridge.bridges import Bridges, RosBridge, check_name_is_free
 from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.frame_names import FrameNames
@@ -13,6 +13,7 @@ from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.ros_publishers import RosPublishers, is_bridge
 from tfbus.bridge.to_ros import ToRos
+from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.runtime.executor import Executor
@@ -36,7 +37,8 @@ _MOST_NAMED = 5
 
 class Bridge:
     """Joins a node's bus and the ROS that a leg reaches, until `close()`; the leg is the bridge's
-    from now on. `ros_node` is the full name that the leg has in ROS.
+    from now on. `ros_node` is the full name that the leg has in ROS. Raises TfbusError where
+    another bridge on the bus has the node's name.
     """
 
     def __init__(
@@ -48,6 +50,11 @@ class Bridge:
         ros_node: str = "",
         table: "TopicTable | None" = None,
     ) -> None:
+        try:
+            check_name_is_free(node)
+        except TfbusError:
+            leg.close()
+            raise
         self._is_built = False
         self._node = node
         self._leg = leg

@@ -72,6 +72,12 @@ def crossing_options(function: F) -> F:
                 f"--ros-namespace {namespace!r} is none that ROS can have: use letters, digits and "
                 "underscores, as in robot1"
             )
+        if only_to_ros and odom_tf:
+            raise click.UsageError(
+                "--only-to-ros and --odom-tf are mutually exclusive: the Odometry comes from ROS"
+            )
+        if "" in options["frames"]:
+            raise click.UsageError("--frames '' fits no frame: give a pattern such as 'robot1/*'")
         crossing = Crossing(
             BridgeOptions(
                 to_ros=not only_from_ros,
@@ -103,6 +109,7 @@ def run_bridge(
     where ROS cannot be joined, or the topics are not clear.
     """
     table = TopicTable.of_file(crossing.topics_file, crossing.topics)
+    _check_directions(crossing.options, table)
     with Node.from_settings(settings) as node:
         joined = open_leg(via, leg, node.log)
         with ExitStack() as opened:
@@ -113,6 +120,21 @@ def run_bridge(
             opened.callback(bridge.close)
             node.ready(f"{bridge.announcement}{note}")
             node.wait(None)
+
+
+def _check_directions(options: BridgeOptions, table: TopicTable) -> None:
+    """Refuse topics that can cross in the other direction only."""
+    for name, line in table.names.items():
+        if line.direction == "from-ros" and not options.from_ros:
+            raise click.UsageError(
+                f"--only-to-ros excludes topic {name!r}: its line in --topics has `direction: "
+                "from-ros`"
+            )
+        if line.direction == "to-ros" and not options.to_ros:
+            raise click.UsageError(
+                f"--only-from-ros excludes topic {name!r}: its line in --topics has `direction: "
+                "to-ros`"
+            )
 
 
 # Those that BridgeOptions has by the same names.

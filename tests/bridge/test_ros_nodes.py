@@ -10,7 +10,7 @@ from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
 from tests.fakes import Clock, Lines
 from tests.live_bus import Bus, eventually, send_until
-from tfbus import Buffer, Node, TransformListener, TransformStamped
+from tfbus import Buffer, Node, TfbusError, TransformListener, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import TFMessageWriter
 
@@ -139,6 +139,14 @@ def test_a_bridge_that_is_started_again_goes_on(
         lambda: robot.broadcast(at(2.0, "a", 2 * S)), lambda: x_of(buffer, source="a") == 2.0
     )
     eventually(lambda: not buffer.frame("fixed").gone)
+
+
+def test_a_second_bridge_of_the_same_name_is_refused(bridged: Bridged) -> None:
+    """Its streams would be those of the first."""
+    bridged()
+    with pytest.raises(TfbusError, match=r"Bridge /ros2 runs already, .* by --name"):
+        bridged()
+    bridged("ros2_too")
 
 
 def test_it_says_once_what_crosses(ros: FakeRos, bridged: Bridged, sender: Node) -> None:

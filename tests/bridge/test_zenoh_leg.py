@@ -210,7 +210,7 @@ def test_it_waits_for_the_router_and_for_its_return(
     endpoint = ros.router.endpoint
     missing = (
         f"No Zenoh router of ROS answers at {endpoint}, tried until one does: start one with: "
-        "ros2 run rmw_zenoh_cpp rmw_zenohd; a ROS of Fast DDS or Cyclone DDS, its default, is "
+        "ros2 run rmw_zenoh_cpp rmw_zenohd; ROS with Fast DDS (its default) or Cyclone DDS is "
         "reached by --via dds"
     )
     eventually(lambda: hearing.warnings() == [missing])

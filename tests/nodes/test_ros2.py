@@ -1,6 +1,7 @@
 """`tfbus ros2` as a command: what it says of mistakes."""
 
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +14,8 @@ from tests.live_bus import Bus
     [
         (["--only-to-ros", "--only-from-ros"], "are mutually exclusive: give one"),
         (["--only-to-ros", "--clock", "from-ros"], "are mutually exclusive"),
+        (["--only-to-ros", "--odom-tf"], "the Odometry comes from ROS"),
+        (["--frames", ""], "--frames '' fits no frame"),
         (["--ros-namespace", "robot 1"], "is none that ROS can have"),
         (["--frame-prefix", "/robot 1/"], "'/robot 1/' begins with a slash"),
         (["--rate-limit", "0"], "must be at least 0.01"),
@@ -23,6 +26,20 @@ def test_mistakes_are_said_in_a_sentence(bus: Bus, arguments: list[str], said: s
     """With exit code 2."""
     ended = bus.run("ros2", *arguments)
     assert ended.returncode == 2 and said in " ".join(ended.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("option", "direction"), [("--only-to-ros", "from-ros"), ("--only-from-ros", "to-ros")]
+)
+def test_a_topic_of_the_other_direction_is_a_mistake(
+    bus: Bus, tmp_path: Path, option: str, direction: str
+) -> None:
+    """It could not cross."""
+    file = tmp_path / "topics.yaml"
+    file.write_text(f"turtle1/pose: {{direction: {direction}}}\n")
+    ended = bus.run("ros2", option, "--topics", str(file))
+    said = " ".join(ended.stderr.split())
+    assert ended.returncode == 2 and f"{option} excludes topic 'turtle1/pose'" in said
 
 
 def test_the_domain_of_the_environment_is_checked(bus: Bus) -> None:

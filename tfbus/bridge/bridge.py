@@ -4,7 +4,7 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from tfbus.bridge.bridges import Bridges, RosBridge
+from tfbus.bridge.bridges import Bridges, RosBridge, check_name_is_free
 from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.crossed import Crossed
 from tfbus.bridge.frame_names import FrameNames
@@ -14,6 +14,7 @@ from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.ros_clock import RosClock
 from tfbus.bridge.ros_publishers import RosPublishers
 from tfbus.bridge.to_ros import ToRos
+from tfbus.errors import TfbusError
 from tfbus.node.node import Node
 from tfbus.ros.definitions import TF_MESSAGE
 from tfbus.ros.ros_names import is_bridge
@@ -39,6 +40,7 @@ _MOST_NAMED = 5
 class Bridge:
     """Joins a node's bus and the ROS that a leg reaches, until `close()`; the leg is the bridge's
     from now on, and is closed where this raises. `ros_node` is the full name that it has in ROS.
+    Raises TfbusError where another bridge on the bus has the node's name.
     """
 
     def __init__(
@@ -50,6 +52,11 @@ class Bridge:
         ros_node: str = "",
         table: "TopicTable | None" = None,
     ) -> None:
+        try:
+            check_name_is_free(node)
+        except TfbusError:
+            leg.close()
+            raise
         self._is_built = False
         # The sessions of other bridges between this bus and this ROS.
         self._met: set[str] = set()

@@ -7,15 +7,21 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from tfbus.errors import DecodeError, RightsError
+from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
 from tfbus.wire.codec import decode_message
+from tfbus.wire.descriptions import NodeDescription
+from tfbus.wire.keys import node_key
+from tfbus.wording import printable
 
 TOPIC = "ros_bridges"
 
 # Bridges come from the bus: at most this many are remembered.
 _MOST = 100
+
+# A node that takes longer to answer is not waited for.
+_ANSWER_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,24 @@ class RosBridge:
     gids: tuple[str, ...] = ()
     to_ros: int = 0
     from_ros: int = 0
+
+
+def check_name_is_free(node: Node) -> None:
+    """Raise TfbusError where another bridge has the node's name: streams would have two owners."""
+    for answer in node.session.ask(node_key(node.name), timeout_s=_ANSWER_WITHIN_S):
+        if answer.refusal is not None:
+            continue
+        try:
+            other = decode_message(NodeDescription, answer.payload)
+        except DecodeError:
+            continue
+        is_bridge = RosBridge.__name__ in other.publishes.values()
+        if is_bridge and other.session != node.session.id:
+            raise TfbusError(
+                f"Bridge {printable(node.full_name, 60)} runs already, on "
+                f"{printable(other.host, 60)} with pid {other.pid}, and streams have the bridge's "
+                "name: give this one another by --name"
+            )
 
 
 class Bridges:

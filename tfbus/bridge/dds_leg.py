@@ -357,15 +357,21 @@ class DdsLeg:
                 volatile.append(name)
         if best_effort:
             said.append(
-                f"{listed(best_effort)} publish {topic.name} as best effort, and it is read "
+                f"{_publish(best_effort)} {topic.name} as best effort, and it is read "
                 "as reliable: such messages do not come"
             )
         if volatile:
             said.append(
-                f"{listed(volatile)} publish {topic.name} as volatile, and it is read as transient "
+                f"{_publish(volatile)} {topic.name} as volatile, and it is read as transient "
                 "local: such messages do not come"
             )
         return said
+
+
+def _publish(nodes: Sequence[str]) -> str:
+    """The nodes, each once, with their verb."""
+    names = [*dict.fromkeys(nodes)]
+    return f"{listed(names)} {'publish' if names[1:] else 'publishes'}"
 
 
 def _by(connect: Sequence[str]) -> str:

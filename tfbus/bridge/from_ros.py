@@ -472,6 +472,7 @@ class FromRos:
                     each.statics.pop(child, None)
             source.stream.becomes_dynamic(child)
         source.children |= set(children)
+        source.taken &= source.children
         self._note_names(rows.frames)
         return replace(found, children=children, contested=self._crossed.note("from ROS", children))
 

@@ -46,15 +46,15 @@ def _line(name: str, value: Value, path: Path) -> TopicLine:
             raise value.place.mistake("must be a map with `type` and `ros`, or off")
         return _with_names(_OFF, pattern)
     fields = value.fields(_KEYS)
-    counterpart = _counterpart(pattern, value, fields, path)
-    usual = next(
-        (each for each in TABLE if each.counterpart == counterpart), TopicLine(counterpart)
-    )
     direction = fields["direction"].text() if "direction" in fields else "both"
     if direction not in DIRECTIONS:
         raise fields["direction"].place.mistake(
             f"must be one of {', '.join(DIRECTIONS)}, not {direction!r}"
         )
+    counterpart = _counterpart(pattern, value, fields, path)
+    usual = next(
+        (each for each in TABLE if each.counterpart == counterpart), TopicLine(counterpart)
+    )
     retained = _truth(fields["retained"]) if "retained" in fields else usual.retained
     return _with_names(
         TopicLine(

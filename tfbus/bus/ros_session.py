@@ -43,8 +43,8 @@ OnSample = Callable[[bytes, bytes | None, Any], None]
 OnToken = Callable[[str, bool], None]
 
 _HOW_TO_START = (
-    "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd; a ROS of Fast DDS or Cyclone DDS, its "
-    "default, is reached by --via dds"
+    "start one with: ros2 run rmw_zenoh_cpp rmw_zenohd; ROS with Fast DDS (its default) or "
+    "Cyclone DDS is reached by --via dds"
 )
 
 

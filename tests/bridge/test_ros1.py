@@ -173,8 +173,11 @@ def test_topics_cross_without_an_echo(bus: Bus, ros: Ros1) -> None:
     assert second.returncode == 1
     assert "ROS has a node /tfbus_ros1 already" in second.stderr
     there = ros.node("there", "twist", "2.0")
-    send_until(lambda: publisher.publish(Twist(Vector3(x=1.0))), lambda: heard == {1.0, 2.0})
-    there.wait_for_line("heard 1.0 from /tfbus_ros1")
+    line = "heard 1.0 from /tfbus_ros1"
+    send_until(
+        lambda: publisher.publish(Twist(Vector3(x=1.0))),
+        lambda: heard == {1.0, 2.0} and line in there.out,
+    )
     for number in range(10, 20):
         publisher.publish(Twist(Vector3(x=float(number))))
     there.wait_for_line("heard 19.0 from /tfbus_ros1")

@@ -9,6 +9,7 @@ many wait at once. Only programs on this machine can ask. Ctrl-C ends it.
 
 import asyncio
 import json
+import signal
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
@@ -59,8 +60,11 @@ async def main() -> None:
         except OSError as error:  # as of a port that is in use
             raise SystemExit(f"Error: {error}") from None
         print(f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/TARGET/SOURCE", flush=True)
+        ended = asyncio.Event()
+        # KeyboardInterrupt could strike in the middle of a request, which asyncio would print.
+        asyncio.get_running_loop().add_signal_handler(signal.SIGINT, ended.set)
         async with server:
-            await server.serve_forever()
+            await ended.wait()
 
 
 if __name__ == "__main__":

@@ -108,6 +108,7 @@ def test_frames_are_served_over_http(bus: Bus) -> None:
             assert reason in json.load(answer)["error"]
     for process in (service, mast):
         assert process.stop() == 0, process.err
+    assert not [line for line in service.err if "Traceback" in line], service.err
 
 
 def test_the_buffer_works_alone(bus: Bus) -> None:

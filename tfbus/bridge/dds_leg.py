@@ -199,7 +199,7 @@ class DdsLeg:
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
         self._gid = self._participant.guid
         self._joined_s = time.monotonic()
-        # Of what follows, and of what is told of it to ROS.
+        # Of what follows, and of what ROS hears of it.
         self._lock = threading.RLock()
         self._closing = False
         self._topics: dict[str, Topic[RawSample]] = {}

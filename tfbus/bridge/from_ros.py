@@ -29,7 +29,7 @@ from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import counted, printable
 
-# A message may come before ROS tells who publishes it: at most so long, and so many, are kept.
+# A message may come before ROS says who publishes it: this many are kept, for this long.
 _UNKNOWN_S = 2.0
 _MOST_UNKNOWN = 100
 

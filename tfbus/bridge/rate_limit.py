@@ -1,4 +1,4 @@
-"""At most so many transforms of a frame a second: the newest goes."""
+"""A limit of how many transforms of a frame cross in a second: the newest goes."""
 
 import threading
 import time

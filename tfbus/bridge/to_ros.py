@@ -1,7 +1,7 @@
 """From the bus to ROS: what a listener accepts, as tf2_ros broadcasts it."""
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 
 from tfbus.bridge.bus_streams import BusStreams
@@ -11,13 +11,12 @@ from tfbus.bridge.leg import RosSender
 from tfbus.bridge.options import BridgeOptions
 from tfbus.bridge.rate_limit import RateLimit
 from tfbus.bridge.routes import Route, Routes, chosen, route
-from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.errors import InvalidArgumentException, TfbusError, TransformException
-from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.listener import TransformListener
+from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.node.node import Node
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.runtime.executor import Executor
@@ -34,47 +33,6 @@ _OF_STATICS = (
     "publisher gone",
     "publisher back",
 )
-
-
-class PassingBuffer(Buffer):
-    """A buffer that passes on what it takes: `on_rows(rows, static, stream)`.
-
-    So ROS gets what a listener accepts: of the right epoch and publisher.
-    """
-
-    on_rows: Callable[[Columns, bool, str], None]
-    is_wanted: Callable[[str], bool]
-
-    def set_transforms(
-        self,
-        batch: TransformBatch | Columns | Iterable[TransformStamped],
-        *,
-        static: bool = False,
-        authority: str = "",
-    ) -> int:
-        """As of any buffer."""
-        if isinstance(batch, TransformBatch):
-            batch = Columns.of_batch(batch)
-        elif not isinstance(batch, Columns):
-            batch = Columns.of_transforms(batch)
-        if not self.is_wanted(authority):
-            return batch.count
-        taken = super().set_transforms(batch, static=static, authority=authority)
-        if taken == batch.count:
-            self.on_rows(batch, static, authority)
-        elif taken:
-            self.on_rows(self._taken_of(batch), static, authority)
-        return taken
-
-    def _taken_of(self, rows: Columns) -> Columns:
-        """The rows of frames of which all are valid and held: rows are rarely refused."""
-        kept = []
-        for child in rows.children():
-            with suppress(TransformException):
-                parents = {each.frame_id for each in rows.only((child,))}
-                if parents == {self.frame(child).parent}:
-                    kept.append(child)
-        return rows.only(kept)
 
 
 class _Listener(TransformListener):
@@ -132,9 +90,9 @@ class ToRos:
             if options.rate_limit_hz is None
             else RateLimit(options.rate_limit_hz, self._send, executor)
         )
-        self._buffer = PassingBuffer()
-        self._buffer.on_rows = self._on_rows
-        self._buffer.is_wanted = lambda stream: not bus.is_own(stream)
+        self._buffer = PassingBuffer(
+            on_rows=self._on_rows, is_wanted=lambda stream: not bus.is_own(stream)
+        )
         self._buffer.on_change(self._on_change)
         self._listener: TransformListener | None = None
 

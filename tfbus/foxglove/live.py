@@ -17,8 +17,9 @@ from tfbus.foxglove.services import LiveServices
 from tfbus.foxglove.serving import Serving
 from tfbus.foxglove.teleop import Teleop
 from tfbus.foxglove.topics import LiveTopics
-from tfbus.foxglove.transforms import ShownBuffer, TransformChannels
+from tfbus.foxglove.transforms import TransformChannels
 from tfbus.listen.listener import TransformListener
+from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.node.node import Node
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
@@ -69,8 +70,9 @@ class LiveBridge(Requests):
         self._services = LiveServices(node.session, self._server)
         self._teleop = Teleop(node, teleop, self._once)
         self._executor = Executor(f"{node.full_name} foxglove", node.log)
-        self._buffer = ShownBuffer(_CACHE_S)
-        self._buffer.on_rows = lambda rows, static: self._transforms.send(rows, static=static)
+        self._buffer = PassingBuffer(
+            _CACHE_S, on_rows=lambda rows, static, _: self._transforms.send(rows, static=static)
+        )
         # With history, so that frames which seldom move are known at once, too.
         self._listener = TransformListener(self._buffer, node, history_s=_CACHE_S, fleet=fleet)
         node.clock.add_jump_callback(self._on_jump_back)

@@ -5,13 +5,12 @@ for the live bus shows a recording too, and both come from one encoder.
 """
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.errors import InvalidArgumentException, TransformException
 from tfbus.foxglove.server import Server
-from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.ros.definitions import TF_MESSAGE
@@ -52,45 +51,6 @@ class TransformChannels:
             self._once.warning("transforms", "Foxglove cannot show some transforms: %s", error)
             return
         channel.send(message, self._now_ns() if log_ns is None else log_ns)
-
-
-class ShownBuffer(Buffer):
-    """A buffer that also passes on what it takes: `on_rows(rows, static)`.
-
-    So clients get what a listener accepts: of the right epoch and publisher, and with the names
-    that a fleet gives.
-    """
-
-    on_rows: Callable[[Columns, bool], None]
-
-    def set_transforms(
-        self,
-        batch: TransformBatch | Columns | Iterable[TransformStamped],
-        *,
-        static: bool = False,
-        authority: str = "",
-    ) -> int:
-        """As of any buffer."""
-        if isinstance(batch, TransformBatch):
-            batch = Columns.of_batch(batch)
-        elif not isinstance(batch, Columns):
-            batch = Columns.of_transforms(batch)
-        taken = super().set_transforms(batch, static=static, authority=authority)
-        if taken == batch.count:
-            self.on_rows(batch, static)
-        elif taken:
-            self.on_rows(self._taken_of(batch), static)
-        return taken
-
-    def _taken_of(self, rows: Columns) -> Columns:
-        """The rows of frames of which all are valid and held: rows are rarely refused."""
-        kept = []
-        for child in rows.children():
-            with suppress(TransformException):
-                parents = {each.frame_id for each in rows.only((child,))}
-                if parents == {self.frame(child).parent}:
-                    kept.append(child)
-        return rows.only(kept)
 
 
 def present(buffer: Buffer, *, static: bool) -> Columns:

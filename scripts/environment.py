@@ -85,8 +85,8 @@ def install(extra: str, *, compiled: bool) -> None:
 
 def needed(project: dict[str, object], extra: str) -> list[str]:
     """What tfbus and the extra require; an extra may stand for others, as `tfbus[view,sim]`."""
-    extras: dict[str, list[str]] = project["optional-dependencies"]  # type: ignore[assignment]
-    found: dict[str, None] = dict.fromkeys(project["dependencies"])  # type: ignore[call-overload]
+    extras: dict[str, list[str]] = project["optional-dependencies"]
+    found: dict[str, None] = dict.fromkeys(project["dependencies"])
 
     def add(name: str) -> None:
         for requirement in extras[name]:

@@ -34,7 +34,7 @@ COMPILER = re.compile(r"^ccache$|gcc|g\+\+|clang|^(.*-)?(cc|c\+\+|c89|c99|tcc|cp
 def main() -> None:
     """Stop at the first that does not hold."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # never replaced here
+    sys.stdout.reconfigure(line_buffering=True)  # never replaced here
     match sys.argv[1:]:
         case ["--tag", tag]:
             check_tag(tag)

@@ -241,7 +241,7 @@ class SetRate:
 
     @dataclass(frozen=True, slots=True)
     class Request:
-        """So many recorded seconds in a second, from 0.001 to 10,000."""
+        """Recorded seconds in a second, from 0.001 to 10,000."""
 
         rate: float
 

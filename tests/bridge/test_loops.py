@@ -50,7 +50,7 @@ def streams_with(listener: TransformListener, child: str) -> set[str]:
 
 
 def is_of(listener: TransformListener, child: str, count: int, stream: str = "") -> bool:
-    """Whether so many streams list a frame, and this one."""
+    """Whether this number of streams list a frame, and this one does."""
     streams = streams_with(listener, child)
     return len(streams) == count and (not stream or stream in streams)
 

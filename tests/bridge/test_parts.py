@@ -167,7 +167,7 @@ def test_a_bridge_that_cannot_be_made_leaves_ros(bus: Bus, topic: str) -> None:
             raise TfbusError("refused")
         return subscribe(wanted, on_message)
 
-    leg.subscribe = refusing  # type: ignore[method-assign]
+    leg.subscribe = refusing
     node = bus.node("ros2")
     with pytest.raises(TfbusError, match="refused"):
         Bridge(node, leg, BridgeOptions(), table=TopicTable())

@@ -13,6 +13,7 @@ from tests.live_bus import Bus, eventually, send_until
 from tfbus import Buffer, Node, TfbusError, TransformListener, TransformStamped
 from tfbus.geometry.columns import Columns
 from tfbus.ros.tf_message import TFMessageWriter
+from tfbus.wire.keys import node_key
 
 
 def message_of(*transforms: TransformStamped) -> bytes:
@@ -141,11 +142,13 @@ def test_a_bridge_that_is_started_again_goes_on(
     eventually(lambda: not buffer.frame("fixed").gone)
 
 
-def test_a_second_bridge_of_the_same_name_is_refused(bridged: Bridged) -> None:
+def test_a_second_bridge_of_the_same_name_is_refused(bus: Bus, bridged: Bridged) -> None:
     """Its streams would be those of the first."""
     bridged()
+    second = bus.node("ros2")
+    eventually(lambda: len(list(second.session.ask(node_key("ros2"), timeout_s=1.0))) == 2)
     with pytest.raises(TfbusError, match=r"Bridge /ros2 runs already, .* by --name"):
-        bridged()
+        bridged(on=second)
     bridged("ros2_too")
 
 
@@ -164,7 +167,7 @@ def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
     bridge = bridged()
     lines = Lines(bridge._node.log)
     eventually(lambda: "No node of ROS publishes /tf or /tf_static yet" in lines.lines)
-    bridge._leg.told.append("no router of rmw_zenoh answers")  # type: ignore[attr-defined]  # a fake
+    bridge._leg.told.append("no router of rmw_zenoh answers")  # a fake
     eventually(lambda: any("no router of rmw_zenoh" in each for each in lines.lines))
 
 

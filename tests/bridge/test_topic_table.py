@@ -29,7 +29,7 @@ def mistake(folder: Path, text: str) -> str:
 @pytest.mark.parametrize("line", TABLE, ids=lambda line: line.type_name)
 def test_the_definitions_are_those_of_ros(line: object) -> None:
     """Each type of the table has the fields that ROS 2 gives it."""
-    definition = line.counterpart.definition  # type: ignore[attr-defined]
+    definition = line.counterpart.definition
     store = get_typestore(Stores.ROS2_KILTED)
     types = get_types_from_msg(definition.text, definition.name)
     for name, (_, fields) in types.items():

@@ -373,9 +373,9 @@ def test_nothing_comes_back(
     ros.settle()
     for number in range(5):
         here.publish(Twist(Vector3(x=100.0 + number)))
-        eventually(lambda x=100.0 + number: x in xs_of_ros())  # type: ignore[misc]
+        eventually(lambda x=100.0 + number: x in xs_of_ros())
         there({**FORWARD, "linear": {"x": 200.0 + number, "y": 0.0, "z": 0.0}})
-        eventually(lambda x=200.0 + number: x in xs_of_bus())  # type: ignore[misc]
+        eventually(lambda x=200.0 + number: x in xs_of_bus())
     ros.settle()
     assert sorted(x for x in xs_of_bus() if x >= 100.0) == [
         *(100.0 + number for number in range(5)),
@@ -390,7 +390,7 @@ def is_once(send: Callable[[float], object], got: Callable[[], list[float]]) -> 
     wanted = [first + number for number in range(5)]
     for x in wanted:
         send(x)
-        eventually(lambda x=x: x in got())  # type: ignore[misc]
+        eventually(lambda x=x: x in got())
     return [x for x in got() if x >= first] == wanted
 
 

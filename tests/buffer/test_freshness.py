@@ -153,7 +153,7 @@ def test_an_age_is_a_number_of_seconds(buffer: Buffer) -> None:
             buffer.lookup_transform("world", "robot", max_age_s=impossible)
 
 
-def test_an_authority_can_begin_anew(buffer: Buffer) -> None:
+def test_an_authority_can_be_forgotten(buffer: Buffer) -> None:
     """Forgetting an authority drops the samples it sent; static poses and others' stay."""
     buffer.set_transform(moved(9 * S, "world", "other", 5), authority="else")
     buffer.set_transform(moved(9 * S, "world", "post", 6), static=True, authority="sim")

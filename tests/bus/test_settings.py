@@ -84,14 +84,14 @@ def test_settings_do_not_change() -> None:
     given["turtlename"] = "turtle2"
     assert settings.parameters["turtlename"] == "turtle1"
     with pytest.raises(TypeError):
-        settings.parameters["turtlename"] = "x"  # type: ignore[index]  # that is the test
+        settings.parameters["turtlename"] = "x"  # that is the test
     with pytest.raises(dataclasses.FrozenInstanceError):
-        settings.name = "x"  # type: ignore[misc]  # that is the test
+        settings.name = "x"  # that is the test
 
 
 def test_one_endpoint_may_be_a_str() -> None:
     """It is one, not one for each of its letters; a list is as good as a tuple."""
-    settings = NodeSettings("a", connect="tcp/1.2.3.4:7447", listen=["tcp/[::]:7447"])  # type: ignore[arg-type]  # as people write it
+    settings = NodeSettings("a", connect="tcp/1.2.3.4:7447", listen=["tcp/[::]:7447"])
     assert (settings.connect, settings.listen) == (("tcp/1.2.3.4:7447",), ("tcp/[::]:7447",))
 
 
@@ -139,7 +139,7 @@ def test_settings_can_be_used_for_another_name() -> None:
 def test_an_invalid_setting_is_refused(given: dict[str, object], reason: str) -> None:
     """An invalid setting is refused in one sentence that says what is valid."""
     with pytest.raises(SettingsError) as caught:
-        NodeSettings("sim", **given)  # type: ignore[arg-type]  # that is the test
+        NodeSettings("sim", **given)  # that is the test
     assert str(caught.value) == reason
 
 
@@ -172,7 +172,7 @@ def test_endpoints_are_those_of_zenoh(endpoint: str) -> None:
 def test_an_invalid_name_is_refused(given: dict[str, object]) -> None:
     """Names in the settings follow the rules of names on the bus."""
     with pytest.raises(InvalidNameError):
-        NodeSettings(**({"name": "sim"} | given))  # type: ignore[arg-type]  # that is the test
+        NodeSettings(**({"name": "sim"} | given))  # that is the test
 
 
 @pytest.mark.parametrize("variable", ["MODE", "CONNECT", "CONFIG", "LOG_LEVEL"])

@@ -162,7 +162,7 @@ def json_file(path: Path, *values: int) -> None:
         channel = writer.register_channel("/t", "json", schema)
         for value in values:
             writer.add_message(channel, START_NS, json.dumps({"a": value}).encode(), START_NS)
-        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it untyped
+        writer.finish()  # mcap leaves it untyped
 
 
 def test_a_message_that_no_recording_holds_is_left_out(tmp_path: Path) -> None:

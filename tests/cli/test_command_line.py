@@ -301,7 +301,7 @@ class TestCommands:
     def test_the_list_says_what_each_command_says_of_itself(self, name: str) -> None:
         """The line of a command in `tfbus --help` is the first line of its own help."""
         context = main.make_context("tfbus", [name, "--help"], resilient_parsing=True)
-        command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
+        command = main.get_command(context, name)  # a group
         text = (command.help or command.callback.__doc__).strip().split("\n\n")[0]
         assert " ".join(text.split()) == {**TOOLS, **NODES}[name]
 
@@ -309,7 +309,7 @@ class TestCommands:
     def test_the_help_of_each_command_has_an_example(self, name: str) -> None:
         """Every command, and every one of a group, shows an example, within 80 columns."""
         context = main.make_context("tfbus", [name, "--help"], resilient_parsing=True)
-        command = main.get_command(context, name)  # type: ignore[attr-defined]  # a group
+        command = main.get_command(context, name)  # a group
         commands = command.commands.values() if isinstance(command, click.Group) else [command]
         for each in commands:
             help_ = each.get_help(click.Context(each, context, terminal_width=80))

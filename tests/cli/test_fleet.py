@@ -18,7 +18,7 @@ def robots(bus: Bus) -> Bus:
         broadcaster = TransformBroadcaster(node)
         pose = Transform((number, 0, 0))
 
-        def send(broadcaster=broadcaster, node=node, pose=pose) -> None:  # type: ignore[no-untyped-def]  # by their values
+        def send(broadcaster=broadcaster, node=node, pose=pose) -> None:  # by their values
             broadcaster.send_transform(TransformStamped(node.now_ns(), "map", "base_link", pose))
 
         node.create_timer(0.02, send)

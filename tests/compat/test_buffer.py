@@ -39,7 +39,7 @@ def test_what_was_set_is_found(cache_time: Duration | None) -> None:
     """The same message comes back, whatever the length of the cache."""
     buffer = Buffer(cache_time=cache_time)
     sent = edge("foo", "bar", 100.0)
-    assert buffer.set_transform(sent, "test") is None  # type: ignore[func-returns-value]
+    assert buffer.set_transform(sent, "test") is None
     assert buffer.can_transform("foo", "bar", Time(seconds=100))
     assert buffer.lookup_transform("foo", "bar", sent.header.stamp) == sent
 

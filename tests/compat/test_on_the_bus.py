@@ -137,7 +137,7 @@ def test_a_node_of_another_kind_is_refused(node: Any) -> None:
 def test_a_buffer_of_tfbus_is_refused(sender: Node) -> None:
     """Its methods are others."""
     with pytest.raises(TypeError, match=r"takes a Buffer of tfbus\.compat\.tf2_ros"):
-        tf2_ros.TransformListener(TfbusBuffer(), sender)  # type: ignore[arg-type]
+        tf2_ros.TransformListener(TfbusBuffer(), sender)
 
 
 def test_a_message_that_is_no_transform_is_refused(rclpy: ModuleType) -> None:

@@ -32,7 +32,7 @@ class Client:
         scheme = "wss" if "ssl" in options else "ws"
         self._socket = connect(
             f"{scheme}://127.0.0.1:{port}{query}",
-            subprotocols=["foxglove.sdk.v1"],  # type: ignore[list-item]  # a NewType of str
+            subprotocols=["foxglove.sdk.v1"],  # a NewType of str
             open_timeout=DEADLINE_S,
             max_size=None,
             **options,

@@ -124,7 +124,7 @@ def test_to_go_back_is_to_seek(recording: RecordingReader) -> None:
 
 
 def test_a_restart_voids_the_samples_before_it(tmp_path: Path) -> None:
-    """As on a bus, samples of an earlier epoch are no more, and late ones of it do not count."""
+    """As on a bus, samples of an earlier epoch are gone, and late ones of it do not count."""
     before, after = publisher("sim", -1.0), publisher("sim", 5.0)
     path = write(
         tmp_path / "run.mcap",

@@ -534,7 +534,7 @@ def test_every_installed_launch_file_can_be_started(name: str) -> None:
 
 
 def program_line(process: Process, **settings: object) -> tuple[str, ...]:
-    return program_of(process, NodeSettings("launch", **settings)).argv[1:]  # type: ignore[arg-type]  # tests only
+    return program_of(process, NodeSettings("launch", **settings)).argv[1:]  # tests only
 
 
 def test_a_node_is_started_with_its_names_and_the_options_of_launch(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def parent_of_orphans() -> Iterator[None]:
 
 def shell(name: str, script: str, **more: object) -> Program:
     values = {"full_name": f"/{name}", "changes": {}, "directory": Path.cwd()} | more
-    return Program(name=name, argv=("sh", "-c", script), **values)  # type: ignore[arg-type]  # test values
+    return Program(name=name, argv=("sh", "-c", script), **values)  # test values
 
 
 class Output:

@@ -258,7 +258,7 @@ def test_a_closed_listener_reads_nothing(bus: Bus, receiver: Node, buffer: Buffe
 def test_reads_is_checked(receiver: Node, buffer: Buffer) -> None:
     """Any word but the two known ones is refused."""
     with pytest.raises(InvalidArgumentException, match="must be one of everything, needed"):
-        TransformListener(buffer, receiver, reads="some")  # type: ignore[arg-type]  # is the test
+        TransformListener(buffer, receiver, reads="some")  # is the test
 
 
 class Read:

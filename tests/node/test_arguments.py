@@ -155,7 +155,7 @@ def test_a_name_is_a_text(name: Any) -> None:
     with pytest.raises(InvalidNameError, match="a node's name must be a str, not "):
         NodeSettings(name)
     with pytest.raises(InvalidNameError, match="a namespace must be a str, not "):
-        NodeSettings("sim", namespace=7)  # type: ignore[arg-type]  # that is the test
+        NodeSettings("sim", namespace=7)  # that is the test
 
 
 @pytest.mark.parametrize("period_s", [math.nan, math.inf, -1, 0])

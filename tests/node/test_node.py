@@ -66,8 +66,8 @@ def other(bus: Bus) -> Node:
 def wait_until_heard(publisher_node: Node, key: str) -> None:
     """Wait until the node's publishers of the key have a subscriber."""
     querier = publisher_node.session.zenoh.declare_publisher(key)
-    eventually(lambda: querier.matching_status.matching)  # type: ignore[attr-defined]  # wrong in stubs
-    querier.undeclare()  # type: ignore[no-untyped-call]  # Zenoh's stubs
+    eventually(lambda: querier.matching_status.matching)  # wrong in stubs
+    querier.undeclare()  # Zenoh's stubs
 
 
 def test_describers_add_to_the_description(node: Node) -> None:
@@ -171,7 +171,7 @@ class TestTopics:
     def test_a_message_of_another_type_is_not_published(self, node: Node) -> None:
         """A publisher sends messages of its own type only."""
         with pytest.raises(TypeError, match=r"topic 'count' carries Number, not Vector3"):
-            node.create_publisher(Number, "count").publish(Vector3())  # type: ignore[arg-type]  # that is the test
+            node.create_publisher(Number, "count").publish(Vector3())  # that is the test
 
     def test_a_closed_subscription_is_not_called(self, node: Node) -> None:
         """A closed subscription receives nothing; closing it twice is fine."""
@@ -417,7 +417,7 @@ class TestActions:
     def test_a_handler_that_fails_ends_the_goal(self, node: Node, other: Node) -> None:
         """A handler that raises something else does not leave the client waiting."""
         log = Records(node)
-        node.create_goal_server(RotateAbsolute, "rotate", lambda handle: 1 / 0)  # type: ignore[arg-type,return-value]  # never returns
+        node.create_goal_server(RotateAbsolute, "rotate", lambda handle: 1 / 0)  # never returns
         sent = other.create_goal_client(RotateAbsolute, "rotate").send(RotateAbsolute.Goal(1))
         with pytest.raises(ServiceError, match=r"the action failed \(ZeroDivisionError: division"):
             sent.result(timeout_s=DEADLINE_S)
@@ -625,7 +625,7 @@ class TestParameters:
     ) -> None:
         """A parameter is a boolean, an integer, a number, a text or a list."""
         with pytest.raises(ParameterError, match="a parameter cannot be of type"):
-            node.declare_parameter("x", default)  # type: ignore[arg-type]  # that is the test
+            node.declare_parameter("x", default)  # that is the test
 
 
 class TestNames:

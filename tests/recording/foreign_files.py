@@ -23,7 +23,7 @@ class RawTransform:
 
 @dataclass(frozen=True)
 class Sent:
-    """A message that somebody sent: transforms on a topic."""
+    """A message of another program: transforms on a topic."""
 
     log_ns: int
     transforms: Sequence[RawTransform]

@@ -112,7 +112,7 @@ def test_rosbags_sees_latched_statics(bag: Path) -> None:
     with AnyReader([bag]) as reader:
         [static] = [each for each in reader.connections if each.topic == "/tf_static"]
         dynamic = [each for each in reader.connections if each.topic == "/tf"]
-        durabilities = [each.ext.offered_qos_profiles[0].durability for each in (static, *dynamic)]  # type: ignore[union-attr]
+        durabilities = [each.ext.offered_qos_profiles[0].durability for each in (static, *dynamic)]
         assert [durability.value for durability in durabilities] == [1, 2, 2]
         sets = [
             rows_of(reader.deserialize(data, static.msgtype).transforms)

@@ -74,7 +74,7 @@ PAIRS = [("map", "laser"), ("laser", "map"), ("slow", "fast"), ("rare", "slow"),
 def answer(source: Buffer | tfbus.Recording, *question: object) -> object:
     """The transform, or the kind of the error and which edge it is about."""
     try:
-        return source.lookup_transform(*question)  # type: ignore[arg-type]
+        return source.lookup_transform(*question)
     except tfbus.ExtrapolationException as error:
         return type(error), error.child_frame_id, error.oldest_ns, error.newest_ns
     except tfbus.TransformException as error:
@@ -159,7 +159,7 @@ def test_names_that_are_wrong(bag: tfbus.Recording) -> None:
     with pytest.raises(tfbus.LookupException, match="did you mean 'laser'"):
         bag.trajectory("map", "lazer")
     with pytest.raises(tfbus.InvalidArgumentException):
-        bag.lookup_transform("map", "laser", 1.5)  # type: ignore[arg-type]
+        bag.lookup_transform("map", "laser", 1.5)
 
 
 def test_threads_share_a_recording(bag: tfbus.Recording) -> None:
@@ -264,7 +264,7 @@ def test_the_buffer_of_a_span_is_a_listeners(tmp_path: Path) -> None:
 
     def told(log_ns: int, kind: str, *frames: str) -> EventItem:
         facts = {"epoch": 1, "frames": [["map", frame, False] for frame in frames]}
-        return EventItem(log_ns, kind, "s", facts)  # type: ignore[arg-type]
+        return EventItem(log_ns, kind, "s", facts)
 
     items: list[Item] = [
         in_recording(T0, [moved(T0, "a", "laser", 1)], static=True),
@@ -359,7 +359,7 @@ def test_several_files_are_no_list(tmp_path: Path) -> None:
     """The error says how they are given."""
     path = written(tmp_path / "run.mcap", robot(1))
     with pytest.raises(tfbus.InvalidArgumentException, match=r"Recording\(first, second\)"):
-        tfbus.Recording([path, path])  # type: ignore[arg-type]
+        tfbus.Recording([path, path])
 
 
 @pytest.mark.parametrize("epoch_ns", [1, 2])

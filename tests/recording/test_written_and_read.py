@@ -78,7 +78,7 @@ ITEMS = st.one_of(
 
 def written(path: Path, items: Iterable[Item], **arguments: object) -> Path:
     """The path of a new file with these items."""
-    with RecordingWriter(path, **arguments) as writer:  # type: ignore[arg-type]
+    with RecordingWriter(path, **arguments) as writer:
         for item in items:
             writer.write(item)
     return path
@@ -104,7 +104,7 @@ def test_what_is_written_comes_back(
 
 def described(log_ns: int, name: str = "sim", kind: str = "stream", **facts: object) -> EventItem:
     """An event of a stream."""
-    return EventItem(log_ns, kind, name, facts)  # type: ignore[arg-type]
+    return EventItem(log_ns, kind, name, facts)
 
 
 def run(seconds: int = 30) -> list[Item]:
@@ -296,7 +296,7 @@ def test_a_file_is_not_overwritten(tmp_path: Path) -> None:
 def test_an_unknown_compression_makes_no_file(tmp_path: Path) -> None:
     """It is refused before the file is made."""
     with pytest.raises(InvalidArgumentException, match="zstd, lz4, none"):
-        RecordingWriter(tmp_path / "a.mcap", compression="bzip2")  # type: ignore[arg-type]
+        RecordingWriter(tmp_path / "a.mcap", compression="bzip2")
     assert not (tmp_path / "a.mcap").exists()
 
 
@@ -335,7 +335,7 @@ def test_two_recordings_of_the_same_time_are_one(tmp_path: Path) -> None:
                 writer.write(item)
                 if number % 9 == 0:
                     writer.flush()
-    times = [values[0] if len(values) > 1 else values[0].log_ns for values in read(tmp_path)]  # type: ignore[attr-defined]
+    times = [values[0] if len(values) > 1 else values[0].log_ns for values in read(tmp_path)]
     assert times == sorted(times) and len(times) >= len(items)
 
 

@@ -206,4 +206,4 @@ def test_a_recording_has_them_for_ros(tmp_path: Path) -> None:
             "joint_states": False,
             "robot_description": True,
         }
-        assert ours.state_at(2).items(9)[0].values == described  # type: ignore[union-attr]
+        assert ours.state_at(2).items(9)[0].values == described

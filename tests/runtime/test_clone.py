@@ -68,7 +68,7 @@ def test_a_broken_repository_is_no_error(clone: Path) -> None:
 
 
 def test_an_installed_package_is_no_clone(tmp_path: Path) -> None:
-    """Even where an environment lies in a repository of somebody else."""
+    """Even where an environment lies in the repository of something else."""
     (tmp_path / ".git").mkdir()
     assert commit_of_clone(tmp_path) == ""
 

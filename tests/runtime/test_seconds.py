@@ -38,4 +38,4 @@ def test_nan_is_no_timeout() -> None:
 def test_what_is_no_number_is_no_timeout(given: object) -> None:
     """The error names the type."""
     with pytest.raises(TypeError, match="timeout_s must be a number of seconds or None, not "):
-        seconds_to_wait(given)  # type: ignore[arg-type]  # that is the test
+        seconds_to_wait(given)  # that is the test

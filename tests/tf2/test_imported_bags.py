@@ -92,7 +92,7 @@ def test_lookups_of_an_imported_bag_are_those_of_tf2(
         for index, step in for_tf2.items():
             if isinstance(step, Lookup) and theirs[index].word == "transform":
                 # tf2 does not interpolate the smallest rotations.
-                ours = step.ask(bag)  # type: ignore[arg-type]
+                ours = step.ask(bag)
                 assert ours.agrees(theirs[index], 5e-8), f"{step}: {ours}, tf2: {theirs[index]}"
                 answered += 1
     assert answered > 50

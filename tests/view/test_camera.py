@@ -80,7 +80,7 @@ def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
     assert server.initial_camera.look_at == pytest.approx(moved.apply(ARM.middle))
 
 
-def test_cameras_that_nobody_has_moved_wait_for_the_meshes_of_a_robot(
+def test_cameras_that_the_user_has_not_moved_wait_for_the_meshes_of_a_robot(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Long after the first frame; those that were moved stay."""

@@ -59,7 +59,7 @@ def bar(gui: Gui, playhead: Playhead, *marks: Mark) -> Channel:
     """The channel of a bar that has been drawn once."""
     channel = Channel()
     replay: Any = SimpleNamespace(playhead=playhead, timeline=Timeline(START, END, marks))
-    made: Any = PlayerBar(gui, channel, replay)  # type: ignore[arg-type]
+    made: Any = PlayerBar(gui, channel, replay)
     made.refresh()
     return channel
 

@@ -67,7 +67,7 @@ def receives(address: str, **headers: str) -> bool:
     with connect(
         f"wss://{urlsplit(address).netloc}/",
         ssl=unchecked(),
-        subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
+        subprotocols=[f"viser-v{viser.__version__}"],
         additional_headers=headers,
         open_timeout=DEADLINE_S,
         max_size=None,

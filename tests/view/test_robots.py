@@ -81,7 +81,7 @@ def scenes_of(server: Any) -> Iterator[Callable[..., RobotScenes]]:
 
     yield make
     for scenes in made:
-        scenes.source.robots = list  # type: ignore[method-assign]
+        scenes.source.robots = list
         scenes.look(ViewSettings())
         scenes.close()
 

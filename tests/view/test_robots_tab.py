@@ -147,10 +147,10 @@ def test_a_mistake_in_drawing_does_not_end_the_page(
 
     def step() -> None:
         if next(steps) == 4:
-            page._node.end()  # type: ignore[attr-defined]
+            page._node.end()
         raise ValueError("no such colour")
 
-    page.step = step  # type: ignore[method-assign]
+    page.step = step
     page.run()
     [record] = caplog.records
     assert "Could not bring the page up to date" in record.message

@@ -2,7 +2,7 @@
 
     python -m tests.wire.frozen_wire    # writes that of this version
 
-A file is written anew until its version is released, and never again after that.
+A file is written again and again until its version is released, and never after that.
 """
 
 import inspect

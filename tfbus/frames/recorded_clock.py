@@ -18,7 +18,7 @@ class RecordedClock(Clock):
         self._simulated_ns: int | None = None
 
     @property
-    def is_simulated(self) -> bool:  # type: ignore[override]
+    def is_simulated(self) -> bool:  # type: ignore[override]  # theirs can be set
         """Whether the time is simulated: it is from the first message of the recorded clock on."""
         return self._simulated_ns is not None
 

@@ -179,11 +179,11 @@ def test_gids_that_ros_does_not_list_are_few(
     """
     from_ros = bridged()._from_ros
     clock = Clock()
-    from_ros._clock_s = lambda: clock.now_ns / S
+    from_ros._sources._clock_s = lambda: clock.now_ns / S
     for number in range(1500):
         clock.now_ns += S // 100
         from_ros._on_message(False, message_of(at(1.0, f"made_up_{number}", S)), f"{number:032x}")
-    assert len(from_ros._unknown) + len(from_ros._sources) <= 102
+    assert len(from_ros._sources._unknown) + len([*from_ros._sources]) <= 102
     eventually(lambda: "made_up_1499" in buffer.frames())
     robot = TfNode(ros, "robot")
     send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: "a" in buffer.frames())
@@ -202,8 +202,8 @@ def test_a_name_that_comes_late_takes_its_frames_along(
     robot.broadcast_static(at(1.0, "fixed"))
     from_ros = bridged()._from_ros
     clock = Clock()
-    from_ros._clock_s = lambda: clock.now_ns / S
-    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros._unknown))
+    from_ros._sources._clock_s = lambda: clock.now_ns / S
+    send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros._sources._unknown))
     clock.now_ns = 6 * S
     eventually(lambda: {"a", "fixed"} <= set(buffer.frames()))
     assert {buffer.frame(each).authority for each in ("a", "fixed")} == {"ros2"}
@@ -225,16 +225,16 @@ def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
     robot.leg.is_listed = False
     from_ros = bridged()._from_ros
     clock = Clock()
-    from_ros._clock_s = lambda: clock.now_ns / S
+    from_ros._sources._clock_s = lambda: clock.now_ns / S
     robot.broadcast_static(at(1.0, "fixed"))
-    eventually(lambda: bool(from_ros._unknown))
+    eventually(lambda: bool(from_ros._sources._unknown))
     clock.now_ns = 3 * S
     eventually(lambda: "fixed" in buffer.frames())
     robot.close()
     assert not buffer.frame("fixed").gone
     clock.now_ns = 30 * S
     eventually(lambda: buffer.frame("fixed").gone)
-    assert not from_ros._sources
+    assert not [*from_ros._sources]
 
 
 def test_a_node_whose_names_never_end_begins_again(

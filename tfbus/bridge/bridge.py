@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from tfbus.bridge.bridges import Bridges, RosBridge, check_name_is_free
 from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.crossed import Crossed
+from tfbus.bridge.crossing_rule import CrossingRule
 from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.from_ros import FromRos
 from tfbus.bridge.leg import Closing, Leg, RosTopic
@@ -100,13 +101,22 @@ class Bridge:
                 self._crossed,
                 self._executor,
                 self._once,
-                sent_by_senior=lambda child: self._from_ros.sent_by_senior(child),
+                sent_by_senior=lambda child: self._rule.sent_by_senior(child),
                 on_statics=self._reconsider_soon,
             )
             self._parts.callback(self._to_ros.close)
         self._bridges = Bridges(node, self._status({}, {}), self._on_bridge)
         self._parts.callback(self._bridges.close)
         to_ros = self._to_ros
+        self._rule = CrossingRule(
+            options,
+            self._publishers,
+            self._bus,
+            self._bridges,
+            tells_publishers=leg.tells_publishers,
+            sent_there=to_ros.sends if to_ros else lambda child: False,
+            static_there=to_ros.static_of if to_ros else lambda child: None,
+        )
         self._from_ros = FromRos(
             node,
             leg,
@@ -115,11 +125,10 @@ class Bridge:
             self._publishers,
             self._bus,
             self._bridges,
+            self._rule,
             self._crossed,
             self._executor,
             self._once,
-            sent_there=to_ros.sends if to_ros else lambda child: False,
-            static_there=to_ros.static_of if to_ros else lambda child: None,
             on_names=to_ros.reconsider if to_ros else lambda: None,
         )
         self._parts.callback(self._from_ros.close)

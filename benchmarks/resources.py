@@ -100,7 +100,7 @@ def _started(kind: Kind, at: Place, env: Mapping[str, str]) -> Iterator["_Watch"
     if kind.function:
         with Process(at, f"at_rest:{kind.function}", {**env, "TFBUS_LISTEN": ""}) as process:
             process.hear()
-            yield _Watch(process._popen.pid, time.monotonic() - began_s)
+            yield _Watch(process.pid, time.monotonic() - began_s)
         return
     words = [word.format(folder=at.folder, port=free_port()) for word in kind.command]
     with subprocess.Popen(
@@ -112,10 +112,12 @@ def _started(kind: Kind, at: Place, env: Mapping[str, str]) -> Iterator["_Watch"
         text=True,
     ) as command:
         assert command.stderr is not None
-        command.stderr.readline()
-        yield _Watch(command.pid, time.monotonic() - began_s)
-        command.terminate()
-        command.stderr.read()
+        try:
+            command.stderr.readline()
+            yield _Watch(command.pid, time.monotonic() - began_s)
+        finally:
+            command.terminate()
+            command.stderr.read()
 
 
 class _Watch:
@@ -160,7 +162,7 @@ def measure_rospy(seconds: float) -> Taken:
         began_s = time.monotonic()
         with Process(at, "at_rest:rospy_node", env, python=ros.PYTHON) as process:
             process.hear()
-            return _Watch(process._popen.pid, time.monotonic() - began_s)(seconds)
+            return _Watch(process.pid, time.monotonic() - began_s)(seconds)
 
 
 def table(results: Mapping[str, Taken]) -> str:

@@ -84,6 +84,11 @@ class Process:
         )
         os.close(log)
 
+    @property
+    def pid(self) -> int:
+        """Its number in the system."""
+        return self._popen.pid
+
     def __enter__(self) -> "Process":
         return self
 

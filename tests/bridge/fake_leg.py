@@ -15,8 +15,8 @@ class FakeRos:
     """A ROS network. Each `leg` is a participant with a node of its own; `settings` as of a real
     one, or only the name of the node.
 
-    One that `tells_publishers` is False gets messages without gids, those of its own too, as rclpy
-    of Jazzy. One that `names_nodes` is False knows gids without nodes, as with a bare DDS.
+    One that `tells_publishers` is False gets messages without gids, as rclpy of Jazzy. One that
+    `names_nodes` is False knows gids without nodes, as with a bare DDS.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class FakeSubscription:
     def take(self, payload: bytes, sender: FakeSender) -> None:
         """A message for it; with the lock of ROS held, so that they come in order."""
         leg = self.leg
-        if sender.leg is leg and leg.tells_publishers:
+        if sender.leg is leg:
             return
         gid = sender.gid if leg.tells_publishers else ""
         leg.call(lambda: self._call(payload, gid))

@@ -2,19 +2,25 @@
 
 from functools import partial
 
+import pytest
+
 from tests.bridge.conftest import Bridged
-from tests.bridge.fake_leg import FakeRos
+from tests.bridge.fake_leg import FakeRos, FakeSender
 from tests.bridge.tf_node import TfNode
 from tests.builders import S, at, x_of
+from tests.fakes import Lines
 from tests.live_bus import Bus, eventually
 from tfbus import (
     Buffer,
+    InvalidArgumentException,
     Node,
     StaticTransformBroadcaster,
+    TfbusError,
     TransformBroadcaster,
     TransformListener,
     TransformStamped,
 )
+from tfbus.ros.tf_message import TFMessageReader
 
 
 def test_late_joiners_of_ros_get_one_message_with_all(
@@ -50,6 +56,52 @@ def test_late_joiners_of_the_bus_get_those_of_all_nodes_of_ros(
         assert buffer.frame("a").authority == "ros2/first"
         assert buffer.frame("c").authority == "ros2/second"
         assert all(buffer.frame(each).static for each in "abc")
+
+
+def test_one_that_ros_cannot_have_keeps_no_other_away(
+    bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As ROS 1 has no time before 1970; it is left out, and logged once."""
+    send = FakeSender.send
+
+    def send_as_ros1(self: FakeSender, payload: bytes) -> None:
+        if any(each.stamp_ns < 0 for each in TFMessageReader().read(payload)):
+            raise InvalidArgumentException("it must be from 1970 to 2106")
+        send(self, payload)
+
+    monkeypatch.setattr(FakeSender, "send", send_as_ros1)
+    statics = StaticTransformBroadcaster(sender)
+    statics.send_transform([at(1.0, "early", -5 * S), at(1.0, "camera", 5 * S)])
+    node = bus.node("ros2")
+    lines = Lines(node.log)
+    bridged(on=node)
+    rviz = TfNode(ros, "rviz")
+    eventually(lambda: set(rviz.statics) == {"camera"})
+    statics.send_transform(at(1.0, "laser", 5 * S))
+    eventually(lambda: set(rviz.statics) == {"camera", "laser"})
+    assert sum("from 1970 to 2106" in each for each in lines.lines) == 1
+
+
+def test_one_that_could_not_be_sent_is_sent_later(
+    bus: Bus, ros: FakeRos, bridged: Bridged, sender: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the log says why."""
+    send = FakeSender.send
+    failures = ["no network"]
+
+    def send_at_last(self: FakeSender, payload: bytes) -> None:
+        if self.topic.name == "/tf_static" and failures:
+            raise TfbusError(failures.pop())
+        send(self, payload)
+
+    monkeypatch.setattr(FakeSender, "send", send_at_last)
+    node = bus.node("ros2")
+    lines = Lines(node.log)
+    bridged(on=node)
+    StaticTransformBroadcaster(sender).send_transform(at(1.0, "camera"))
+    rviz = TfNode(ros, "rviz")
+    eventually(lambda: set(rviz.statics) == {"camera"})
+    assert any("do not go to ROS: no network" in each for each in lines.lines)
 
 
 def test_a_changed_static_transform_is_sent_again(

@@ -384,6 +384,29 @@ def test_nothing_comes_back(
     assert [x for x in xs_of_ros() if x >= 100.0] == [100.0 + number for number in range(5)]
 
 
+def test_a_message_equal_to_one_that_went_comes(
+    bridges: Bridges, sender: Node, receiver: Node, node: RosNode
+) -> None:
+    """As a stop that both sides send, where ROS does not tell whose a message is."""
+    bridge = bridges(tells=False)
+    got = heard(receiver, Twist, "cmd_vel")
+    node.listen("/cmd_vel", TWIST)
+    here = sender.create_publisher(Twist, "cmd_vel")
+    there = node.publisher("/cmd_vel", TWIST)
+    eventually(lambda: bridge.crossing() == (["cmd_vel"], ["cmd_vel"]))
+    send_until(lambda: there(FORWARD), lambda: bool(got))
+    sent: list[Twist] = []
+
+    def stop() -> None:
+        sent.append(Twist())
+        here.publish(sent[-1])
+
+    send_until(stop, lambda: len(node.got) > 0)
+    eventually(lambda: len(node.got) == len(sent) == got.count(Twist()))
+    there({"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}})
+    eventually(lambda: got.count(Twist()) == len(sent) + 1)
+
+
 def is_once(send: Callable[[float], object], got: Callable[[], list[float]]) -> bool:
     """Whether each of some messages arrives once."""
     first = max([*got(), 99.0]) + 1.0

@@ -228,7 +228,7 @@ def test_it_waits_for_the_router_and_for_its_return(
     assert hearing.warnings() == []
     ros.router.stop()
     eventually(lambda: hearing.warnings() == [missing])
-    assert hearing.publishers("/tf_static") == []
+    eventually(lambda: hearing.publishers("/tf_static") == [])
     sender.send(b"while it was gone")
     ros.router.start()
     eventually(lambda: (b"while it was gone", sender.gid) in heard, within_s=40)

@@ -21,7 +21,6 @@ from tfbus.ros.rmw_zenoh import (
     gid_of,
     has_named_fields,
     read_attachment,
-    read_qos,
     read_token,
     ros_type_name,
     wire_of,
@@ -162,13 +161,6 @@ class TestQos:
     def test_defaults_are_left_out(self, qos: Qos, text: str) -> None:
         """rmw_zenoh's own: reliable, volatile, the last 42."""
         assert qos.text == text
-        assert read_qos(text) == qos
-
-    def test_other_forms_are_read_too(self) -> None:
-        """Numbers written out, with deadlines; not what has other parts."""
-        assert read_qos("1:1:1,7:9223372036,854775807:3,0:1,2,3") == Qos(True, 7)
-        for text in ("", "reliable", "::", "::,x:,:,:,,", ":1:,1:,:,:,,:"):
-            assert read_qos(text) is None
 
 
 class TestAttachments:

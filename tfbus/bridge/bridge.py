@@ -273,7 +273,8 @@ class Bridge:
 
     def _say_nothing_came(self, from_ros: dict[str, int]) -> None:
         is_late = time.monotonic() > self._started_s + _NOTHING_AFTER_S
-        if not is_late or self._said.get("ROS") or self._leg.warnings():
+        is_awaited = is_late and self._options.from_ros
+        if not is_awaited or self._said.get("ROS") or self._leg.warnings():
             return
         self._said["ROS"] = True
         if not from_ros and all(map(is_bridge, self._publishers.nodes.values())):

@@ -1,6 +1,7 @@
 """The streams on the bus: which come from ROS, and by which bridge."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Collection
 
@@ -35,6 +36,7 @@ class BusStreams:
         self._publishers = publishers
         self._on_change = on_change
         self._clock_s = clock_s
+        self._lock = threading.Lock()
         self._states: dict[str, StreamState] = {}
         self._met_s: dict[str, float] = {}
         self._by_child: dict[str, list[StreamState]] | None = None
@@ -86,7 +88,9 @@ class BusStreams:
         """The stream of another bridge that carries what these publishers send, and was there
         before `since`, a time in ns and a session; "" for none.
         """
-        for name, state in list(self._states.items()):
+        with self._lock:
+            states = [*self._states.items()]
+        for name, state in states:
             description = state.description
             if description is None or description.session == self._session:
                 continue
@@ -96,23 +100,24 @@ class BusStreams:
         return ""
 
     def _of_child(self, child: str) -> list[StreamState]:
-        by_child = self._by_child
-        if by_child is None:
-            by_child = {}
-            for state in list(self._states.values()):
-                if state.description is not None:
-                    for _, frame, _ in state.description.frames:
-                        by_child.setdefault(frame, []).append(state)
-            self._by_child = by_child
-        return by_child.get(child, [])
+        with self._lock:
+            if self._by_child is None:
+                self._by_child = {}
+                for state in self._states.values():
+                    if state.description is not None:
+                        for _, frame, _ in state.description.frames:
+                            self._by_child.setdefault(frame, []).append(state)
+            return self._by_child.get(child, [])
 
     def _on_stream(self, state: StreamState) -> None:
-        former = self._states.pop(state.name, None)
-        if state.alive:
-            self._states[state.name] = state
-        else:
-            self._met_s.pop(state.name, None)
-        self._by_child = None
+        with self._lock:
+            former = self._states.get(state.name)
+            if state.alive:
+                self._states[state.name] = state
+            else:
+                self._states.pop(state.name, None)
+                self._met_s.pop(state.name, None)
+            self._by_child = None
         if former is None or _matters(former) != _matters(state):
             self._on_change()
 

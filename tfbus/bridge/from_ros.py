@@ -70,6 +70,7 @@ class FromRos:
             publishers,
             bus,
             tells_publishers=leg.tells_publishers,
+            once=once,
             make=self._make,
             take=self._take,
             on_lost=self._note_that_none_crosses,
@@ -327,8 +328,12 @@ class FromRos:
             except InvalidArgumentException as error:
                 self._refuse_row(source, child, "numbers", str(error))
                 continue
-            if len(source.statics) < _MOST_STATICS:
+            if on_bus[child] in source.statics or len(source.statics) < _MOST_STATICS:
                 source.statics[on_bus[child]] = transform
+            else:
+                self._refuse_row(
+                    source, child, "statics", f"it has more than {_MOST_STATICS} static transforms"
+                )
         self._note_names(rows.frames)
         self._send_statics_of(source.stream)
 

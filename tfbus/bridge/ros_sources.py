@@ -13,6 +13,7 @@ from tfbus.geometry.transform import TransformStamped
 from tfbus.listen.claims import name_some
 from tfbus.listen.reception import lines_of
 from tfbus.node.node import Node
+from tfbus.runtime.log_once import LogOnce
 from tfbus.wording import printable
 
 # A message may come before ROS says who publishes it: this many are kept, for this long.
@@ -72,6 +73,7 @@ class RosSources:
         bus: BusStreams,
         *,
         tells_publishers: bool,
+        once: LogOnce,
         make: Callable[[str, str, RosStream], RosSource],
         take: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
@@ -81,6 +83,7 @@ class RosSources:
         self._publishers = publishers
         self._bus = bus
         self._tells_publishers = tells_publishers
+        self._once = once
         self._make_source = make
         self._take = take
         self._on_lost = on_lost
@@ -113,6 +116,13 @@ class RosSources:
             messages = self._unknown[gid].messages
             if len(messages) < _MOST_UNKNOWN:
                 messages.append((payload, static))
+            else:
+                self._once.warning(
+                    ("unknown", gid),
+                    "Dropped messages of publisher %s, which ROS does not name yet: %d are kept",
+                    printable(gid, 60),
+                    _MOST_UNKNOWN,
+                )
         else:
             self._hand_over(source, payload, static)
 

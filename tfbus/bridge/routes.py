@@ -66,9 +66,7 @@ def chosen(rows: Columns, which: Sequence[int]) -> Columns:
     )
 
 
-def route(
-    rows: Columns, name: Callable[[str], str], goes: Callable[[str, str], bool], **more: bool
-) -> Route:
+def route(rows: Columns, name: Callable[[str], str], goes: Callable[[str, str], bool]) -> Route:
     """The route where frames get the `name(frame)`, and rows go for which `goes(parent, child)`."""
     frames = rows.frames
     pairs = rows.pairs()
@@ -78,5 +76,4 @@ def route(
         frames if names == frames else names,
         None if len(kept) == len(pairs) else kept,
         [frames[pairs[at][1]] for at in kept],
-        **more,
     )

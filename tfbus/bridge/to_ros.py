@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 
 from tfbus.bridge.bus_streams import BusStreams
 from tfbus.bridge.crossed import Crossed
@@ -229,7 +228,24 @@ class ToRos:
         with self._lock:
             message = self._written(rows)
         if message is not None:
-            self._dynamic.send(message)
+            self._is_taken(self._dynamic, rows, message)
+
+    def _is_taken(self, sender: RosSender, rows: Columns, message: bytes) -> bool:
+        """Send a message; whether ROS has it, or as much of it as this ROS can have."""
+        try:
+            sender.send(message)
+        except InvalidArgumentException as error:
+            self._once.warning("unwritable", "A transform does not go to ROS: %s", error)
+            # The writer took them: it is ROS 1 that has no time before 1970.
+            kept = [at for at, stamp_ns in enumerate(rows.stamps_as_ints()) if stamp_ns >= 0]
+            left = chosen(rows, kept)
+            message_left = self._written(left) if 0 < left.count < rows.count else None
+            return message_left is None or self._is_taken(sender, left, message_left)
+        except TfbusError as error:
+            if not self._is_closed:
+                self._once.warning("unsent", "Transforms do not go to ROS: %s", error)
+            return False
+        return True
 
     def _written(self, rows: Columns) -> bytes | None:
         try:
@@ -258,11 +274,12 @@ class ToRos:
             message = self._written(rows) or b""
             self._sent_statics = crossing
             is_new = message != self._static_message and (crossing or self._static_message)
-            if is_new:
-                self._static_message = message
         if is_new and not self._is_closed:
-            with suppress(TfbusError):
-                self._static.send(message)
+            if self._is_taken(self._static, rows, message):
+                self._static_message = message
+            else:
+                # Again at the next look.
+                self._is_undecided = True
             self._on_statics()
 
     def _crossing_statics(self) -> dict[str, TransformStamped]:

@@ -1,8 +1,6 @@
 """One topic in one direction: from the bus to ROS, and from ROS to the bus."""
 
 import threading
-import time
-from collections import OrderedDict
 from collections.abc import Callable
 
 from tfbus import messages
@@ -20,44 +18,8 @@ from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.codec import decode_map, encode_map, from_map
 from tfbus.wording import printable
 
-# Own messages are back within this, where a leg cannot tell them from those of others.
-_ECHO_WITHIN_S = 2.0
-_MOST_ECHOES = 1000
-
 # The fields of our types that name frames; none are known of other types.
 _FRAMES = {"PoseStamped": ("frame",), "Odometry": ("frame", "child_frame")}
-
-
-class Echoes:
-    """Which messages are own ones that come back, for a leg that does not tell. Thread-safe.
-
-    Each that was sent comes back once: only the next equal one is taken for it.
-    """
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._sent: OrderedDict[int, tuple[bytes, float]] = OrderedDict()
-        self._next = 0
-
-    def sent(self, payload: bytes) -> None:
-        """This one was sent."""
-        with self._lock:
-            self._sent[self._next] = payload.rstrip(b"\0"), time.monotonic()
-            self._next += 1
-            while len(self._sent) > _MOST_ECHOES:
-                self._sent.popitem(last=False)
-
-    def takes(self, payload: bytes) -> bool:
-        """Whether it is one that was sent."""
-        least_s = time.monotonic() - _ECHO_WITHIN_S
-        payload = payload.rstrip(b"\0")
-        with self._lock:
-            for number, (each, sent_s) in list(self._sent.items()):
-                if sent_s < least_s or each == payload:
-                    del self._sent[number]
-                if sent_s >= least_s and each == payload:
-                    return True
-        return False
 
 
 class Translation:
@@ -122,12 +84,10 @@ class TopicToRos:
         ros_name: str,
         line: TopicLine,
         names: FrameNames,
-        echoes: Echoes | None,
     ) -> None:
         self.line = line
         self._name = name
         self._once = LogOnce(node.log)
-        self._echoes = echoes
         self._translation = Translation(line, names, node.now_ns)
         definition = line.counterpart.definition
         self._sender = leg.publisher(RosTopic(ros_name, definition, line.retained, line.depth))
@@ -151,8 +111,6 @@ class TopicToRos:
     def _on_message(self, payload: bytes) -> None:
         try:
             message = self._translation.to_ros(payload)
-            if self._echoes is not None:
-                self._echoes.sent(message)
             self._sender.send(message)
         except (DecodeError, TfbusError) as error:
             self._once.warning(
@@ -179,7 +137,6 @@ class TopicFromRos:
         ros_name: str,
         line: TopicLine,
         names: FrameNames,
-        echoes: Echoes | None,
         accepts: Callable[[str], bool],
     ) -> None:
         self.line = line
@@ -187,7 +144,6 @@ class TopicFromRos:
         self._name = name
         self._ros_name = ros_name
         self._once = LogOnce(node.log)
-        self._echoes = echoes
         self._accepts = accepts
         self._translation = Translation(line, names, node.now_ns)
         self._lock = threading.Lock()
@@ -212,8 +168,6 @@ class TopicFromRos:
         self.silence()
 
     def _take(self, payload: bytes, gid: str) -> None:
-        if self._echoes is not None and self._echoes.takes(payload):
-            return
         try:
             if not self._accepts(gid):
                 return

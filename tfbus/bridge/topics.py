@@ -10,7 +10,7 @@ from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.frame_names import FrameNames
 from tfbus.bridge.leg import Leg, RosPublisher
 from tfbus.bridge.options import BridgeOptions
-from tfbus.bridge.topic_crossings import Echoes, TopicFromRos, TopicToRos
+from tfbus.bridge.topic_crossings import TopicFromRos, TopicToRos
 from tfbus.bridge.topic_table import TopicLine
 from tfbus.bridge.topic_table import TopicTable as TopicTable
 from tfbus.discover.graph import Graph, TopicInfo, graph_of
@@ -74,7 +74,9 @@ class TopicBridge:
         self._log = log
         self._seniors = seniors
         self._once = LogOnce(log)
+        self._lock = threading.Lock()
         self._topics: dict[str, _Topic] = {}
+        self._is_closed = False
         self._executor = Executor(f"{node.full_name} topics", log)
         self._executor.submit("topics", self._look)
         self._executor.every(_LOOK_EVERY_S, self._look)
@@ -82,14 +84,18 @@ class TopicBridge:
     def close(self) -> None:
         """No longer pass anything on. Twice is fine."""
         self._executor.close()
-        while self._topics:
-            self._topics.popitem()[1].close()
+        # A look may still be under way, where ROS answers late.
+        with self._lock:
+            self._is_closed = True
+            while self._topics:
+                self._topics.popitem()[1].close()
 
     def crossing(self) -> tuple[list[str], list[str]]:
         """The topics that go to ROS now, and those that come from there, by their names on the
         bus.
         """
-        topics = sorted(list(self._topics.items()))
+        with self._lock:
+            topics = sorted(self._topics.items())
         return (
             [name for name, topic in topics if topic.goes],
             [name for name, topic in topics if topic.comes],
@@ -103,10 +109,20 @@ class TopicBridge:
         graph = graph_of(nodes, {}, self._node.namespace)
         for name in sorted({*graph.topics, *self._table.names, *self._topics}):
             if name != CLOCK_TOPIC and not name.startswith("/"):
-                try:
-                    self._adapt(name, graph, bridges)
-                except TfbusError as error:
-                    self._once.warning(("topic", name), "Topic %r does not cross: %s", name, error)
+                with self._lock:
+                    if self._is_closed:
+                        return
+                    self._look_at(name, graph, bridges)
+
+    def _look_at(self, name: str, graph: Graph, bridges: set[str]) -> None:
+        try:
+            self._adapt(name, graph, bridges)
+        except TfbusError as error:
+            self._once.warning(("topic", name), "Topic %r does not cross: %s", name, error)
+        topic = self._topics.get(name)
+        is_known = name in graph.topics or name in self._table.names
+        if topic is not None and not is_known and not topic.goes and not topic.comes:
+            del self._topics[name]
 
     def _sees(self, node: NodeDescription) -> bool:
         name = relative_name(node.name, self._node.namespace)
@@ -177,7 +193,6 @@ class _Topic:
         self._name = name
         self._ros_name = ros_name
         self._names = names
-        self._echoes = None if leg.tells_publishers else Echoes()
         self._to: TopicToRos | None = None
         self._from: TopicFromRos | None = None
         self._to_until_s = self._from_until_s = self._heard_until_s = 0.0
@@ -257,7 +272,6 @@ class _Topic:
                     self._ros_name,
                     self.line,
                     self._names,
-                    self._echoes,
                 )
                 self._node.log.info(
                     "Topic %r (%s) goes to ROS as %s (%s)",
@@ -283,7 +297,6 @@ class _Topic:
                     self._ros_name,
                     self.line,
                     self._names,
-                    self._echoes,
                     self._accepts,
                 )
         elif now_s > self._from_until_s:

@@ -112,8 +112,6 @@ def data_key(domain: int, topic: str, dds_type: str, type_hash: str) -> str:
 # Fields with rmw_zenoh's own defaults are left empty.
 _DEFAULT_DEPTH = 42
 _DURATIONS = ":,:,:,,"
-_QOS = re.compile(r"(\d?):(\d?):(\d?),(\d{0,18})(:\d*,\d*:\d*,\d*:\d*,\d*,\d*)?", re.ASCII)
-_LAST, _ALL = "1", "2"
 
 
 @dataclass(frozen=True)
@@ -135,15 +133,6 @@ class Qos:
         if self.depth == _DEFAULT_DEPTH:
             history = ","
         return f"{reliability}:{durability}:{history}{_DURATIONS}"
-
-
-def read_qos(text: str) -> Qos | None:
-    """QoS as it stands in a token; without deadlines, lifespans and leases."""
-    found = _QOS.fullmatch(text)
-    if not found:
-        return None
-    depth = None if found[3] == _ALL else int(found[4] or _DEFAULT_DEPTH)
-    return Qos(found[2] == "1", depth, found[1] != "2")
 
 
 # The graph of ROS: each node, publisher and so on has a token

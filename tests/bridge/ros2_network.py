@@ -49,6 +49,7 @@ class Ros2Network:
         env = {
             **{key: text for key, text in os.environ.items() if not key.startswith("ROS_")},
             "ROS_DOMAIN_ID": _DOMAIN,
+            "CYCLONEDDS_URI": "<Discovery><LeaseDuration>60s</LeaseDuration></Discovery>",
             "PYTHONPATH": str(_HERE.parents[1]),
             "PYTHONUNBUFFERED": "1",
         }

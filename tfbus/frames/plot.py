@@ -105,9 +105,10 @@ def _draw_speed(axes: Any, track: Track) -> None:
     angular.plot(between, turning, color="#d97706", label="angular", linewidth=1.0, alpha=0.9)
     angular.set_ylabel("angular speed (rad/s)", color="#d97706", fontsize=9)
     angular.tick_params(labelsize=8)
-    for each, least in ((axes, _LEAST_M_PER_S), (angular, _LEAST_RAD_PER_S)):
-        top = max(each.get_ylim()[1], least)
-        each.set_ylim(-0.03 * top, top)  # keeps a line at zero visible above the edge
+    # Keeps lines of constant speed visible, beside each other and at zero.
+    for each, least, room in ((axes, _LEAST_M_PER_S, 1.1), (angular, _LEAST_RAD_PER_S, 1.3)):
+        top = room * max(each.dataLim.y1, least)
+        each.set_ylim(-0.03 * top, top)
     axes.set_ylabel("linear speed (m/s)", fontsize=9)
     axes.set_xlabel("seconds", fontsize=9)
     axes.tick_params(labelsize=8)

@@ -187,7 +187,7 @@ def test_what_is_no_robot_is_passed_on(bus: Bus) -> None:
 
 
 def test_a_recording_has_the_robots_that_were_described(tmp_path: Path, urdf: Path) -> None:
-    """Also for a client that comes while it stands, and after a seek."""
+    """Also before the description, and for a client that comes while it stands elsewhere."""
     needs.module("mcap")
     from tfbus.foxglove.playback import PlaybackBridge
     from tfbus.recording.items import TopicItem
@@ -196,7 +196,10 @@ def test_a_recording_has_the_robots_that_were_described(tmp_path: Path, urdf: Pa
     path = tmp_path / "run.mcap"
     values = {"urdf": URDF, "prefix": "left_", "source": str(urdf)}
     with RecordingWriter(path) as writer:
-        writer.write(TopicItem(S, "robot_description", "RobotDescription", values, retained=True))
+        writer.write(TopicItem(S, "battery", "Battery", {"volts": 1.0}))
+        writer.write(
+            TopicItem(2 * S, "robot_description", "RobotDescription", values, retained=True)
+        )
         writer.write(TopicItem(3 * S, "battery", "Battery", {"volts": 1.0}))
     bridge = PlaybackBridge([path], (S, 3 * S), Serving(port=0))
     player = threading.Thread(target=bridge.run, daemon=True)
@@ -207,7 +210,7 @@ def test_a_recording_has_the_robots_that_were_described(tmp_path: Path, urdf: Pa
                 client.subscribe("/robot_description")
                 assert names(described(client), "link", "name")[0] == "left_base"
                 assert client.fetch("package://arm/hand.stl") == b"hand"
-                client.control(play=False, seek_ns=2 * S)
+                client.control(play=False, seek_ns=2 * S + 1)
     finally:
         bridge.stop()
         player.join(20.0)

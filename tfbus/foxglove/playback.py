@@ -304,9 +304,24 @@ class PlaybackBridge(Requests):
             self._transforms.send_present(self._frames.buffer, at_ns)
 
     def _send_described(self) -> None:
+        """Send the last descriptions; of a robot that comes later the first."""
+        with self._looking_back:
+            found = [self._first(topic) for topic in self._undescribed()]
         with self._describing:
+            first = {item.topic: item for item in found if item is not None}
+            self._described = {**first, **self._described}
             for topic, item in self._described.items():
                 self._send_description(self._topics[topic], item, self._player.progress.log_ns)
+
+    def _undescribed(self) -> list[str]:
+        """The topics of descriptions of which none was sent yet."""
+        found = self._reader.topics
+        names = [each.name for each in found if is_description(each.name, each.type_name)]
+        return [name for name in names if name in self._topics and name not in self._described]
+
+    def _first(self, topic: str) -> TopicItem | None:
+        items = self._past.items(selection=Selection(topics=(topic,)))
+        return next((each for each in items if isinstance(each, TopicItem)), None)
 
     def _send_robot(self) -> None:
         if self._robot is not None:

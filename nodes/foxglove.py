@@ -5,6 +5,8 @@ Try it: tfbus launch turtle, and beside it: tfbus foxglove --teleop turtle1/cmd_
 
 from collections.abc import Sequence
 from contextlib import closing
+from pathlib import Path
+from typing import TypedDict
 
 import click
 
@@ -13,6 +15,7 @@ from tfbus import (
     Node,
     NodeSettings,
     Number,
+    Robot,
     TfbusError,
     TopicName,
     fleet_options,
@@ -26,6 +29,13 @@ from tfbus.command import (
     listening_options,
 )
 from tfbus.foxglove import Serving
+
+
+class _Robots(TypedDict):
+    """Which robots are shown, and where their meshes are."""
+
+    robot: Robot | None
+    package_path: Sequence[Path]
 
 
 @click.command(
@@ -61,6 +71,20 @@ from tfbus.foxglove import Serving
     help="With --bag: recorded seconds per second at the beginning (default 1).",
 )
 @click.option("-l", "--loop", is_flag=True, help="With --bag: at the end begin again.")
+@click.option(
+    "--urdf",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Show this robot, of a URDF or .xacro file (default: those described on the bus).",
+)
+@click.option(
+    "--package-path",
+    "package_path",
+    type=click.Path(path_type=Path, file_okay=False, exists=True),
+    multiple=True,
+    metavar="DIR",
+    help="A folder with the packages that the URDF's meshes are in; repeatable.",
+)
 @bag_options("begin", "end")
 @fleet_options
 @node_options("foxglove")
@@ -74,13 +98,17 @@ def main(
     origins: tuple[str, ...],
     rate: float | None,
     loop: bool,
+    urdf: Path | None,
+    package_path: tuple[Path, ...],
 ) -> None:
     """Show the bus, or a recording, in Foxglove.
 
-    Of the bus it shows frames, topics, parameters, services and the graph of nodes. With --bag it
-    shows a recording, and Foxglove's bar plays it.
+    Of the bus it shows frames, robots, topics, parameters, services and the graph of nodes. With
+    --bag it shows a recording, and Foxglove's bar plays it.
     """
+    robot = Robot.from_urdf(urdf, package_path=package_path) if urdf else None
     _require_foxglove()
+    robots: _Robots = {"robot": robot, "package_path": package_path}
     if read_only is None:
         read_only = listening.is_public
         if read_only and teleop:
@@ -99,11 +127,11 @@ def main(
             raise click.UsageError("--rate and --loop play a recording: give --bag")
         if read_only and teleop:
             raise click.UsageError("--read-only and --teleop are mutually exclusive: give one")
-        _show_bus(settings, serving, fleet, teleop, read_only, notes)
+        _show_bus(settings, serving, fleet, teleop, read_only, notes, robots)
     else:
         if teleop:
             raise click.UsageError("--teleop and --bag are mutually exclusive: give one")
-        _show_recording(settings, serving, fleet, bag, rate or 1.0, loop, notes)
+        _show_recording(settings, serving, fleet, bag, rate or 1.0, loop, notes, robots)
 
 
 def _show_bus(
@@ -113,11 +141,14 @@ def _show_bus(
     teleop: tuple[str, ...],
     read_only: bool,
     notes: Sequence[str],
+    robots: _Robots,
 ) -> None:
     from tfbus.foxglove import LiveBridge
 
     with Node.from_settings(settings) as node:
-        bridge = LiveBridge(node, serving, fleet=fleet, teleop=teleop, read_only=read_only)
+        bridge = LiveBridge(
+            node, serving, fleet=fleet, teleop=teleop, read_only=read_only, **robots
+        )
         with closing(bridge):
             node.ready(bridge.front.announcement())
             for note in notes:
@@ -135,6 +166,7 @@ def _show_recording(
     rate: float,
     loop: bool,
     notes: Sequence[str],
+    robots: _Robots,
 ) -> None:
     """Serve a recording; no bus is joined."""
     with bag.opened() as opened:
@@ -149,6 +181,7 @@ def _show_recording(
         fleet=fleet,
         rate=rate,
         at_end="loop" if loop else "wait",
+        **robots,
     )
     with closing(bridge):
         for text in (bridge.front.announcement(), *notes):

@@ -29,6 +29,7 @@ class Client:
     """Keeps all that comes; use it in a `with`."""
 
     def __init__(self, port: int, *, query: str = "", **options: Any) -> None:
+        self.port = port
         scheme = "wss" if "ssl" in options else "ws"
         self._socket = connect(
             f"{scheme}://127.0.0.1:{port}{query}",
@@ -47,6 +48,8 @@ class Client:
         self.times_ns: list[int] = []
         self.playback: list[Playback] = []
         self.answers: dict[int, Any] = {}
+        self.assets: dict[int, bytes | str] = {}
+        self._asked = 0
         self._topics: dict[int, str] = {}
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -103,6 +106,13 @@ class Client:
         head = struct.pack("<BIII", 2, found["id"], call_id, 4)
         self._socket.send(head + b"json" + json.dumps(request).encode())
         return eventually(lambda: self.answers.get(call_id))
+
+    def fetch(self, uri: str) -> bytes | str:
+        """Ask for a file; its content, or the text of the refusal."""
+        self._asked = number = self._asked + 1
+        self.send("fetchAsset", uri=uri, requestId=number)
+        eventually(lambda: number in self.assets)
+        return self.assets[number]
 
     def control(
         self, *, play: bool, speed: float = 1.0, seek_ns: int | None = None, request: str = "r"
@@ -168,6 +178,10 @@ class Client:
             case 3:
                 _, call_id, length = struct.unpack_from("<III", data, 1)
                 self.answers[call_id] = json.loads(data[13 + length :])
+            case 4:
+                number, status, length = struct.unpack_from("<IBI", data, 1)
+                text, content = data[10 : 10 + length].decode(), data[10 + length :]
+                self.assets[number] = text if status else content
             case 5:
                 status, time_ns, speed, did_seek, length = struct.unpack_from("<BQfBI", data, 1)
                 name = data[19 : 19 + length].decode()

@@ -1,12 +1,12 @@
 """Where the cameras of the page look, and which frame each browser has selected."""
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.view.cameras import Server, camera, distance_m
 from tfbus import Transform
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
@@ -18,28 +18,6 @@ from tfbus.view.panels.markup import unless_it_left
 from tfbus.view.scene.camera import Cameras, around, region_of
 
 ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)
-
-
-def camera(position: tuple[float, float, float], look_at: tuple[float, float, float]) -> Any:
-    """A browser's camera in a square window."""
-    return SimpleNamespace(position=np.array(position), look_at=np.array(look_at), aspect=1.0)
-
-
-class Server:
-    """The clients of a server of viser, with their cameras, by number."""
-
-    def __init__(self, *cameras: Any) -> None:
-        self.clients = {at: SimpleNamespace(camera=camera) for at, camera in enumerate(cameras)}
-        self.initial_camera = camera((3.0, 3.0, 3.0), (0.0, 0.0, 0.0))
-
-    def get_clients(self) -> dict[int, Any]:
-        """As viser's."""
-        return dict(self.clients)
-
-
-def distance_m(seen: Any) -> float:
-    """From a camera to what it looks at."""
-    return float(np.linalg.norm(seen.position - seen.look_at))
 
 
 def test_a_focus_moves_the_camera_of_one_browser_to_the_frame() -> None:
@@ -80,23 +58,39 @@ def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
     assert server.initial_camera.look_at == pytest.approx(moved.apply(ARM.middle))
 
 
-def test_cameras_that_the_user_has_not_moved_wait_for_the_meshes_of_a_robot(
+def test_cameras_that_the_user_has_not_moved_follow_a_robot_that_is_being_built(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Long after the first frame; those that were moved stay."""
+    """Long after the first frame, each time that more of it is there; others stay."""
     now_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
     left, moved = camera((1.0, 0.0, 2.0), (0, 0, 0)), camera((1.0, 0.0, 2.0), (0, 0, 0))
     cameras = Cameras(Server(left, moved))
-    cameras.aim(Region(np.zeros(3), 1.0), True, 3, is_loading=True)
+    cameras.aim(Region(np.zeros(3), 1.0), True, 3, (0, 2))
     moved.position = np.array((9.0, 9.0, 9.0))
-    now_s[0] = 10.0
-    cameras.aim(ARM, True, 4)
+    now_s[0] = 300.0
+    cameras.aim(ARM, True, 4, (1, 1))
     assert left.look_at.tolist() == [8.0, 4.0, 1.0]
     assert moved.position.tolist() == [9.0, 9.0, 9.0]
-    now_s[0] = 11.0
-    cameras.aim(Region(np.zeros(3), 1.0), True, 5)
+    cameras.aim(Region(np.zeros(3), 1.0), True, 5, (1, 1))
     assert left.look_at.tolist() == [8.0, 4.0, 1.0]
+    cameras.carry(Transform((0.0, 0.0, 5.0)))
+    cameras.aim(Region(np.zeros(3), 1.0), True, 5, (1, 2))
+    assert left.look_at.tolist() == [0.0, 0.0, 0.0]
+    assert moved.position.tolist() == [9.0, 9.0, 14.0]
+
+
+def test_a_camera_at_the_start_that_it_was_given_is_where_it_was_left() -> None:
+    """A browser that is open takes the start, too, and may tell so after it was moved."""
+    seen = camera((1.0, 0.0, 2.0), (0, 0, 0))
+    seen.aspect = 0.9
+    server = Server(seen)
+    cameras = Cameras(server)
+    cameras.aim(Region(np.zeros(3), 1.0), True, 3, (1, 1))
+    cameras.aim(Region(np.zeros(3), 2.0), True, 3, (1, 2))
+    seen.position = np.array(server.initial_camera.position)
+    cameras.aim(ARM, True, 3, (1, 3))
+    assert seen.look_at.tolist() == [8.0, 4.0, 1.0]
 
 
 def test_frames_that_have_nothing_in_common_with_the_former_ones_are_shown_whole() -> None:

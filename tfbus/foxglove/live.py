@@ -1,6 +1,8 @@
 """The bus as Foxglove shows it: frames, topics, parameters, services, the graph, and the time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from foxglove import Parameter
 from foxglove.websocket import Capability, ClientChannel
@@ -12,6 +14,7 @@ from tfbus.errors import DecodeError, ParameterError
 from tfbus.foxglove.front import Front, hidden_host
 from tfbus.foxglove.graph import Connections, connections
 from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Requests, Server
 from tfbus.foxglove.services import LiveServices
 from tfbus.foxglove.serving import Serving
@@ -21,6 +24,8 @@ from tfbus.foxglove.transforms import TransformChannels
 from tfbus.listen.listener import TransformListener
 from tfbus.listen.passing_buffer import PassingBuffer
 from tfbus.node.node import Node
+from tfbus.node.robot_meshes import RobotMeshes
+from tfbus.robot.robot import Robot
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log_once import LogOnce
 from tfbus.wire.descriptions import NodeDescription, ParameterDescription
@@ -43,6 +48,9 @@ class LiveBridge(Requests):
     Without a fleet that is the node's namespace, with one also those below. Clients may drive on
     the topics `teleop`. Those of a `read_only` bridge can neither drive nor set parameters nor call
     services. Raises TfbusError where it cannot listen.
+
+    Robots that are described on the bus are shown, or with a `robot` that one alone; their meshes
+    are also looked for in `package_path`.
     """
 
     def __init__(
@@ -53,6 +61,8 @@ class LiveBridge(Requests):
         fleet: Fleet | None = None,
         teleop: Sequence[str] = (),
         read_only: bool = False,
+        robot: Robot | None = None,
+        package_path: Sequence[Path] = (),
     ) -> None:
         self._node = node
         self._fleet = fleet
@@ -63,7 +73,11 @@ class LiveBridge(Requests):
             f"tfbus {node.full_name}", hidden_host(), 0, self, self._capabilities(teleop)
         )
         self._transforms = TransformChannels(self._server, node.now_ns, self._once)
-        self._topics = LiveTopics(node, self._server, self._once)
+        fetch = RobotMeshes(node).fetch if robot is None else None
+        self._robots = ShownRobots(self._once, package_path, fetch)
+        shown = self._shown if robot is None else None
+        self._robot = None if robot is None else GivenRobot(self._server, self._robots, robot)
+        self._topics = LiveTopics(node, self._server, self._once, shown)
         self._parameters = NodeParameters(
             self._set_parameter, self._server.publish_parameters, self._refuse
         )
@@ -107,12 +121,25 @@ class LiveBridge(Requests):
         """Late ones get static transforms, and where each dynamic frame is."""
         if self._transforms.have(channel_id):
             self._executor.submit("transforms", self._send_present, limit=1)
+        elif self._robot is not None and self._robot.have(channel_id):
+            self._executor.submit("robot", self._send_robot, limit=1)
         else:
-            self._executor.submit("topics", self._topics.adapt, limit=1)
+            self._executor.submit(
+                f"channel {channel_id}", lambda: self._topics.subscribed(channel_id), limit=1
+            )
 
     def unsubscribed(self, channel_id: int) -> None:
         """The bus need not send what no client watches."""
         self._executor.submit("topics", self._topics.adapt, limit=1)
+
+    def asset(self, uri: str) -> bytes:
+        return self._robots.asset(uri)
+
+    def _shown(self, topic: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What clients get of a description, as this node calls the frames of its namespace."""
+        origin = relative_name(topic, self._node.namespace).rpartition("/")[0]
+        names = self._fleet.names(origin) if self._fleet is not None else None
+        return self._robots.shown(values, names, origin)
 
     def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
         return self._parameters.get(names)
@@ -165,6 +192,10 @@ class LiveBridge(Requests):
 
     def _send_present(self) -> None:
         self._transforms.send_present(self._buffer)
+
+    def _send_robot(self) -> None:
+        if self._robot is not None:
+            self._robot.send(self._node.now_ns())
 
     def _tell_time(self) -> None:
         if self._node.clock.is_running:

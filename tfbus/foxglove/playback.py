@@ -3,8 +3,9 @@
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from foxglove import Parameter
 from foxglove.websocket import (
@@ -20,14 +21,16 @@ from tfbus.errors import DecodeError, ParameterError, TfbusError
 from tfbus.foxglove.front import Front, hidden_host
 from tfbus.foxglove.graph import Connections, absolute, connections
 from tfbus.foxglove.parameters import NodeParameters
+from tfbus.foxglove.robots import GivenRobot, ShownRobots
 from tfbus.foxglove.server import Requests, Server
 from tfbus.foxglove.serving import Serving
-from tfbus.foxglove.topics import TopicChannel
+from tfbus.foxglove.topics import TopicChannel, is_description
 from tfbus.foxglove.transforms import TransformChannels
 from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.selection import Selection
+from tfbus.robot.robot import Robot
 from tfbus.ros.schema import MessageCodecs
 from tfbus.runtime.executor import Executor
 from tfbus.runtime.log import open_log
@@ -54,6 +57,9 @@ class PlaybackBridge(Requests):
     sees where the frames were. With a fleet the frames of robots in namespaces have these in front;
     without one those of the namespace that all are in, or of none.
 
+    Robots that were described are shown, or with a `robot` that one alone. Their meshes are those
+    on this machine, also in `package_path`.
+
     Raises TfbusError where it cannot listen, or the files are no recording.
     """
 
@@ -67,6 +73,8 @@ class PlaybackBridge(Requests):
         fleet: Fleet | None = None,
         rate: float = 1.0,
         at_end: AtEnd = "wait",
+        robot: Robot | None = None,
+        package_path: Sequence[Path] = (),
     ) -> None:
         self.log = open_log("/foxglove", "foxglove", log_level)
         self._once = LogOnce(self.log)
@@ -99,10 +107,22 @@ class PlaybackBridge(Requests):
         )
         codecs = MessageCodecs(exact=False)
         self._topics = {
-            topic.name: TopicChannel(self._server, codecs, absolute(topic.name), topic.type_name)
+            topic.name: TopicChannel(
+                self._server,
+                # Descriptions are also sent on another thread.
+                MessageCodecs() if is_description(topic.name, topic.type_name) else codecs,
+                absolute(topic.name),
+                topic.type_name,
+            )
             for topic in self._reader.topics
             if topic.is_readable
+            and (robot is None or not is_description(topic.name, topic.type_name))
         }
+        # The last ones that were sent, for clients that come later.
+        self._described: dict[str, TopicItem] = {}
+        self._describing = threading.Lock()
+        self._robots = ShownRobots(self._once, package_path)
+        self._robot = None if robot is None else GivenRobot(self._server, self._robots, robot)
         self._executor = Executor("foxglove playback", self.log)
         self._executor.every(_TIME_EVERY_S, self._tell_time)
         self.front = Front(serving, self._server.address, self._on_refused)
@@ -151,7 +171,14 @@ class PlaybackBridge(Requests):
         """Late ones get static transforms, and where each frame is."""
         if self._transforms.have(channel_id):
             self._executor.submit("transforms", self._send_present, limit=1)
+        elif self._robot is not None and self._robot.have(channel_id):
+            self._executor.submit("robot", self._send_robot, limit=1)
+        else:
+            self._executor.submit("robots", self._send_described, limit=1)
         self._executor.submit("state", self._tell_state, limit=1)
+
+    def asset(self, uri: str) -> bytes:
+        return self._robots.asset(uri)
 
     def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
         return self._parameters.get(names)
@@ -234,8 +261,23 @@ class PlaybackBridge(Requests):
         channel = self._topics.get(item.topic)
         if channel is None:
             return
+        if is_description(item.topic, item.type_name):
+            with self._describing:
+                self._described[item.topic] = item
+                self._send_description(channel, item, log_ns)
+        else:
+            self._send_values(channel, item, item.values, log_ns)
+
+    def _send_description(self, channel: TopicChannel, item: TopicItem, log_ns: int) -> None:
+        namespace = item.topic.strip("/").rpartition("/")[0]
+        names = self._frames.viewpoint.names(namespace)
+        self._send_values(channel, item, self._robots.shown(item.values, names, namespace), log_ns)
+
+    def _send_values(
+        self, channel: TopicChannel, item: TopicItem, values: Mapping[str, Any], log_ns: int
+    ) -> None:
         try:
-            channel.send(item.values, log_ns)
+            channel.send(values, log_ns)
         except ValueError as error:
             self._once.warning(
                 ("topic", item.topic), "Left out a message on topic %r: %s", item.topic, error
@@ -260,6 +302,30 @@ class PlaybackBridge(Requests):
             at_ns = self._player.progress.log_ns
             self._frames.seek(at_ns)
             self._transforms.send_present(self._frames.buffer, at_ns)
+
+    def _send_described(self) -> None:
+        """Send the last descriptions; of a robot that comes later the first."""
+        with self._looking_back:
+            found = [self._first(topic) for topic in self._undescribed()]
+        with self._describing:
+            first = {item.topic: item for item in found if item is not None}
+            self._described = {**first, **self._described}
+            for topic, item in self._described.items():
+                self._send_description(self._topics[topic], item, self._player.progress.log_ns)
+
+    def _undescribed(self) -> list[str]:
+        """The topics of descriptions of which none was sent yet."""
+        found = self._reader.topics
+        names = [each.name for each in found if is_description(each.name, each.type_name)]
+        return [name for name in names if name in self._topics and name not in self._described]
+
+    def _first(self, topic: str) -> TopicItem | None:
+        items = self._past.items(selection=Selection(topics=(topic,)))
+        return next((each for each in items if isinstance(each, TopicItem)), None)
+
+    def _send_robot(self) -> None:
+        if self._robot is not None:
+            self._robot.send(self._player.progress.log_ns)
 
     def _tell_time(self) -> None:
         progress = self._player.progress

@@ -70,6 +70,10 @@ class Requests:
         """A client plays, pauses, seeks, or changes the speed."""
         return None
 
+    def asset(self, uri: str) -> bytes:
+        """A client asks for a file. Raises TfbusError where it cannot have it."""
+        raise TfbusError("there are no files")
+
 
 class Channel:
     """What clients can subscribe to: a topic with messages of one schema."""
@@ -122,6 +126,7 @@ class Server:
                 context=self._context,
                 capabilities=list(capabilities),
                 server_listener=_Listener(requests),
+                asset_handler=requests.asset,
                 supported_encodings=["json", "cdr"],
                 playback_time_range=time_range_ns,
                 message_backlog_size=_BACKLOG,

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
@@ -25,8 +25,21 @@ _MOST_CHANGES = 5
 # Names come from the bus, and each channel takes memory here and in each client.
 _MOST_TOPICS = 2000
 
+# Descriptions of robots that wait to be read.
+_MOST_WAITING = 100
+
 # A busy node may not answer for a while; its topics stay that long.
 _GONE_AFTER_S = 10.0
+
+
+# Makes what clients are sent, of the name of a topic and the values of a message.
+Shown = Callable[[str, Mapping[str, Any]], Mapping[str, Any]]
+
+
+def is_description(topic: str, type_name: str) -> bool:
+    """Whether the messages of a topic describe robots."""
+    is_named_so = topic.rpartition("/")[2] == "robot_description"
+    return is_named_so and type_name == messages.RobotDescription.__name__
 
 
 class TopicChannel:
@@ -102,6 +115,7 @@ class _LiveTopic:
         once: LogOnce,
         *,
         retained: bool,
+        shown: Shown | None,
     ) -> None:
         self.type_name = type_name
         self.seen_s = time.monotonic()
@@ -109,6 +123,7 @@ class _LiveTopic:
         self._node = node
         self._name = name
         self._once = once
+        self._shown = shown
         self._lock = threading.Lock()
         # Codecs of its own: messages of topics come on several threads.
         self._sent = TopicChannel(server, MessageCodecs(exact=False), name, type_name)
@@ -134,6 +149,13 @@ class _LiveTopic:
             self._subscription.close()
             self._subscription = None
 
+    def repeat(self) -> None:
+        """Send what is retained to a client that comes late, too."""
+        if self.retained and self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
+            self.adapt()
+
     def close(self) -> None:
         """The topic is gone."""
         if self._subscription is not None:
@@ -142,8 +164,19 @@ class _LiveTopic:
             self._sent.close()
 
     def _on_message(self, payload: bytes) -> None:
+        if self._shown is None:
+            self._send(payload)
+        else:
+            # To read a large URDF takes longer than Zenoh's thread should.
+            self._node.executor.submit(
+                f"topic {self._name}", lambda: self._send(payload), limit=_MOST_WAITING
+            )
+
+    def _send(self, payload: bytes) -> None:
         try:
-            values = decode_map(payload)
+            values: Mapping[str, Any] = decode_map(payload)
+            if self._shown is not None:
+                values = self._shown(self._name, values)
             with self._lock:
                 self._sent.send(values, self._node.now_ns())
         except (DecodeError, ValueError) as error:
@@ -153,10 +186,15 @@ class _LiveTopic:
 
 
 class LiveTopics:
-    """The topics of the bus, as of the last `update`; all calls come on one thread."""
+    """The topics of the bus, as of the last `update`; all calls come on one thread.
 
-    def __init__(self, node: Node, server: Server, once: LogOnce) -> None:
+    `shown(topic, values)` makes what clients are sent of the description of a robot; without it
+    these topics are left out.
+    """
+
+    def __init__(self, node: Node, server: Server, once: LogOnce, shown: Shown | None) -> None:
         self._node = node
+        self._shown = shown
         self._server = server
         self._once = once
         self._topics: dict[str, _LiveTopic] = {}
@@ -179,6 +217,13 @@ class LiveTopics:
             except TfbusError as error:
                 self._once.warning(("subscribe", name), "Topic %r is not shown: %s", name, error)
 
+    def subscribed(self, channel_id: int) -> None:
+        """A client has come to a channel; late ones get what is retained."""
+        for topic in self._topics.values():
+            if topic.channel is not None and topic.channel.id == channel_id:
+                topic.repeat()
+        self.adapt()
+
     def close(self) -> None:
         """Take all channels back."""
         while self._topics:
@@ -186,6 +231,9 @@ class LiveTopics:
 
     def _see(self, name: str, info: TopicInfo, now_s: float) -> None:
         type_name = _type_of(info)
+        is_robot = is_description(name, type_name)
+        if is_robot and self._shown is None:
+            return
         known = self._topics.get(name)
         if known is not None and (known.type_name, known.retained) == (type_name, info.retained):
             known.seen_s = now_s
@@ -196,7 +244,13 @@ class LiveTopics:
         if known is not None:
             known.close()
         self._topics[name] = _LiveTopic(
-            self._node, name, type_name, self._server, self._once, retained=info.retained
+            self._node,
+            name,
+            type_name,
+            self._server,
+            self._once,
+            retained=info.retained,
+            shown=self._shown if is_robot else None,
         )
 
 

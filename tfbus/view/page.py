@@ -323,9 +323,8 @@ class Page:
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))
             shown = region or later or with_robots or region_of(placed)
-            loaded, meshes = self._robots.progress
-            count = len(whole.names) + loaded
-            self._cameras.aim(shown, has_more, count, is_loading=loaded < meshes)
+            built = self._robots.built(whole, self._frames)
+            self._cameras.aim(shown, has_more, len(whole.names), built)
 
     def _region_with_robots(self, placed: Placed, whole: Placed) -> Region | None:
         """The ball around frames and robots; None without a robot that has a place."""
@@ -354,7 +353,7 @@ class Page:
         """Let browsers see what they saw, after a change of the fixed frame."""
         before = self._seen_from
         # A fixed frame that does not exist yet shows nothing.
-        if before == fixed_frame or not self._placed.names:
+        if before == fixed_frame or not self._whole.names:
             return
         self._seen_from = fixed_frame
         if not before:
@@ -363,15 +362,18 @@ class Page:
         if found.names:
             self._cameras.carry(found.pose(0))
         else:
-            self._cameras.refit(region_of(self._placed))
+            self._cameras.refit(self._region_of_all())
 
     def _show_all(self, client: int) -> None:
         """Show all frames and robots that are drawn, and what a guest shows."""
+        self._cameras.show(client, self._region_of_all())
+
+    def _region_of_all(self) -> Region:
         region = self._guests_region()
-        if self._placed.names or self._robots.robots or region is None:
-            frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
-            region = around(frames, region) if region else frames
-        self._cameras.show(client, region)
+        if region is not None and not (self._placed.names or self._robots.robots):
+            return region
+        frames = self._region_with_robots(self._placed, self._whole) or region_of(self._placed)
+        return around(frames, region) if region else frames
 
     def _focus(self, client: int) -> str:
         """Look at the frame that is selected in this browser; why not, or "" if it does."""

@@ -10,14 +10,13 @@ from threading import Lock
 from tfbus.bus.handles import Declaration
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.errors import DecodeError, InvalidNameError, RightsError, TfbusError, UrdfError
-from tfbus.messages import JointState, RobotDescription, RobotMesh
+from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
-from tfbus.node.service import Client
+from tfbus.node.robot_meshes import RobotMeshes
 from tfbus.node.topic import Publisher, Subscription
 from tfbus.robot.robot import Robot
 from tfbus.runtime.log_once import LogOnce
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.limits import MOST_BYTES
 from tfbus.view.model.shown_robot import ShownRobot
 from tfbus.view.robot_source import Joints
 from tfbus.wire.codec import decode_message, is_of_ros
@@ -36,10 +35,6 @@ _MOST_WAITING_BYTES = 100_000_000
 
 # In the place of a namespace, which has no slash in front.
 _TOO_MANY, _TOO_FAST = "/too many", "/too fast"
-
-# How long one part of a mesh may take, and how often a file may change while it is read.
-_PATIENCE_S = 10.0
-_MOST_CHANGES = 3
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,7 @@ class RobotsOnBus:
         self._given = None if robot is None else ShownRobot(robot)
         self._mistakes: dict[str, str] = {}
         self._joints: dict[str, _JointTopics | None] = {}
-        self._meshes: dict[str, Client] = {}
+        self._meshes = RobotMeshes(node)
         self._subscription: Declaration | None = None
         if robot is not None:
             return
@@ -109,14 +104,10 @@ class RobotsOnBus:
     def fetch(self, origin: str, mesh: str) -> bytes:
         """A mesh of a robot, from the machine that describes it."""
         try:
-            client = self._client(origin)
-        except RightsError as error:
-            raise MeshError(f"it is not on this machine, and {printable(str(error))}") from error
-        for _ in range(_MOST_CHANGES):
-            found = self._fetch(client, mesh)
-            if found is not None:
-                return found
-        raise MeshError("it changed while it was read")
+            return self._meshes.fetch(origin, mesh)
+        except TfbusError as error:
+            reason = printable(str(error), 400)
+            raise MeshError(f"it is not on this machine, and {reason}") from error
 
     def close(self) -> None:
         """End the subscription."""
@@ -217,42 +208,6 @@ class RobotsOnBus:
             if is_same and slot[0] == origin and slot[1] != described.prefix:
                 return slot
         return None
-
-    # Meshes
-
-    def _client(self, origin: str) -> Client:
-        with self._lock:
-            client = self._meshes.get(origin)
-            if client is None:
-                name = f"{origin}/robot_mesh" if origin else "robot_mesh"
-                client = self._meshes[origin] = self._node.create_client(RobotMesh, name)
-            return client
-
-    def _fetch(self, client: Client, mesh: str) -> bytes | None:
-        """The whole file; None where it changed meanwhile."""
-        parts: list[bytes] = []
-        got, size, version = 0, 1, None
-        while got < size:
-            try:
-                request = RobotMesh.Request(mesh, got)
-                answer: RobotMesh.Response = client.call(request, timeout_s=_PATIENCE_S)
-            except TfbusError as error:
-                reason = printable(str(error), 300)
-                raise MeshError(
-                    f"it is not on this machine, and could not be fetched: {reason}"
-                ) from error
-            if version is not None and answer.version != version:
-                return None
-            version, size = answer.version, answer.size
-            if size > MOST_BYTES:
-                raise MeshError(
-                    f"it has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} are read"
-                )
-            if not answer.data and got < size:
-                raise MeshError("it is not on this machine, and came in part only")
-            parts.append(answer.data)
-            got += len(answer.data)
-        return b"".join(parts)
 
 
 class _JointTopics:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import defaultdict, deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,10 +23,12 @@ FRONT = np.array((0.74, 0.52, 0.43)) / math.sqrt(0.74**2 + 0.52**2 + 0.43**2)
 # A window that is narrower than this, width by height, is a telephone's.
 _NARROW = 0.75
 
-# Frames that come later than this do not move the camera; while the meshes of robots are being
-# loaded, cameras that were not moved by hand wait for them.
+# Frames that come later than this do not move the camera. Robots do, whenever more of them is
+# there: cameras that were not moved by hand.
 _SETTLE_S = 3.0
-_LOADING_S = 30.0
+
+# A browser may be behind by this many moves of its camera.
+_MOST_BEHIND = 32
 
 # viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
@@ -123,53 +126,58 @@ class Cameras:
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._seen = (False, 0)
-        self._settled_at_s = self._loaded_by_s = 0.0
-        self._is_loading = False
+        self._built = (0, 0)
+        self._settled_at_s = 0.0
         self._placed: set[int] = set()
-        self._left_at: dict[int, Floats] = {}
-        self._start = Region(np.zeros(3), 1.0)
+        self._put_at: defaultdict[int, deque[Floats]] = defaultdict(_last_positions)
+        self._starts = _last_positions()
+        # Before any browser is there: one that is open takes the first start that it learns of,
+        # whatever was done with its camera.
+        self._start_at(Region(np.zeros(3), 1.0))
 
     def aim(
-        self, region: Region, has_guest: bool, frames: int, *, is_loading: bool = False
+        self, region: Region, has_guest: bool, frames: int, built: tuple[int, int] = (0, 0)
     ) -> None:
         """Take the ball around all that is shown now.
 
-        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared; while
-        it `is_loading` for longer, those whose camera is where it was left.
+        Open browsers follow it for 3 s after the first frame, or after a guest, has appeared. Those
+        whose camera is where it was left also follow it later, each time that `built` has grown:
+        how many robots have frames, and how many of their parts are there.
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
         what, before = (has_guest, frames), self._seen
         if not before[1] or has_guest > before[0]:
             self._settled_at_s = now_s + _SETTLE_S
-            self._loaded_by_s = now_s + _LOADING_S
-        is_settling = now_s < self._settled_at_s
-        is_waiting = self._is_loading and now_s < self._loaded_by_s
-        self._is_loading = is_loading
-        is_new = what > before and (is_settling or is_waiting)
-        self._seen = max(what, before)
-        if is_new or not clients:
+        is_settling = what > before and now_s < self._settled_at_s
+        is_growing = built > self._built
+        self._seen, self._built = max(what, before), built
+        if is_settling or is_growing or not clients:
             self._start_at(region)
         for number, client in clients.items():
             camera = client.camera
             is_first = number not in self._placed and camera.aspect < _NARROW
-            if is_first or (is_new and (is_settling or self._is_left(number, camera))):
-                _move(camera, *_overview(region, camera.aspect))
-                self._left_at[number] = np.array(camera.position)
+            follows = is_settling or (is_growing and self._is_left(number, camera))
+            if is_first or follows:
+                self._show(number, camera, region)
             elif number not in self._placed:
-                self._left_at[number] = np.array(camera.position)
+                self._put_at[number].append(np.array(camera.position))
         self._placed = set(clients)
 
     def _is_left(self, number: int, camera: Any) -> bool:
-        """Whether a camera is where it was left: it was not moved by hand."""
-        left_at = self._left_at.get(number)
-        return left_at is not None and np.allclose(camera.position, left_at, atol=1e-3)
+        """Whether a camera is where it was put: it was not moved by hand."""
+        # A browser that is behind still tells one of the positions before.
+        put_at = (*self._put_at[number], *self._starts)
+        return any(np.allclose(camera.position, at, atol=1e-3) for at in put_at)
 
     def show(self, client: int, region: Region) -> None:
         """Let one browser see this ball whole, from where cameras start."""
         if handle := self._server.get_clients().get(client):
-            camera = handle.camera
-            _move(camera, *_overview(region, camera.aspect))
+            self._show(client, handle.camera, region)
+
+    def _show(self, number: int, camera: Any, region: Region) -> None:
+        _move(camera, *_overview(region, camera.aspect))
+        self._put_at[number].append(np.array(camera.position))
 
     def focus(self, client: int, region: Region) -> None:
         """Let one browser look at the middle of this ball, from the side where its camera is.
@@ -191,9 +199,12 @@ class Cameras:
 
         `moved` is the pose of the former fixed frame in the new one.
         """
-        for client in self._server.get_clients().values():
+        for number, client in self._server.get_clients().items():
             camera = client.camera
+            is_left = self._is_left(number, camera)
             _move(camera, moved.apply(camera.position), moved.apply(camera.look_at))
+            if is_left:
+                self._put_at[number].append(np.array(camera.position))
         self._start_at(Region(moved.apply(self._start.middle), self._start.radius_m))
 
     def refit(self, region: Region) -> None:
@@ -207,6 +218,11 @@ class Cameras:
         self._start = region
         initial: Any = self._server.initial_camera
         initial.position, initial.look_at = _overview(region)
+        self._starts.append(np.array(initial.position))
+
+
+def _last_positions() -> deque[Floats]:
+    return deque(maxlen=_MOST_BEHIND)
 
 
 def _overview(region: Region, aspect: float = 1.0) -> tuple[Floats, Floats]:

@@ -112,6 +112,10 @@ class RobotScene:
                 found.append(placed.pose(row).apply(np.vstack((link.corners, np.zeros(3)))))
         return np.concatenate(found)
 
+    def placed_links(self, placed: Placed) -> int:
+        """How many links with shapes have a place."""
+        return sum(self.robot.frame_of(link) in placed.index for link in self._links)
+
     # How it is drawn
 
     def show(self, look: Look, is_visible: bool) -> None:

@@ -167,15 +167,29 @@ class RobotScenes:
     def _lacking(self) -> list[str]:
         return [printable(each, 400) for each in all_mistakes(self._scenes.values())]
 
+    def built(self, placed: Placed, frames: Frames) -> tuple[int, int]:
+        """How many robots that are shown have frames, and how many of their links have a place and
+        of their meshes are loaded: with each there is more to see.
+        """
+        shown = [scene for robot, scene in self._scenes.items() if self._is_shown(robot)]
+        moving = [scene for scene in shown if not self.is_still(scene.robot, frames)]
+        at = [(scene, self._where(scene.robot, placed, frames)) for scene in shown]
+        parts = sum(scene.loaded + scene.placed_links(where) for scene, where in at)
+        return sum(scene.placed_links(placed) > 0 for scene in moving), parts
+
     def points(self, placed: Placed, frames: Frames) -> Floats:
         """Points (N, 3) in the fixed frame that robots which are shown lie between."""
-        hidden = self._settings.hidden_robots if self._settings else ()
         found = [np.zeros((0, 3))]
         for robot, scene in self._scenes.items():
-            if robot.title not in hidden:
-                at = self._standing(robot) if self.is_still(robot, frames) else placed
-                found.append(scene.points(at))
+            if self._is_shown(robot):
+                found.append(scene.points(self._where(robot, placed, frames)))
         return np.concatenate(found)
+
+    def _is_shown(self, robot: ShownRobot) -> bool:
+        return self._settings is None or robot.title not in self._settings.hidden_robots
+
+    def _where(self, robot: ShownRobot, placed: Placed, frames: Frames) -> Placed:
+        return self._standing(robot) if self.is_still(robot, frames) else placed
 
 
 def _look_of(settings: ViewSettings) -> Look:

@@ -1,0 +1,244 @@
+"""Descriptions of robots as Foxglove's 3D panel reads them, and the files of their meshes.
+
+The panel shows a topic of std_msgs/String with a URDF. It takes the names of links for those of
+frames, fetches meshes by `package://` only, and shows nothing of a robot with a mesh that has no
+such name.
+"""
+
+import posixpath
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Any
+from urllib.parse import quote, unquote
+from xml.sax.saxutils import quoteattr
+
+from tfbus.errors import TfbusError, UrdfError
+from tfbus.foxglove.server import Server
+from tfbus.foxglove.topics import TopicChannel
+from tfbus.messages import RobotDescription
+from tfbus.node.robot_meshes import MOST_BYTES
+from tfbus.robot.mesh_files import BESIDE, parts_of
+from tfbus.robot.model import Collision, Mesh, Visual
+from tfbus.robot.robot import Robot
+from tfbus.robot.xml import Element, read_xml
+from tfbus.ros.schema import MessageCodecs
+from tfbus.runtime.log_once import LogOnce
+from tfbus.wire.codec import as_map
+from tfbus.wire.fleet import FrameNames
+from tfbus.wording import printable
+
+_SCHEME = "package://"
+
+# Descriptions come from anyone on the bus: those of this many robots are known.
+_MOST_ROBOTS = 200
+
+# A file beside a mesh, such as a picture, is looked for by as many names.
+_MOST_NAMES = 16
+
+# `fetch(origin, name)` is the content of a mesh of another machine; it raises TfbusError.
+Fetch = Callable[[str, str], bytes]
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A robot as it was described, what clients get, and its meshes by the path of their URIs."""
+
+    given: Mapping[str, Any]
+    shown: Mapping[str, Any]
+    meshes: Mapping[str, Mesh]
+    origin: str
+
+
+class ShownRobots:
+    """The robots that clients were sent descriptions of; safe from any thread.
+
+    `package_path` is as of `Robot.from_urdf`. `fetch` gets the meshes that are not on this machine.
+    """
+
+    def __init__(
+        self, once: LogOnce, package_path: Sequence[Path] = (), fetch: Fetch | None = None
+    ) -> None:
+        self._once = once
+        self._package_path = tuple(package_path)
+        self._fetch = fetch
+        self._lock = Lock()
+        self._known: dict[tuple[str, str], _Known] = {}
+
+    def shown(
+        self, values: Mapping[str, Any], names: FrameNames | None = None, origin: str = ""
+    ) -> Mapping[str, Any]:
+        """The values of a RobotDescription as clients need them; the same where it is none.
+
+        `names` are those of the frames of its namespace `origin`.
+        """
+        urdf, prefix, source = (values.get(each) for each in ("urdf", "prefix", "source"))
+        if not (isinstance(urdf, str) and isinstance(prefix, str) and isinstance(source, str)):
+            return values
+        slot = (origin, prefix)
+        with self._lock:
+            known = self._known.get(slot)
+        if known is not None and known.given == values:
+            return known.shown
+        try:
+            robot = self._read(urdf, source)
+        except UrdfError as error:
+            text = printable(str(error), 400)
+            self._once.warning(("robot", origin), "A robot_description is no robot: %s", text)
+            return values
+        return self._take(slot, values, robot, names or FrameNames(""))
+
+    def asset(self, uri: str) -> bytes:
+        """The content of a mesh of one of the robots, or of a picture or material beside it, by its
+        URI. Raises TfbusError for any other.
+        """
+        path = unquote(uri.removeprefix(_SCHEME))
+        with self._lock:
+            known = list(self._known.values())
+        for each in known if uri.startswith(_SCHEME) else ():
+            if path in each.meshes:
+                mesh = each.meshes[path]
+                return self._content(each.origin, mesh.name, mesh.file)
+        if posixpath.splitext(path)[1].lower() in BESIDE:
+            for origin, name, file in _files_beside(path, known):
+                try:
+                    return self._content(origin, name, file)
+                except TfbusError:
+                    continue
+        raise TfbusError(f"no robot has a mesh {printable(uri, 200)}")
+
+    def _read(self, urdf: str, source: str) -> Robot:
+        given = Path(source)
+        return Robot.from_text(
+            urdf,
+            folder=given.parent if given.is_absolute() and given.is_file() else None,
+            package_path=self._package_path,
+            name_of_source=printable(source or "the robot_description"),
+        )
+
+    def _take(
+        self, slot: tuple[str, str], given: Mapping[str, Any], robot: Robot, names: FrameNames
+    ) -> Mapping[str, Any]:
+        origin, prefix = slot
+        meshes: dict[str, Mesh] = {}
+        uris: dict[str, str] = {}
+        shapes: list[Visual | Collision] = [*robot.visuals, *robot.collisions]
+        for shape in (each.shape for each in shapes):
+            # Those of an address on the network clients fetch themselves.
+            if isinstance(shape, Mesh) and "://" not in parts_of(shape.name)[1]:
+                path = _path(origin, robot.name, shape.name)
+                meshes[path] = shape
+                uris[shape.name] = f"{_SCHEME}{quote(path)}"
+        frames = {link: names.outside(f"{prefix}{link}") for link in robot.links}
+        text = _rewritten(read_xml(robot.text, "the robot_description"), frames, uris)
+        shown = as_map(RobotDescription(text))
+        with self._lock:
+            self._known.pop(slot, None)
+            while len(self._known) >= _MOST_ROBOTS:
+                del self._known[next(iter(self._known))]
+            self._known[slot] = _Known(dict(given), shown, meshes, origin)
+        return shown
+
+    def _content(self, origin: str, name: str, file: Path | None) -> bytes:
+        if file is not None and file.is_file():
+            try:
+                if file.stat().st_size > MOST_BYTES:
+                    raise TfbusError(f"it has more than {MOST_BYTES // 10**6} MB")
+                return file.read_bytes()
+            except OSError as error:
+                raise TfbusError(f"it cannot be read: {error.strerror}") from error
+        if self._fetch is None:
+            package = parts_of(name)[0]
+            remedy = f": --package-path names the folder with package {package!r}"
+            raise TfbusError(f"it is not on this machine{remedy if package else ''}")
+        return self._fetch(origin, name)
+
+
+class GivenRobot:
+    """The channel /robot_description with the robot of a file, in place of those described."""
+
+    def __init__(self, server: Server, robots: ShownRobots, robot: Robot) -> None:
+        codecs = MessageCodecs(exact=False)
+        self._channel = TopicChannel(
+            server, codecs, "/robot_description", RobotDescription.__name__
+        )
+        source = str(robot.files[0].absolute()) if robot.files else ""
+        self._shown = robots.shown(as_map(RobotDescription(robot.text, "", source)))
+
+    def have(self, channel_id: int) -> bool:
+        """Whether a channel is this one."""
+        channel = self._channel.channel
+        return channel is not None and channel.id == channel_id
+
+    def send(self, log_ns: int) -> None:
+        """Send it to the clients that subscribe."""
+        self._channel.send(self._shown, log_ns)
+
+    def close(self) -> None:
+        """Take the channel back. Twice is fine."""
+        self._channel.close()
+
+
+def _path(origin: str, robot: str, mesh: str) -> str:
+    """The path of a mesh's URI: its package, or the robot's name, and its path there."""
+    package, path = parts_of(mesh)
+    # A browser would take `..` out of the address.
+    parts = ["up" if part == ".." else part for part in posixpath.normpath(path).split("/")]
+    return "/".join(filter(None, (origin, package or robot or "robot", *parts)))
+
+
+def _files_beside(path: str, known: Sequence[_Known]) -> Iterable[tuple[str, str, Path | None]]:
+    """The files at a path beside meshes: where their robots are, their names, and their paths; None
+    where the mesh is not on this machine either.
+    """
+    found: dict[tuple[str, str], Path | None] = {}
+    for each in known:
+        for at, mesh in each.meshes.items():
+            if at.partition("/")[0] == path.partition("/")[0] and len(found) < _MOST_NAMES:
+                name = _beside(at, mesh.name, path)
+                file = mesh.beside(name)
+                if file is not None or mesh.file is None or not mesh.file.is_file():
+                    found.setdefault((each.origin, name), file)
+    return [(origin, name, file) for (origin, name), file in found.items()]
+
+
+def _beside(at: str, mesh: str, path: str) -> str:
+    """The name of the file at a path as the name `mesh` of the mesh at path `at` is written."""
+    way = posixpath.relpath(path, posixpath.dirname(at))
+    package, own = parts_of(mesh)
+    name = posixpath.normpath(posixpath.join(posixpath.dirname(own), way))
+    return f"{_SCHEME}{package}/{name}" if package else name
+
+
+# Writing
+
+_KEPT = ("link", "joint", "material")
+
+
+def _rewritten(robot: Element, frames: Mapping[str, str], uris: Mapping[str, str]) -> str:
+    """A URDF with these names of its links and of its meshes; only what can be seen of it."""
+    lines = ['<?xml version="1.0"?>', f"<robot{_attributes(robot.attributes)}>"]
+    for each in robot.children:
+        if each.tag in _KEPT:
+            lines += _written(each, frames, uris)
+    return "\n".join([*lines, "</robot>"])
+
+
+def _written(each: Element, frames: Mapping[str, str], uris: Mapping[str, str]) -> list[str]:
+    attributes = dict(each.attributes)
+    if each.tag == "link" and "name" in attributes:
+        attributes["name"] = frames.get(attributes["name"], attributes["name"])
+    elif each.tag in ("parent", "child") and "link" in attributes:
+        attributes["link"] = frames.get(attributes["link"], attributes["link"])
+    elif each.tag == "mesh" and "filename" in attributes:
+        attributes["filename"] = uris.get(attributes["filename"], attributes["filename"])
+    head = f"<{each.tag}{_attributes(attributes)}"
+    if not each.children:
+        return [f"{head}/>"]
+    inner = [line for child in each.children for line in _written(child, frames, uris)]
+    return [f"{head}>", *inner, f"</{each.tag}>"]
+
+
+def _attributes(attributes: Mapping[str, str]) -> str:
+    return "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())

@@ -43,6 +43,9 @@ _REFRESH_UNWATCHED_S = 1.0
 # With thousands of frames a look takes long: the pause after it is at least this many times longer.
 _RESTS_PER_LOOK = 8.0
 
+# So long after the cameras have moved the names of frames have found their places.
+_NAMES_AFTER_S = 0.5
+
 # The ball around a frame that a camera looks at, in lengths of its axes.
 _FOCUS = 4.0
 
@@ -190,7 +193,10 @@ class Page:
                 self._try_step()
 
     def hold(self) -> None:
-        """Leave the page as it is from now on."""
+        """Let all browsers see everything that is there now, and leave the page so."""
+        self._cameras.refit(self._region_of_all())
+        # The names of frames take their places when the cameras have.
+        time.sleep(_NAMES_AFTER_S)
         self._is_held = True
 
     def _try_step(self) -> None:

@@ -118,9 +118,9 @@ def test_only_the_files_of_robots_can_be_asked_for(bus: Bus, urdf: Path) -> None
     """Meshes, and the pictures and materials beside them in their package."""
     robot = Robot.from_urdf(urdf)
     with watching(LiveBridge(bus.node("foxglove"), Serving(port=0), robot=robot)) as client:
-        assert "assets" in client.texts_of("serverInfo")[0]["capabilities"]
         client.subscribe("/robot_description")
         described(client)
+        assert "assets" in client.texts_of("serverInfo")[0]["capabilities"]
         for uri, content in {
             "package://arm/meshes/my%20base.dae": b"base",
             "package://arm/hand.stl": b"hand",

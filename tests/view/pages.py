@@ -11,8 +11,9 @@ from tfbus import Node, StaticTransformBroadcaster, Transform, TransformBroadcas
 from tfbus import TransformStamped as Stamped
 from tfbus.view.screenshot import CLOSE_NOTES, FLAGS
 
-# Chromium draws without a graphics card, on a machine with other work to do.
-PATIENCE_S = 3 * DEADLINE_S
+# Chromium draws without a graphics card, on a machine with other work to do: a page that takes 5 s
+# alone takes a minute beside four others.
+PATIENCE_S = 6 * DEADLINE_S
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,9 @@ def browser() -> Iterator[Any]:
     chromium = needs.program("chromium")
     with playwright.sync_playwright() as driver:
         flags = [flag for flag in FLAGS if not flag.startswith("--headless")]
-        browser = driver.chromium.launch(executable_path=chromium, args=[*flags, "--no-sandbox"])
+        browser = driver.chromium.launch(
+            executable_path=chromium, args=[*flags, "--no-sandbox"], timeout=PATIENCE_S * 1e3
+        )
         yield browser
         browser.close()
 

@@ -105,6 +105,71 @@ def test_a_picture_is_sent_with_the_mesh_and_gives_its_mean_colour() -> None:
     assert part.textured.startswith(b"glTF")
 
 
+PLAIN_OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+NO_PLACE = "the mesh has no texture coordinates, or a look of its own"
+
+
+def png(color: tuple[int, int, int]) -> bytes:
+    """A picture of this colour."""
+    image: Any = pytest.importorskip("PIL.Image")
+    out = BytesIO()
+    image.new("RGB", (4, 4), color).save(out, "PNG")
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "picture", "color", "said"),
+    [
+        ("obj", PLAIN_OBJ, png((9, 9, 200)), (9, 9, 200), ""),
+        ("obj", PLAIN_OBJ, b"", None, "it is not a picture"),
+        ("obj", b"mtllib a.mtl\nusemtl x\n" + PLAIN_OBJ, png((9, 9, 200)), (255, 0, 0), NO_PLACE),
+        ("obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", png((9, 9, 200)), None, NO_PLACE),
+        ("stl", TRIANGLE, png((9, 9, 200)), None, NO_PLACE),
+    ],
+)
+def test_a_picture_of_the_urdf_is_drawn_where_the_mesh_has_a_place_for_it(
+    kind: str, data: bytes, picture: bytes, color: tuple[int, int, int] | None, said: str
+) -> None:
+    """What the mesh says of its look goes first; why it is not drawn is said."""
+    references = References(beside={"a.mtl": b"newmtl x\nKd 1 0 0\n"})
+    [part] = read_mesh(kind, data, references, ("wood.png", picture))
+    assert part.color == color
+    assert part.textured.startswith(b"glTF") is (not said)
+    assert references.refused == ({"wood.png": said} if said else {})
+
+
+def test_a_mesh_with_texture_coordinates_and_no_picture_has_no_colour_of_its_own() -> None:
+    """That of the URDF is drawn, and not a grey that its reader makes up."""
+    [part] = read_mesh("obj", PLAIN_OBJ, References())
+    assert (part.color, part.textured) == (None, b"")
+
+
+def test_the_picture_of_the_urdf_comes_from_the_machine_of_the_mesh(tmp_path: Path) -> None:
+    """Of each machine; one that is not there is named, and the mesh is shown without it."""
+    (tmp_path / "a.obj").write_bytes(PLAIN_OBJ)
+    (tmp_path / "wood.png").write_bytes(png((9, 9, 200)))
+    machine = Machine({"a.obj": PLAIN_OBJ, "wood.png": png((200, 9, 9))})
+    here, wood = tmp_path / "a.obj", tmp_path / "wood.png"
+    found = {
+        MeshSource("a.obj", here, tmp_path, texture="wood.png", texture_path=wood): (9, 9, 200),
+        MeshSource("a.obj", here, tmp_path, texture="no.png"): None,
+        MeshSource("a.obj", here, tmp_path): None,
+        MeshSource("a.obj", origin="robot7", texture="wood.png"): (200, 9, 9),
+        MeshSource("a.obj", origin="robot7", texture="no.png"): None,
+    }
+    loader = MeshLoader(machine.fetch)
+    try:
+        for source, color in found.items():
+            loader.load(source)
+            eventually(lambda source=source: loader.found(source) is not None)
+            mesh = loader.found(source)
+            assert isinstance(mesh, ReadMesh)
+            assert [part.color for part in mesh.parts] == [color]
+            assert list(mesh.refused) == (["no.png"] if source.texture == "no.png" else [])
+    finally:
+        loader.close()
+
+
 def test_a_material_outside_of_the_package_is_not_read(tmp_path: Path) -> None:
     """The mesh is there without it, and it is named."""
     (tmp_path / "arm").mkdir()

@@ -32,7 +32,10 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     pages.grant_permissions(["clipboard-read", "clipboard-write"])
     view.page.get_by_role("button", name="copy in its parent map").click()
     copied = "() => navigator.clipboard.readText()"
-    eventually(lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"))
+    eventually(
+        lambda: view.page.evaluate(copied).startswith("xyz  [0.000, 2.000, 0.000]"),
+        within_s=PATIENCE_S,
+    )
     assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
 
     other = View(pages.new_page(), address)

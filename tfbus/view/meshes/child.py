@@ -49,7 +49,7 @@ def _answer(values: dict[str, Any]) -> dict[str, Any]:
         folder = None if request.path is None else request.path.parent
         references = References(folder, request.root, request.beside)
         data = request.data if request.path is None else _content(request)
-        parts = read_mesh(request.kind, data, references)
+        parts = read_mesh(request.kind, data, references, request.texture)
     except (MeshError, OSError) as error:
         return {"error": str(error)}
     except MemoryError:

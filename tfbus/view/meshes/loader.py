@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tfbus.errors import TfbusError
 from tfbus.view.meshes.guard import MeshError
-from tfbus.view.meshes.limits import KINDS
+from tfbus.view.meshes.limits import KINDS, MOST_BYTES
 from tfbus.view.meshes.reader import MeshReader, ReadMesh
 from tfbus.view.meshes.request import MeshRequest
 
@@ -26,7 +26,8 @@ Fetch = Callable[[str], bytes]
 class MeshSource:
     """A mesh file: its `name` in the URDF, and its `path` on this machine, inside of `root`, or
     None where it is fetched from its robot's namespace `origin`. `version` differs where the
-    content may.
+    content may. `texture` is the name of the picture that the URDF gives it, "" for none, which is
+    at `texture_path` if the mesh is on this machine.
     """
 
     name: str
@@ -34,6 +35,8 @@ class MeshSource:
     root: Path | None = None
     origin: str = ""
     version: str = ""
+    texture: str = ""
+    texture_path: Path | None = None
 
     @property
     def kind(self) -> str:
@@ -107,14 +110,37 @@ class MeshLoader:
             return None
 
     def _read(self, source: MeshSource) -> ReadMesh:
+        if not source.texture:
+            return self._read_with(source, None)
+        try:
+            texture = self._texture(source)
+        except (TfbusError, OSError) as error:
+            read = self._read_with(source, None)
+            why = getattr(error, "strerror", None) or str(error)
+            return replace(read, refused={**read.refused, source.texture: why})
+        return self._read_with(source, (source.texture, texture))
+
+    def _texture(self, source: MeshSource) -> bytes:
+        if source.path is None and self._fetch is not None:
+            return self._fetch(source.origin, source.texture)
+        path = source.texture_path
+        if path is None:
+            raise MeshError("there is no such picture in the mesh's package")
+        if path.stat().st_size > MOST_BYTES:
+            raise MeshError(f"it has more than {MOST_BYTES // 10**6} MB")
+        return path.read_bytes()
+
+    def _read_with(self, source: MeshSource, texture: tuple[str, bytes] | None) -> ReadMesh:
         if source.kind not in KINDS:
             raise MeshError(f"no reader for .{source.kind}: convert it to STL, DAE, OBJ or GLB")
         if source.path is not None:
-            return self._reader.read(MeshRequest(source.kind, source.path, source.root))
+            return self._reader.read(
+                MeshRequest(source.kind, source.path, source.root, texture=texture)
+            )
         fetch = self._fetch
         if fetch is None:
             raise MeshError("it is not on this machine")
-        request = MeshRequest(source.kind, data=fetch(source.origin, source.name))
+        request = MeshRequest(source.kind, data=fetch(source.origin, source.name), texture=texture)
         read = self._reader.read(request)
         beside = self._beside(lambda name: fetch(source.origin, name), source.name, read)
         return self._reader.read(replace(request, beside=beside)) if beside else read

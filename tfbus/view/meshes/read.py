@@ -18,8 +18,13 @@ from tfbus.view.meshes.references import References
 _LEAST_OPACITY = 0.05
 
 
-def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
+def read_mesh(
+    kind: str, data: bytes, references: References, texture: tuple[str, bytes] | None = None
+) -> list[Part]:
     """The parts of a mesh file of a kind, such as "stl", in metres where it states its unit.
+
+    A `texture`, by its name, is the picture of the parts that have texture coordinates and no look
+    of their own; where it cannot be, `references.refused` says why.
 
     Raises MeshError, and any error of a mesh reader.
     """
@@ -32,6 +37,7 @@ def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
         raise MeshError(f"no installed package reads .{kind}: pip install pycollada")
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=references, process=False)
+    own = _Texture(trimesh, *texture) if texture else None
     solids: list[Part] = []
     textured: list[Part] = []
     triangles = 0
@@ -40,6 +46,8 @@ def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
         if triangles > MOST_TRIANGLES:
             raise MeshError(f"it has more than {MOST_TRIANGLES:,} triangles")
         placed = _placed(mesh, matrix, _unit_m(trimesh, mesh))
+        if own is not None:
+            own.put_on(placed)
         if _is_textured(placed):
             textured.append(_textured(trimesh, placed))
         else:
@@ -48,7 +56,37 @@ def read_mesh(kind: str, data: bytes, references: References) -> list[Part]:
             solids.append(Part(vertices, np.asarray(placed.faces, np.uint32), color, opacity))
     if not triangles:
         raise MeshError("it has no triangles")
+    if own is not None and own.mistake:
+        references.refused.setdefault(own.name, own.mistake)
     return [*_merged(solids), *textured]
+
+
+class _Texture:
+    """The picture that a URDF gives a mesh; `mistake` says why it is nowhere to be seen."""
+
+    def __init__(self, trimesh: Any, name: str, data: bytes) -> None:
+        pillow: Any = import_module("PIL.Image")
+        self.name = name
+        self.mistake = "the mesh has no texture coordinates, or a look of its own"
+        self._visuals = trimesh.visual
+        self._picture = None
+        try:
+            picture = pillow.open(io.BytesIO(data))
+            self._picture = small_picture(picture)
+        except MeshError as error:
+            self.mistake = str(error)
+        except (OSError, ValueError, SyntaxError):  # as Pillow's decoders raise them
+            self.mistake = "it is not a picture"
+
+    def put_on(self, mesh: Any) -> None:
+        """Draw it on a mesh that can have it."""
+        visual = mesh.visual
+        if self._picture is None or visual.kind != "texture" or visual.uv is None:
+            return
+        if _picture(visual.material) is None and _base_color(visual.material) is None:
+            material = self._visuals.material.SimpleMaterial(image=self._picture)
+            mesh.visual = self._visuals.TextureVisuals(uv=visual.uv, material=material)
+            self.mistake = ""
 
 
 def _instances(scene: Any) -> Iterator[tuple[Any, Any]]:
@@ -90,7 +128,11 @@ def _is_textured(mesh: Any) -> bool:
 
 def _picture(material: Any) -> Any:
     picture = getattr(material, "baseColorTexture", None)
-    return getattr(material, "image", None) if picture is None else picture
+    if picture is not None:
+        return picture
+    picture = getattr(material, "image", None)
+    # That which the reader of OBJ makes up for a mesh without materials is from no file.
+    return None if getattr(picture, "format", None) is None else picture
 
 
 def _textured(trimesh: Any, mesh: Any) -> Part:

@@ -10,6 +10,9 @@ from typing import Any
 class MeshRequest:
     """A mesh file at `path`, which may name files inside of `root`; or with `data`, as it came from
     another machine, and files that came `beside` it. `kind` is its suffix, such as "stl".
+
+    `texture` is the picture that the URDF gives it, by its name, for triangles without a look of
+    their own.
     """
 
     kind: str
@@ -17,6 +20,7 @@ class MeshRequest:
     root: Path | None = None
     data: bytes = b""
     beside: Mapping[str, bytes] = field(default_factory=dict)
+    texture: tuple[str, bytes] | None = None
 
     def as_map(self) -> dict[str, Any]:
         """It as msgpack can have it."""
@@ -26,16 +30,18 @@ class MeshRequest:
             "root": None if self.root is None else str(self.root),
             "data": self.data,
             "beside": dict(self.beside),
+            "texture": self.texture,
         }
 
     @staticmethod
     def from_map(values: Mapping[str, Any]) -> "MeshRequest":
         """It again."""
-        path, root = values["path"], values["root"]
+        path, root, texture = values["path"], values["root"], values["texture"]
         return MeshRequest(
             values["kind"],
             None if path is None else Path(path),
             None if root is None else Path(root),
             values["data"],
             values["beside"],
+            None if texture is None else (texture[0], texture[1]),
         )

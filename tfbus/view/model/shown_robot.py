@@ -66,17 +66,18 @@ class ShownRobot:
         collide = [each.link for each in self.collisions]
         return tuple(dict.fromkeys((*shown, *collide)))
 
-    def source_of(self, mesh: Mesh) -> MeshSource | str:
-        """Where a mesh is loaded from, or why it cannot be."""
+    def source_of(self, mesh: Mesh, texture: str = "") -> MeshSource | str:
+        """Where a mesh is loaded from, with a texture of the URDF, or why it cannot be."""
         file = mesh.file
         if file is not None and file.is_file():
             status = file.stat()
             version = f"{status.st_mtime_ns} {status.st_size}"
             # Pictures may lie beside the folder of meshes.
             root = package_folder(mesh.name, file) or file.parent.parent
-            return MeshSource(mesh.name, file, root, version=version)
+            picture = mesh.beside(texture) if texture else None
+            return MeshSource(mesh.name, file, root, "", version, texture, picture)
         if self.is_fetched:
-            return MeshSource(mesh.name, origin=self.origin)
+            return MeshSource(mesh.name, origin=self.origin, texture=texture)
         package, _ = parts_of(mesh.name)
         remedy = f"; --package-path names the folder with package {package!r}" if package else ""
         if file is None:

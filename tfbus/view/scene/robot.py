@@ -179,9 +179,10 @@ class RobotScene:
 
     def _add_all(self, shapes: Sequence[Visual | Collision]) -> None:
         for shape in shapes:
+            texture = shape.texture if isinstance(shape, Visual) else ""
             match shape.shape:
                 case Mesh():
-                    source = self.robot.source_of(shape.shape)
+                    source = self.robot.source_of(shape.shape, texture)
                     if isinstance(source, str):
                         self._note(shape, f"is not shown: mesh {shape.shape.name}: {source}")
                         continue
@@ -189,6 +190,8 @@ class RobotScene:
                     self._waiting.append(_Waiting(source, shape))
                     self._loader.load(source)
                 case _:
+                    if texture:
+                        self._note(shape, f"is shown without {texture}: only meshes have pictures")
                     self._add_primitive(shape, shape.shape)
 
     def _note(self, shape: Visual | Collision, what: str) -> None:

@@ -9,7 +9,7 @@ from typing import Literal
 from tfbus.bridge.bridges import RosBridge
 from tfbus.bridge.leg import Closing, Leg, RosSender, RosTopic
 from tfbus.bridge.options import ClockWay
-from tfbus.errors import DecodeError, TfbusError
+from tfbus.errors import DecodeError, RightsError, TfbusError
 from tfbus.messages import Clock
 from tfbus.node.node import Node
 from tfbus.ros.cdr import HEADER, CdrReader
@@ -167,9 +167,14 @@ class RosClock:
             self._sender = self._leg.publisher(TOPIC)
             self.way = "to ROS"
         else:
+            try:
+                publisher = self._node.create_clock_publisher()
+            except RightsError as error:
+                self._may["from ROS"] = False
+                self._node.log.warning("The time of ROS does not come to the bus: %s", error)
+                return
             # Before the first message of its own comes.
             self.way = "from ROS"
-            publisher = self._node.create_clock_publisher()
             self._publisher, self._publish = publisher, publisher.publish
         self._node.log.info(
             "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"

@@ -16,7 +16,7 @@ from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs import open_leg
 from tfbus.bridge.zenoh_leg import ZenohLeg
 from tfbus.ros.definitions import STRING, TF_MESSAGE
-from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes
+from tfbus.ros.rmw_zenoh import Attachment, attachment_bytes, gid_of
 
 TF = RosTopic("/tf", TF_MESSAGE, depth=100)
 TF_STATIC = RosTopic("/tf_static", TF_MESSAGE, retained=True, depth=1)
@@ -269,15 +269,34 @@ def test_publishers_with_another_gid_are_known_by_their_session(ros: Ros) -> Non
     token = f"@ros2_lv/0/{stranger.zid()}/0/1/MP/%/%/arm/%tf/{place}/::,100:,:,:,,"
     held = stranger.liveliness().declare_token(token)
     eventually(lambda: leg.publishers("/tf"))
-    (publisher,) = leg.publishers("/tf")
     attachment = attachment_bytes(Attachment(1, time.time_ns(), bytes(16)))
     send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
-    assert heard[0] == (b"x", publisher.gid)
+    made_up = RosPublisher(bytes(16).hex(), "/arm")
+    assert heard[0] == (b"x", made_up.gid)
+    eventually(lambda: made_up in leg.publishers("/tf"))
     held.undeclare()
     eventually(lambda: not leg.publishers("/tf"))
-    heard.clear()
-    send_until(lambda: stranger.put(TF_KEY, b"y", attachment=attachment), lambda: bool(heard))
-    assert heard[-1] == (b"y", bytes(16).hex())
+
+
+def test_a_message_that_is_faster_than_its_publishers_token_is_of_no_other(ros: Ros) -> None:
+    """Of a session that has another publisher of the topic, whose token was there before."""
+    ros.router.start()
+    leg, stranger = ros.leg(), ros.stranger()
+    heard = Heard()
+    leg.subscribe(TF, heard.add)
+    place = TF_KEY.removeprefix("0/tf/")
+    tokens = [
+        f"@ros2_lv/0/{stranger.zid()}/0/{number}/MP/%/%/{node}/%tf/{place}/::,100:,:,:,,"
+        for number, node in enumerate(("early", "late"))
+    ]
+    held = [stranger.liveliness().declare_token(tokens[0])]
+    eventually(lambda: [each.node for each in leg.publishers("/tf")] == ["/early"])
+    gid = gid_of(tokens[1])
+    attachment = attachment_bytes(Attachment(1, time.time_ns(), gid))
+    send_until(lambda: stranger.put(TF_KEY, b"x", attachment=attachment), lambda: bool(heard))
+    held.append(stranger.liveliness().declare_token(tokens[1]))
+    eventually(lambda: RosPublisher(gid.hex(), "/late") in leg.publishers("/tf"))
+    assert {each for _, each in heard} == {gid.hex()}
 
 
 def test_an_exception_of_the_callback_is_logged_once(

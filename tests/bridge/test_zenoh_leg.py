@@ -2,6 +2,7 @@
 
 import json
 import logging
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.bridge.ros_router import RosRouter
-from tests.live_bus import eventually, send_until
+from tests.live_bus import DEADLINE_S, eventually, send_until
 from tfbus import BusError, InvalidNameError, SettingsError
 from tfbus.bridge.leg import LegSettings, RosPublisher, RosTopic
 from tfbus.bridge.legs import open_leg
@@ -83,6 +84,27 @@ def test_a_peer_without_a_router_says_so(ros: Ros) -> None:
     """It opens at once, and finds the router when it comes."""
     leg = ros.leg(peer=True)
     eventually(lambda: "No Zenoh router" in "".join(leg.warnings()))
+    ros.router.start()
+    eventually(lambda: not leg.warnings())
+
+
+def test_a_router_that_neither_answers_nor_refuses_is_named(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a host that is unplugged, while Zenoh still waits for it; it is joined in the end."""
+    is_there = threading.Event()
+    opening = zenoh.open
+
+    def open_at_last(config: zenoh.Config) -> zenoh.Session:
+        assert is_there.wait(DEADLINE_S)
+        return opening(config)
+
+    monkeypatch.setattr("tfbus.bus.ros_session.zenoh.open", open_at_last)
+    leg = ros.leg()
+    [said] = eventually(leg.warnings)
+    assert said.startswith(f"No Zenoh router of ROS answers at {ros.router.endpoint}, tried until")
+    assert leg.warnings() == [said]
+    is_there.set()
     ros.router.start()
     eventually(lambda: not leg.warnings())
 

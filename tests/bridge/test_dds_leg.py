@@ -53,6 +53,18 @@ def test_messages_come_as_their_bytes_with_the_gid_of_the_sender(legs: tuple[Leg
     assert heard == [("two", HI, sender.gid)]
 
 
+def test_a_writer_that_came_after_the_last_look_is_known(legs: tuple[Any, Any]) -> None:
+    """Its first message may come between a look at who is there and one at what has come."""
+    one, two = legs
+    two._safely = lambda *_: None
+    sender = one.publisher(CHATTER)
+    reader = two.subscribe(CHATTER, lambda *_: None)._reader
+    eventually(lambda: sender.heard)
+    sender.send(HI)
+    [sample] = eventually(lambda: reader.take(1))
+    assert two._watch.gid_of(sample.sample_info.publication_handle) == sender.gid
+
+
 def test_retained_messages_reach_later_subscribers(legs: tuple[Leg, Leg]) -> None:
     """The last message of a retained topic is there for who comes later."""
     one, two = legs
